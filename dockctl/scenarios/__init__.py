@@ -1,0 +1,1 @@
+"""Scenarios as data: YAML files checked against frozen models."""

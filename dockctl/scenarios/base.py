@@ -1,0 +1,29 @@
+"""Ground of all the scenario models: frozen, strict numbers, unknown keys refused."""
+
+from __future__ import annotations
+
+from typing import Annotated
+
+from pydantic import BaseModel, ConfigDict, Field, Strict
+
+Number = Annotated[float, Strict(), Field(allow_inf_nan=False)]
+Positive = Annotated[float, Strict(), Field(allow_inf_nan=False, gt=0)]
+NonNegative = Annotated[float, Strict(), Field(allow_inf_nan=False, ge=0)]
+Fraction = Annotated[float, Strict(), Field(allow_inf_nan=False, ge=0, le=1)]
+Integer = Annotated[int, Strict()]
+Count = Annotated[int, Strict(), Field(ge=1)]
+Flag = Annotated[bool, Strict()]
+
+
+class Model(BaseModel):
+    """A frozen model that refuses unknown keys."""
+
+    model_config = ConfigDict(frozen=True, extra="forbid")
+
+
+class Pose(Model):
+    """Planar pose in the world frame: metres, and degrees counter-clockwise from +x."""
+
+    x_m: Number
+    y_m: Number
+    heading_deg: Number

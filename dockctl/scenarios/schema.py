@@ -1,0 +1,143 @@
+"""The scenario: everything that a run is made from, frozen and checked."""
+
+from __future__ import annotations
+
+import math
+from typing import Any, Self
+
+from pydantic import Field, model_validator
+
+from dockctl.scenarios.base import Count, Model, NonNegative, Number, Pose, Positive
+from dockctl.scenarios.harbor import HarborSpec
+from dockctl.scenarios.sensors import Sensors
+from dockctl.scenarios.training import Evaluation, Training
+from dockctl.scenarios.vessel import Vessel
+
+
+class StartPose(Pose):
+    """An initial pose with an optional uniform offset: +- position_offset_m in x and y, +- heading_offset_deg."""
+
+    position_offset_m: NonNegative = 0.0
+    heading_offset_deg: NonNegative = 0.0
+
+
+class Tolerance(Model):
+    """When a pose counts as reached. Give the heading in degrees or in radians, not both."""
+
+    distance_m: Positive
+    heading_deg: Positive | None = None
+    heading_rad: Positive | None = None
+    speed_mps: Positive
+
+    @model_validator(mode="after")
+    def _one_heading(self) -> Self:
+        if (self.heading_deg is None) == (self.heading_rad is None):
+            raise ValueError("give exactly one of heading_deg and heading_rad")
+        return self
+
+    @property
+    def heading(self) -> float:
+        """Heading tolerance [rad]."""
+        if self.heading_rad is not None:
+            return self.heading_rad
+        assert self.heading_deg is not None  # held by the validator
+        return math.radians(self.heading_deg)
+
+
+class Task(Model):
+    """Where an episode begins, passes and ends (thesis Table 3.6, sections 3.2.3 and 4.3)."""
+
+    initial: tuple[StartPose, ...] = Field(min_length=1)
+    intermediate: Pose | None = None
+    final: Pose
+    final_tolerance: Tolerance = Tolerance(distance_m=1.0, heading_rad=0.07, speed_mps=0.1)
+    intermediate_tolerance: Tolerance = Tolerance(distance_m=1.5, heading_deg=5.0, speed_mps=0.1)
+    max_steps: Count = 500
+
+
+class ActionGrid(Model):
+    """Discrete commands: every propeller force with every rudder angle (thesis Table 3.4, Fig. 3.11).
+
+    Action ``i`` is force ``i // len(rudder_deg)`` with angle ``i % len(rudder_deg)``.
+    """
+
+    propeller_n: tuple[Number, ...] = Field(default=tuple(range(-50, 51, 10)), min_length=1)
+    rudder_deg: tuple[Number, ...] = Field(default=tuple(range(-30, 31, 10)), min_length=1)
+
+
+class WeightedTerm(Model):
+    """A registered reward term, what it counts, and its parameters.
+
+    `term` is the registered name; it defaults to the key under which this stands.
+    """
+
+    term: str
+    weight: Number
+    params: dict[str, Any] = {}
+
+
+class Reward(Model):
+    """Equations 3.10 and 3.13 as cases: an event pays alone, otherwise the dense terms add up.
+
+    `distance_unit_m` is the unit in which the dense terms take the distance; 1 is metres.
+    """
+
+    distance_unit_m: Positive
+    terms: tuple[WeightedTerm, ...] = Field(min_length=1)
+
+    @model_validator(mode="before")
+    @classmethod
+    def _terms_by_name(cls, given: Any) -> Any:
+        """``{distance: -150, mine: {term: speed, weight: -10}}`` becomes a list of terms; null removes one."""
+        if isinstance(given, dict) and isinstance(terms := given.get("terms"), dict):
+            listed = []
+            for name, value in terms.items():
+                if value is None:
+                    continue
+                body = value if isinstance(value, dict) else {"weight": value}
+                listed.append({"term": name, **body})
+            return {**given, "terms": listed}
+        return given
+
+
+class ObservationPart(Model):
+    """A registered part of the observation and its parameters; in YAML a name or ``{name: {parameters}}``."""
+
+    part: str
+    params: dict[str, Any] = {}
+
+    @model_validator(mode="before")
+    @classmethod
+    def _from_short_form(cls, given: Any) -> Any:
+        if isinstance(given, str):
+            return {"part": given}
+        if isinstance(given, dict) and len(given) == 1 and "part" not in given:
+            ((name, params),) = given.items()
+            return {"part": name, "params": params or {}}
+        return given
+
+
+class Scenario(Model):
+    """A docking task with everything around it; the one input of the simulator, the environment and the trainer."""
+
+    name: str = Field(pattern=r"^[A-Za-z0-9][A-Za-z0-9_.-]*$", max_length=64)
+    title: str = ""
+    description: str = ""
+    plugins: tuple[str, ...] = Field(default=(), description="local .py files, relative to the scenario file")
+    vessel: Vessel
+    harbor: HarborSpec
+    sensors: Sensors = Sensors()
+    actions: ActionGrid = ActionGrid()
+    observation: tuple[ObservationPart, ...] = Field(min_length=1)
+    task: Task
+    reward: Reward
+    training: Training = Training()
+    evaluation: Evaluation = Evaluation()
+
+    @model_validator(mode="after")
+    def _commands_within_limits(self) -> Self:
+        if max(map(abs, self.actions.propeller_n)) > self.vessel.max_propeller_n:
+            raise ValueError(f"actions.propeller_n exceeds the vessel's max_propeller_n, {self.vessel.max_propeller_n}")
+        if max(map(abs, self.actions.rudder_deg)) > self.vessel.max_rudder_deg:
+            raise ValueError(f"actions.rudder_deg exceeds the vessel's max_rudder_deg, {self.vessel.max_rudder_deg}")
+        return self

@@ -1,0 +1,115 @@
+"""How a policy is trained and evaluated, as data (thesis sections 3.2.4-3.2.6)."""
+
+from __future__ import annotations
+
+from typing import Any, Literal, Self
+
+from pydantic import Field, model_validator
+
+from dockctl.scenarios.base import Count, Fraction, Model, NonNegative, Pose, Positive
+
+
+class Epsilon(Model):
+    """Linear decay of the probability of a random action (eqs. 4.1, 4.2), in environment steps."""
+
+    start: Fraction = 1.0
+    end: Fraction = 0.03
+    decay_steps: Count = 150_000
+
+
+class ExploringStarts(Model):
+    """Training episodes that begin at random on the way, between two successive poses of the task."""
+
+    fraction: Fraction = 0.5
+    position_noise_m: tuple[NonNegative, NonNegative] = (0.3, 2.3)
+    heading_noise_deg: tuple[NonNegative, NonNegative] = (6.0, 26.0)
+    max_surge_mps: NonNegative = 0.35
+    steps: Count = 200
+
+
+class StopRule(Model):
+    """Training is over when `docked` of the last `episodes` training episodes docked and the greedy policy docks."""
+
+    docked: Count = 95
+    episodes: Count = 100
+
+    @model_validator(mode="after")
+    def _reachable(self) -> Self:
+        if self.docked > self.episodes:
+            raise ValueError(f"docked ({self.docked}) must not exceed episodes ({self.episodes})")
+        return self
+
+
+THESIS: dict[str, Any] = {
+    "total_steps": 2_000_000,
+    "max_episodes": 4000,
+    "boats": 1,
+    "batch_size": 32,
+    "steps_per_update": 1,
+    "n_step": 1,
+    "optimizer": "rmsprop",
+    "learning_rate": 1e-4,
+    "final_learning_rate": 1e-4,
+    "huber_delta": None,
+    "gradient_clip": None,
+    "target_update_interval": 500,
+    "epsilon": {"start": 1.0, "end": 0.01, "decay_steps": 500_000},
+    "warmup_steps": 32,
+    "reward_scale": 1.0,
+    "exploring_starts": None,
+    "stop": None,
+}
+PRESETS: dict[str, dict[str, Any]] = {"default": {}, "thesis": THESIS}
+
+
+class Training(Model):
+    """Dueling double DQN (sections 3.2.4-3.2.6). The defaults of the fields are the preset `default`."""
+
+    preset: Literal["default", "thesis"] = "default"
+    seed: int = Field(default=0, ge=0, strict=True)
+    total_steps: Count = Field(default=500_000, description="environment steps, all boats together")
+    max_episodes: Count | None = None
+    boats: Count = Field(default=16, description="boats stepped side by side")
+    hidden_sizes: tuple[Count, ...] = Field(default=(256, 128, 64), min_length=1)
+    gamma: Fraction = 0.99
+    n_step: Count = 5
+    replay_capacity: Count = 500_000
+    warmup_steps: Count = Field(default=5_000, description="environment steps before the first update")
+    batch_size: Count = 256
+    steps_per_update: Count = Field(default=16, description="environment steps for each update")
+    target_update_interval: Count = Field(default=100, description="updates between copies to the target network")
+    optimizer: Literal["adam", "rmsprop"] = "adam"
+    learning_rate: Positive = 5e-4
+    final_learning_rate: Positive = Field(default=5e-5, description="reached linearly at total_steps")
+    huber_delta: Positive | None = Field(default=10.0, description="null for the squared error")
+    gradient_clip: Positive | None = Field(default=10.0, description="largest L2 norm; null for none")
+    reward_scale: Positive = 1e-3
+    epsilon: Epsilon = Epsilon()
+    exploring_starts: ExploringStarts | None = ExploringStarts()
+    stop: StopRule | None = StopRule()
+    evaluate_every_steps: Count = 10_000
+
+    @model_validator(mode="before")
+    @classmethod
+    def _fill_from_preset(cls, given: Any) -> Any:
+        if isinstance(given, dict):
+            return {**PRESETS.get(str(given.get("preset", "default")), {}), **given}
+        return given
+
+
+class RandomStarts(Model):
+    """Evaluation starts drawn uniformly around the initial poses."""
+
+    episodes: int = Field(default=100, ge=0, strict=True)
+    seed: int = Field(default=12345, ge=0, strict=True)
+    position_m: NonNegative = 1.0
+    heading_deg: NonNegative = 10.0
+
+
+class Evaluation(Model):
+    """Which greedy episodes judge a policy."""
+
+    poses: tuple[Pose, ...] = Field(default=(), description="test poses; the initial poses where empty")
+    random_starts: RandomStarts = RandomStarts()
+
+

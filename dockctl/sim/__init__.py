@@ -1,0 +1,1 @@
+"""The simulated world: vessel, harbour, LiDAR, collisions and goals, batched over boats."""
