@@ -1,0 +1,206 @@
+"""Four VLP-16 LiDARs over the boat, and the eight ranges that the policy sees of them.
+
+Thesis section 3.1.2, Tables 3.2 and 3.3, eqs. 3.1-3.8, Fig. 3.9.
+"""
+
+from __future__ import annotations
+
+import math
+import os
+from concurrent.futures import ThreadPoolExecutor
+from dataclasses import dataclass
+from functools import cached_property
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from dockctl.scenarios.sensors import Lidar, LidarMount
+from dockctl.sim.heightgrid import HeightGrid
+from dockctl.sim.raycast import BoundingVolumes, closest_hits
+from dockctl.sim.scan import ShellTable, sector_of, sector_ranges
+
+Floats = NDArray[np.float64]
+Ints = NDArray[np.int64]
+
+
+def rotation(mount: LidarMount) -> Floats:
+    """Return the (3, 3) rotation from the LiDAR's frame to the body frame, Rz Ry Rx (eq. 3.2)."""
+    roll, pitch, yaw = map(math.radians, (mount.roll_deg, mount.pitch_deg, mount.yaw_deg))
+    ca, sa, cb, sb, cc, sc = *_cos_sin(roll), *_cos_sin(pitch), *_cos_sin(yaw)
+    about_x = np.array([[1, 0, 0], [0, ca, -sa], [0, sa, ca]])
+    about_y = np.array([[cb, 0, sb], [0, 1, 0], [-sb, 0, cb]])
+    about_z = np.array([[cc, -sc, 0], [sc, cc, 0], [0, 0, 1]])
+    return about_z @ about_y @ about_x
+
+
+def _cos_sin(angle: float) -> tuple[float, float]:
+    return math.cos(angle), math.sin(angle)
+
+
+@dataclass(frozen=True, eq=False)
+class Rays:
+    """All the rays of one scan in the body frame, firing after firing within a channel.
+
+    Attributes:
+        origins, directions: (k, 3) [m] and unit vectors.
+        reach: (k,) where a ray ends [m]: at the sensor's range or at the water, which returns nothing.
+        sensor: (k,) index of the LiDAR.
+        channel: (k,) index of the laser, counted through over all the LiDARs.
+    """
+
+    origins: Floats
+    directions: Floats
+    reach: Floats
+    sensor: Ints
+    channel: Ints
+
+    @classmethod
+    def of(cls, spec: Lidar) -> Rays:
+        """Lay out the rays of `spec`: mounts x channels x azimuth steps."""
+        elevation = np.radians(np.linspace(spec.lowest_channel_deg, spec.highest_channel_deg, spec.channels))
+        azimuth = np.arange(spec.azimuth_steps) * (2 * np.pi / spec.azimuth_steps)
+        e, a = (grid.ravel() for grid in np.meshgrid(elevation, azimuth, indexing="ij"))
+        beams = np.stack([np.cos(e) * np.cos(a), np.cos(e) * np.sin(a), np.sin(e)], axis=1)
+        mounts = spec.mounts
+        origins = np.repeat([[m.x_m, m.y_m, m.z_m] for m in mounts], len(beams), axis=0)
+        directions = np.concatenate([beams @ rotation(m).T for m in mounts])
+        falling = directions[:, 2] < 0
+        to_water = np.divide(origins[:, 2], -directions[:, 2], out=np.full(len(falling), np.inf), where=falling)
+        count = np.arange(len(directions))
+        return cls(
+            origins=np.ascontiguousarray(origins, np.float64),
+            directions=np.ascontiguousarray(directions),
+            reach=np.minimum(spec.range_m, to_water),
+            sensor=count // len(beams),
+            channel=count // spec.azimuth_steps,
+        )
+
+
+@dataclass(frozen=True, eq=False)
+class LidarArray:
+    """The boat's LiDARs in one harbor.
+
+    Args:
+        spec: the sensors.
+        triangles: (m, 3, 3) the harbor's surface in the world frame [m].
+    """
+
+    spec: Lidar
+    triangles: Floats
+
+    @cached_property
+    def rays(self) -> Rays:
+        return Rays.of(self.spec)
+
+    @cached_property
+    def _volumes(self) -> BoundingVolumes:
+        return BoundingVolumes.over(self.triangles)
+
+    @cached_property
+    def _tables(self) -> tuple[Any, ...]:
+        """What the compiled scan takes: the rays by shells, the harbor's grid, and the grid's level for each shell."""
+        rays = self.rays
+        shells = ShellTable.of(
+            rays.origins, rays.directions, rays.reach, rays.channel, self.spec.sectors, self.spec.range_m
+        )
+        core = shells.radii[:1]
+        grid = HeightGrid.over(self.triangles, max(core[0], shells.half_diagonals.max()))
+        levels = grid.levels_for(np.concatenate([core, shells.half_diagonals]))
+        return (*shells.arrays, *grid.arrays, int(levels[0]), levels[1:])
+
+    def prepare(self) -> None:
+        """Build the tables of the fast scan now, rather than at the first scan."""
+        self.sector_ranges(np.zeros((1, 3)))
+
+    def sector_ranges(self, eta: Floats) -> Floats:
+        """Scan from n poses and return the nearest return of each sector: exact, by branch and bound.
+
+        Args:
+            eta: (n, 3) x, y [m] and heading [rad].
+
+        Returns:
+            (n, sectors) horizontal distance from the body's origin [m], the range where a sector returns nothing.
+        """
+        poses = np.ascontiguousarray(eta, np.float64).reshape(-1, 3)
+        out = np.empty((len(poses), self.spec.sectors))
+        tables = self._tables
+
+        def scan(rows: slice) -> None:
+            sector_ranges(poses[rows], out[rows], self.spec.range_m, *tables)
+
+        blocks = _blocks(len(poses))
+        if len(blocks) == 1:
+            scan(blocks[0])
+        else:
+            list(_pool().map(scan, blocks))
+        return out
+
+    def sector_ranges_by_full_scan(self, eta: Floats) -> Floats:
+        """Do what `sector_ranges` does by tracing every ray: the oracle.
+
+        Args:
+            eta: (n, 3) x, y [m] and heading [rad].
+
+        Returns:
+            (n, sectors) [m].
+        """
+        out = np.full((len(eta), self.spec.sectors), self.spec.range_m)
+        for row, pose in enumerate(eta):
+            hits = self._trace(pose)
+            seen = np.isfinite(hits)
+            points = self.rays.origins[seen] + hits[seen, None] * self.rays.directions[seen]
+            for x, y in points[:, :2]:
+                sector = sector_of(x, y, self.spec.sectors)
+                out[row, sector] = min(out[row, sector], math.sqrt(x * x + y * y))
+        return out
+
+    def points(self, pose: Floats) -> tuple[Floats, Ints]:
+        """Scan from one pose (3,) and return the (k, 3) returns in the body frame [m] and the (k,) LiDAR of each."""
+        hits = self._trace(pose)
+        seen = np.isfinite(hits)
+        points = self.rays.origins[seen] + hits[seen, None] * self.rays.directions[seen]
+        return points, self.rays.sensor[seen]
+
+    def _trace(self, pose: Floats) -> Floats:
+        """Return the (k,) distance of every ray's closest hit from one pose [m], infinity for a miss."""
+        x, y, heading = (float(value) for value in pose)
+        c, s = math.cos(heading), math.sin(heading)
+        origins = _turned(self.rays.origins, c, s)
+        origins[:, 0] += x
+        origins[:, 1] += y
+        volumes = self._volumes
+        return closest_hits(
+            volumes.boxes,
+            volumes.children,
+            volumes.triangles,
+            origins,
+            _turned(self.rays.directions, c, s),
+            self.rays.reach,
+        )
+
+
+def _turned(vectors: Floats, c: float, s: float) -> Floats:
+    """Rotate (k, 3) vectors about z by the angle with cosine c and sine s."""
+    x, y, z = vectors.T
+    return np.stack([c * x - s * y, s * x + c * y, z], axis=1)
+
+
+def _blocks(rows: int) -> list[slice]:
+    """Cut rows into blocks for the threads: a few for each, since some poses take longer than others."""
+    size = max(1, -(-rows // (4 * _threads())))
+    return [slice(first, min(first + size, rows)) for first in range(0, rows, size)] if _threads() > 1 else [slice(rows)]
+
+
+def _threads() -> int:
+    return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
+
+
+_POOL: list[ThreadPoolExecutor] = []
+
+
+def _pool() -> ThreadPoolExecutor:
+    """Return the threads that scan; the kernels release the interpreter lock, so they run side by side."""
+    if not _POOL:
+        _POOL.append(ThreadPoolExecutor(_threads(), thread_name_prefix="lidar"))
+    return _POOL[0]
