@@ -1,0 +1,1 @@
+"""The learner: it sees an environment through Gymnasium's interface and nothing else."""

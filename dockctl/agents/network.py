@@ -1,0 +1,73 @@
+"""The dueling network (thesis section 3.2.5, Fig. 3.12; eq. 2.56)."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from itertools import pairwise
+
+import torch
+from torch import Tensor, nn
+
+
+class DuelingQNetwork(nn.Module):
+    """Action values of a batch of observations, ``Q = V + A - mean A`` (eq. 2.56).
+
+    Shared ReLU layers feed two streams of one hidden layer each: as wide as the last shared layer
+    for the value, as wide as the number of actions for the advantage.
+
+    All the parameters are views of one vector, `flat`, and their gradients of one vector,
+    `flat.grad`: clipping, the optimizer's step and the target copy are single operations.
+
+    Args:
+        observation_size: length of an observation.
+        actions: number of discrete actions.
+        hidden_sizes: widths of the shared layers.
+        generator: draws the Glorot uniform weights; biases are zero.
+    """
+
+    def __init__(
+        self,
+        observation_size: int,
+        actions: int,
+        hidden_sizes: Sequence[int] = (256, 128, 64),
+        generator: torch.Generator | None = None,
+    ) -> None:
+        super().__init__()
+        self.observation_size, self.actions, self.hidden_sizes = observation_size, actions, tuple(hidden_sizes)
+        layers: list[nn.Module] = []
+        for inputs, outputs in pairwise((observation_size, *hidden_sizes)):
+            layers += [nn.Linear(inputs, outputs), nn.ReLU()]
+        width = hidden_sizes[-1]
+        self.shared = nn.Sequential(*layers)
+        self.value = nn.Sequential(nn.Linear(width, width), nn.ReLU(), nn.Linear(width, 1))
+        self.advantage = nn.Sequential(nn.Linear(width, actions), nn.ReLU(), nn.Linear(actions, actions))
+        for name, parameter in self.named_parameters():
+            if name.endswith("weight"):
+                nn.init.xavier_uniform_(parameter, generator=generator)
+            else:
+                nn.init.zeros_(parameter)
+        self.flat = self._flatten()
+
+    def _flatten(self) -> Tensor:
+        """Move the parameters and their gradients into two vectors, of which they become views."""
+        flat = torch.cat([parameter.detach().reshape(-1) for parameter in self.parameters()])
+        flat.grad = torch.zeros_like(flat)
+        start = 0
+        for parameter in self.parameters():
+            end = start + parameter.numel()
+            parameter.data = flat[start:end].view_as(parameter)
+            parameter.grad = flat.grad[start:end].view_as(parameter)
+            start = end
+        return flat
+
+    def to_device(self, device: torch.device) -> DuelingQNetwork:
+        """Move the network to `device`, keeping its parameters views of one vector."""
+        self.to(device)
+        self.flat = self._flatten()
+        return self
+
+    def forward(self, observation: Tensor) -> Tensor:
+        """(n, observation_size) -> (n, actions)."""
+        features = self.shared(observation)
+        value, advantage = self.value(features), self.advantage(features)
+        return torch.as_tensor(value + advantage - advantage.mean(dim=1, keepdim=True))

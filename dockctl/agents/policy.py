@@ -1,0 +1,41 @@
+"""Policies: from a batch of observations to a batch of actions."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Any
+
+import numpy as np
+import torch
+from numpy.typing import NDArray
+
+from dockctl.agents.network import DuelingQNetwork
+
+Actions = NDArray[np.int64]
+Policy = Callable[[NDArray[Any]], Actions]
+
+
+class GreedyPolicy:
+    """The action of the highest value, (n, observation_size) -> (n,)."""
+
+    def __init__(self, network: DuelingQNetwork) -> None:
+        self.network = network
+
+    @torch.no_grad()
+    def __call__(self, observation: NDArray[Any]) -> Actions:
+        q = self.network(torch.from_numpy(observation).to(self.network.flat.device))
+        return np.asarray(q.argmax(dim=1).cpu().numpy(), np.int64)
+
+
+class EpsilonGreedyPolicy:
+    """A random action with the given probability, otherwise the greedy one."""
+
+    def __init__(self, network: DuelingQNetwork, rng: np.random.Generator) -> None:
+        self.greedy = GreedyPolicy(network)
+        self.rng = rng
+
+    def __call__(self, observation: NDArray[Any], epsilon: float) -> Actions:
+        boats = len(observation)
+        explore = self.rng.random(boats) < epsilon
+        random_action = self.rng.integers(self.greedy.network.actions, size=boats)
+        return np.where(explore, random_action, self.greedy(observation))

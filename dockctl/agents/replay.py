@@ -1,0 +1,127 @@
+"""Experience replay with n-step returns for boats that are stepped side by side."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, fields
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+Floats = NDArray[np.float32]
+
+
+@dataclass(frozen=True)
+class Transitions:
+    """A batch of m n-step transitions.
+
+    Attributes:
+        observation, next_observation: (m, observation_size); the next one is where the return is bootstrapped.
+        action: (m,) index of the action taken in `observation`.
+        reward: (m,) discounted sum of the k rewards between the two.
+        discount: (m,) weight of the value of `next_observation`: gamma^k, or 0 where the episode terminated.
+    """
+
+    observation: Floats
+    action: NDArray[np.int64]
+    reward: Floats
+    discount: Floats
+    next_observation: Floats
+
+
+class NStep:
+    """Turns the single steps of `boats` boats into n-step transitions.
+
+    A transition is ready when n rewards have followed it, or when its episode ends: then with fewer
+    rewards, bootstrapped where the episode was truncated and not where it terminated.
+    """
+
+    def __init__(self, boats: int, n: int, gamma: float, observation_size: int) -> None:
+        # Axis 0 is the age: row 0 holds the newest step of every boat, row n - 1 the oldest.
+        self._observation = np.zeros((n, boats, observation_size), np.float32)
+        self._action = np.zeros((n, boats), np.int64)
+        self._reward = np.zeros((n, boats))
+        self._waiting = np.zeros(boats, np.int64)
+        self._age = np.arange(n)[:, None]
+        self._gamma = gamma
+
+    def add(
+        self,
+        observation: NDArray[Any],
+        action: NDArray[Any],
+        reward: NDArray[Any],
+        next_observation: NDArray[Any],
+        terminated: NDArray[np.bool_],
+        truncated: NDArray[np.bool_],
+    ) -> Transitions:
+        """Take one step of all boats and return the transitions that became ready, any number of them.
+
+        `next_observation` is the one before any reset: the final observation where an episode ended.
+        """
+        n, done = len(self._age), terminated | truncated
+        for buffer, newest in ((self._observation, observation), (self._action, action), (self._reward, 0.0)):
+            buffer[1:] = buffer[:-1]
+            buffer[0] = newest
+        self._reward += self._gamma**self._age * reward
+        self._waiting += 1
+        ready = (self._age < self._waiting) & ((self._age == n - 1) | done)
+        age, boat = np.nonzero(ready)
+        self._waiting = np.where(done, 0, np.minimum(self._waiting, n - 1))
+        return Transitions(
+            observation=self._observation[age, boat],
+            action=self._action[age, boat],
+            reward=self._reward[age, boat].astype(np.float32),
+            discount=(self._gamma ** (age + 1) * ~terminated[boat]).astype(np.float32),
+            next_observation=next_observation[boat].astype(np.float32),
+        )
+
+
+class Replay:
+    """The latest `capacity` transitions, sampled uniformly with replacement."""
+
+    def __init__(self, capacity: int, observation_size: int, rng: np.random.Generator) -> None:
+        self._store = Transitions(
+            observation=np.zeros((capacity, observation_size), np.float32),
+            action=np.zeros(capacity, np.int64),
+            reward=np.zeros(capacity, np.float32),
+            discount=np.zeros(capacity, np.float32),
+            next_observation=np.zeros((capacity, observation_size), np.float32),
+        )
+        self._capacity = capacity
+        self._added = 0
+        self.rng = rng
+
+    def __len__(self) -> int:
+        return min(self._added, self._capacity)
+
+    @staticmethod
+    def bytes_needed(capacity: int, observation_size: int) -> int:
+        """Memory that a replay of this capacity takes [bytes]."""
+        return capacity * (2 * 4 * observation_size + 8 + 4 + 4)
+
+    def add(self, transitions: Transitions) -> None:
+        """Store a batch, over the oldest transitions where the memory is full."""
+        slots = (self._added + np.arange(len(transitions.action))) % self._capacity
+        for field in fields(Transitions):
+            getattr(self._store, field.name)[slots] = getattr(transitions, field.name)
+        self._added += len(slots)
+
+    def sample(self, batch_size: int) -> Transitions:
+        """Draw a batch uniformly, with replacement."""
+        rows = self.rng.integers(len(self), size=batch_size)
+        return Transitions(**{f.name: getattr(self._store, f.name).take(rows, axis=0) for f in fields(Transitions)})
+
+    def state(self) -> dict[str, NDArray[Any]]:
+        """The stored transitions and how many were ever added, for a checkpoint."""
+        held = {f.name: getattr(self._store, f.name)[: len(self)] for f in fields(Transitions)}
+        return {**held, "added": np.array([self._added])}
+
+    def load(self, state: dict[str, NDArray[Any]]) -> None:
+        """Take over what `state` returned.
+
+        Raises:
+            ValueError: the state holds more transitions than fit, or has other shapes.
+        """
+        self._added = int(state["added"][0])
+        for field in fields(Transitions):
+            getattr(self._store, field.name)[: len(self)] = state[field.name]

@@ -1,0 +1,1 @@
+"""The run folder: the whole truth of a training run, written atomically and without pickles."""

@@ -1,0 +1,150 @@
+"""Run folders: ``runs/<scenario>/<timestamp>-seed<N>/`` and what lies in them."""
+
+from __future__ import annotations
+
+import hashlib
+import json
+import os
+import shutil
+from collections.abc import Iterable
+from datetime import datetime
+from pathlib import Path
+from typing import Any
+
+from dockctl.errors import DockctlError
+from dockctl.runs.tables import Table, read_table, to_csv
+
+SCENARIO = "scenario.yaml"
+PROVENANCE = "provenance.json"
+
+
+class RunDirectory:
+    """One training run on disk. Files are replaced whole; tables grow by whole rows.
+
+    Layout: ``scenario.yaml`` (fully resolved), ``provenance.json``, ``scene.json`` (plan view), ``plugins/``,
+    ``episodes.csv``, ``updates.csv``, ``evaluations.csv``, ``timing.csv``, ``trajectories.csv``,
+    ``checkpoints/best`` and ``checkpoints/last``, ``figures/``.
+    """
+
+    def __init__(self, path: Path) -> None:
+        self.path = path
+
+    @classmethod
+    def create(cls, root: Path, scenario_name: str, seed: int) -> RunDirectory:
+        """Make a new folder under `root`; one that exists is never touched.
+
+        Raises:
+            DockctlError: the folder cannot be made or written to.
+        """
+        stem = f"{datetime.now():%Y%m%d-%H%M%S}-seed{seed}"
+        try:
+            parent = root / scenario_name
+            parent.mkdir(parents=True, exist_ok=True)
+            for attempt in range(1, 1000):
+                path = parent / (stem if attempt == 1 else f"{stem}-{attempt}")
+                try:
+                    path.mkdir()
+                except FileExistsError:
+                    continue
+                return cls(path)
+        except OSError as error:
+            raise DockctlError(f"{root}: cannot write run folders here: {error.strerror or error}") from None
+        raise DockctlError(f"{parent / stem}: a thousand runs began in the same second")
+
+    @classmethod
+    def open(cls, path: Path) -> RunDirectory:
+        """Open an existing run folder.
+
+        Raises:
+            DockctlError: there is no such folder, or it holds no run.
+        """
+        if not path.is_dir():
+            raise DockctlError(f"{path}: no such run folder")
+        if not (path / SCENARIO).is_file():
+            raise DockctlError(f"{path}: not a run folder: it holds no {SCENARIO}")
+        return cls(path)
+
+    @classmethod
+    def latest(cls, root: Path) -> RunDirectory:
+        """The run under `root` that began last.
+
+        Raises:
+            DockctlError: there is none.
+        """
+        runs = [scenario.parent for scenario in root.glob(f"*/*/{SCENARIO}")]
+        if not runs:
+            raise DockctlError(f"{root}: no runs here yet; train one with: dockctl train")
+        return cls(max(runs, key=lambda path: (path.name, path.stat().st_mtime_ns)))
+
+    def checkpoint(self, name: str) -> Path:
+        """Folder of the checkpoint `name`, ``best`` or ``last``, whether it exists or not."""
+        return self.path / "checkpoints" / name
+
+    def table(self, name: str, columns: Iterable[str]) -> Table:
+        return Table(self.path / name, columns)
+
+    def cut_table(self, name: str, env_steps: int) -> None:
+        """Drop the rows of a table that were written after `env_steps`, when a run is taken up from there."""
+        path = self.path / name
+        if not path.exists():
+            return
+        rows = read_table(path)
+        kept = [row for row in rows if int(row["env_steps"]) <= env_steps]
+        if len(kept) < len(rows):
+            self.write_text(name, to_csv(kept, rows[0]))
+
+    def write_text(self, name: str, text: str) -> Path:
+        """Write a file of the run whole."""
+        return write_atomically(self.path / name, text.encode())
+
+    def write_json(self, name: str, value: Any) -> Path:
+        return self.write_text(name, json.dumps(value, indent=2) + "\n")
+
+    def read_json(self, name: str) -> Any:
+        """Read a JSON file of the run.
+
+        Raises:
+            DockctlError: it is missing or broken.
+        """
+        path = self.path / name
+        try:
+            return json.loads(path.read_text(encoding="utf-8"))
+        except (OSError, ValueError) as error:
+            raise DockctlError(f"{path}: cannot be read: {error}") from None
+
+    def copy_plugins(self, files: Iterable[Path]) -> dict[str, str]:
+        """Copy local plugin files into ``plugins/`` and return the SHA-256 of each, by its path in the run."""
+        hashes = {}
+        for number, file in enumerate(files):
+            content = file.read_bytes()
+            name = f"plugins/{number:02d}-{file.name}"
+            (self.path / "plugins").mkdir(exist_ok=True)
+            write_atomically(self.path / name, content)
+            hashes[name] = hashlib.sha256(content).hexdigest()
+        return hashes
+
+
+def write_atomically(path: Path, content: bytes) -> Path:
+    """Write a file so that a reader or a crash sees the old one or the new one, whole.
+
+    Raises:
+        DockctlError: the place cannot be written to.
+    """
+    temporary = path.with_name(f".{path.name}.{os.getpid()}.tmp")
+    try:
+        temporary.write_bytes(content)
+        os.replace(temporary, path)
+    except OSError as error:
+        temporary.unlink(missing_ok=True)
+        raise DockctlError(f"{path}: cannot be written: {error.strerror or error}") from None
+    return path
+
+
+def replace_folder(new: Path, path: Path) -> None:
+    """Put the folder `new` in the place of `path`; the old one goes only when the new one stands."""
+    old = path.with_name(f".{path.name}.old")
+    shutil.rmtree(old, ignore_errors=True)
+    if path.exists():
+        os.replace(path, old)
+    os.replace(new, path)
+    shutil.rmtree(old, ignore_errors=True)

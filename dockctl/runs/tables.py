@@ -1,0 +1,105 @@
+"""The tables of a run folder: their columns, with units in the names, and how rows are written and read."""
+
+from __future__ import annotations
+
+import csv
+import io
+from collections.abc import Iterable, Mapping
+from pathlib import Path
+
+from dockctl.errors import DockctlError
+
+Value = str | int | float | bool | None
+
+EPISODES = (
+    "episode", "env_steps", "boat", "start_kind", "start_index", "return", "steps", "outcome", "collided_with",
+    "phase", "epsilon", "distance_m", "heading_error_deg", "speed_mps",
+)  # fmt: skip
+"""Training episodes; one column ``reward_<term>`` for each reward term follows."""
+
+UPDATES = ("update", "env_steps", "loss", "td_error", "q_mean", "gradient_norm", "learning_rate")
+"""Gradient steps, averaged over the updates since the row before."""
+
+EPISODE_RESULT = (
+    "outcome", "collided_with", "phase", "return", "steps", "distance_m", "heading_error_deg", "speed_mps",
+    "path_length_m", "clearance_m", "control_changes",
+)  # fmt: skip
+"""What one greedy episode came to."""
+
+EVALUATIONS = ("env_steps", "pose", *EPISODE_RESULT, "best")
+"""Greedy episodes during training, one row a test pose; `best` is 1 where the policy was the best so far."""
+
+EVALUATION = ("start_kind", "start", "x_m", "y_m", "heading_deg", *EPISODE_RESULT, "time_s")
+"""Episodes of ``dockctl evaluate``."""
+
+TIMING = ("env_steps", "wall_s")
+"""Seconds since the training began; kept apart so that the other tables repeat byte for byte."""
+
+TRAJECTORIES = (
+    "pose", "step", "time_s", "x_m", "y_m", "heading_deg", "u_mps", "v_mps", "r_degps", "propeller_n", "rudder_deg",
+    "distance_m", "heading_error_deg", "phase", "reward",
+)  # fmt: skip
+"""Greedy episodes of the best policy; columns ``range_1_m`` ... follow, one for each LiDAR sector."""
+
+
+class Table:
+    """A CSV file that grows by whole rows; the header is written with the first one.
+
+    Args:
+        path: the file; rows are appended where it exists.
+        columns: the first columns; further keys of the first row follow them.
+    """
+
+    def __init__(self, path: Path, columns: Iterable[str]) -> None:
+        self._path = path
+        self._columns = list(columns)
+        if path.exists() and (header := path.read_text(encoding="utf-8").partition("\n")[0]):
+            self._columns = header.split(",")
+            self._started = True
+        else:
+            self._started = False
+
+    def append(self, rows: Iterable[Mapping[str, Value]]) -> None:
+        """Append rows in one write, so that a reader never sees part of one."""
+        rows = list(rows)
+        if not rows:
+            return
+        if not self._started:
+            self._columns += [key for key in rows[0] if key not in self._columns]
+        text = to_csv(rows, self._columns, header=not self._started)
+        self._started = True
+        with self._path.open("a", encoding="utf-8", newline="") as file:
+            file.write(text)
+
+
+def to_csv(rows: Iterable[Mapping[str, Value]], columns: Iterable[str], *, header: bool = True) -> str:
+    """Rows as CSV text; numbers keep six significant digits, a missing value is an empty cell."""
+    columns = list(columns)
+    text = io.StringIO()
+    writer = csv.writer(text, lineterminator="\n")
+    if header:
+        writer.writerow(columns)
+    writer.writerows([_cell(row.get(column)) for column in columns] for row in rows)
+    return text.getvalue()
+
+
+def _cell(value: Value) -> str | int:
+    if value is None:
+        return ""
+    if isinstance(value, str | int):
+        return int(value) if isinstance(value, bool) else value
+    return format(float(value), ".6g")
+
+
+def read_table(path: Path) -> list[dict[str, str]]:
+    """Read the whole rows of a table; a last line that was cut short by a crash is left out.
+
+    Raises:
+        DockctlError: the file cannot be read.
+    """
+    try:
+        text = path.read_text(encoding="utf-8")
+    except (OSError, UnicodeDecodeError) as error:
+        raise DockctlError(f"{path}: cannot be read: {error}") from None
+    whole = text[: text.rfind("\n") + 1]
+    return list(csv.DictReader(io.StringIO(whole)))
