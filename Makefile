@@ -1,0 +1,48 @@
+# make dock   a boat learns to dock, from scratch: environment, training, evaluation, figures
+# make test   environment, then every check that a change must pass
+# make check  the same checks in the environment that is there
+# make bench  the benchmarks against other libraries
+# make clean  remove the environment and the tools' caches; runs/ stays
+
+PYTHON   ?= python3
+VENV     ?= .venv
+SCENARIO ?= scenarios/s3.yaml
+
+BIN := $(VENV)/bin
+PIP := $(BIN)/python -m pip install --quiet --disable-pip-version-check --constraint constraints.txt
+
+.PHONY: dock test check bench clean
+.DEFAULT_GOAL := dock
+
+dock: $(VENV)/.run
+	$(BIN)/dockctl train $(SCENARIO)
+	$(BIN)/dockctl evaluate
+	$(BIN)/dockctl plot
+
+test: $(VENV)/.dev
+	$(MAKE) --no-print-directory check
+
+check:
+	$(BIN)/ruff check .
+	$(BIN)/ruff format --check .
+	$(BIN)/mypy
+	$(BIN)/lint-imports
+	$(BIN)/pytest -n 2
+
+bench: $(VENV)/.dev
+	for script in benchmarks/*.py; do $(BIN)/python $$script || exit 1; done
+
+clean:
+	rm -rf $(VENV) build dist .import_linter_cache .mypy_cache .pytest_cache .ruff_cache .hypothesis
+	find dockctl tests examples -name __pycache__ -type d -prune -exec rm -rf {} +
+
+# The stamps live inside the environment, which is made anew whenever what it holds is declared anew.
+$(VENV)/.run: pyproject.toml constraints.txt
+	$(PYTHON) -m venv --clear $(VENV)
+	@echo "installing dockctl into $(VENV) (a few minutes the first time)"
+	$(PIP) --editable .
+	@touch $@
+
+$(VENV)/.dev: $(VENV)/.run
+	$(PIP) --editable '.[dev]'
+	@touch $@
