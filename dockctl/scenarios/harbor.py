@@ -1,12 +1,17 @@
-"""Harbours as data: a marina described by its rows of piers, or mesh files."""
+"""Harbors as data: a marina described by its rows of piers, or mesh files."""
 
 from __future__ import annotations
 
-from typing import Annotated, Literal
+from typing import Annotated, Literal, Self, get_args
 
-from pydantic import Field
+from pydantic import Field, model_validator
 
 from dockctl.scenarios.base import Model, Number, Positive
+
+ModelName = Literal[
+    "skiff", "console", "cuddy", "dinghy", "daysailer", "sloop", "cruiser",
+    "sedan", "express", "flybridge", "inflatable", "catamaran",
+]  # fmt: skip
 
 
 class Basin(Model):
@@ -17,42 +22,105 @@ class Basin(Model):
     y_min_m: Number
     y_max_m: Number
 
+    @model_validator(mode="after")
+    def _has_water(self) -> Self:
+        for low, high in (("x_min_m", "x_max_m"), ("y_min_m", "y_max_m")):
+            if getattr(self, low) >= getattr(self, high):
+                raise ValueError(f"{low} ({getattr(self, low):g}) must be less than {high} ({getattr(self, high):g})")
+        return self
 
-class PierRow(Model):
+
+class _Row(Model):
     """Finger piers along one quay, and the berths two by two between them."""
 
-    side: Literal["east", "west"]
-    finger_y_m: tuple[Number, ...] = Field(min_length=1, description="centre lines of the fingers")
     finger_length_m: Positive = 8.0
     finger_width_m: Positive = 1.0
+
+    @property
+    def fingers(self) -> tuple[float, ...]:
+        """Centre lines of the fingers, along the quay [m]."""
+        return self._along("finger")
+
+    @property
+    def berths(self) -> tuple[float, ...]:
+        """Centre lines of the berths, along the quay [m]."""
+        return self._along("berth")
+
+    @property
+    def free(self) -> tuple[float, ...]:
+        """Berths without a moored vessel, a part of `berths` [m]."""
+        return self._along("free")
+
+    @property
+    def axis(self) -> Literal["x", "y"]:
+        """The world axis along the quay."""
+        return "y" if hasattr(self, "berth_y_m") else "x"
+
+    def _along(self, what: str) -> tuple[float, ...]:
+        values: tuple[float, ...] = getattr(self, f"{what}_{self.axis}_m")
+        return values
+
+    @model_validator(mode="after")
+    def _free_are_berths(self) -> Self:
+        for at in self.free:
+            if at not in self.berths:
+                closest = min(self.berths, key=lambda berth: abs(berth - at))
+                raise ValueError(f"free_{self.axis}_m: no berth at {at:g}; the nearest one is at {closest:g}")
+        return self
+
+
+class SideRow(_Row):
+    """A row along the east or west quay; positions are y."""
+
+    side: Literal["east", "west"]
+    finger_y_m: tuple[Number, ...] = Field(default=(), description="centre lines of the fingers")
     berth_y_m: tuple[Number, ...] = Field(min_length=1, description="centre lines of the berths")
     free_y_m: tuple[Number, ...] = Field(default=(), description="berths without a moored vessel")
 
 
+class EndRow(_Row):
+    """A row along the north or south quay; positions are x."""
+
+    side: Literal["north", "south"]
+    finger_x_m: tuple[Number, ...] = Field(default=(), description="centre lines of the fingers")
+    berth_x_m: tuple[Number, ...] = Field(min_length=1, description="centre lines of the berths")
+    free_x_m: tuple[Number, ...] = Field(default=(), description="berths without a moored vessel")
+
+
+PierRow = Annotated[SideRow | EndRow, Field(discriminator="side")]
+
+
 class Fleet(Model):
-    """The moored vessels: drawn from the 12 models with a fixed seed."""
+    """The moored vessels: drawn from `models` with a fixed seed, each model once before any comes again."""
 
     seed: int = Field(default=0, ge=0, strict=True)
     stern_gap_m: Positive = 0.7
+    models: tuple[ModelName, ...] = Field(default=get_args(ModelName), min_length=1)
+
+
+class MeshFile(Model):
+    """A GLB, OBJ, STL or PLY file in metres with the water at z = 0, after turning, scale and shift."""
+
+    path: str
+    up: Literal["z", "y"] = Field(default="z", description="the file's upward axis; glTF says y")
+    scale: Positive = 1.0
+    shift_m: tuple[Number, Number, Number] = (0.0, 0.0, 0.0)
 
 
 class Marina(Model):
+    """A basin with rows of finger piers and moored vessels; more solids may come from mesh files."""
+
     kind: Literal["marina"]
     name: str = "marina"
     basin: Basin
     rows: tuple[PierRow, ...] = Field(min_length=1)
     fleet: Fleet = Fleet()
-
-
-class MeshFile(Model):
-    """A GLB, OBJ, STL or PLY file in metres, z up, water at z = 0, after scale and shift."""
-
-    path: str
-    scale: Positive = 1.0
-    shift_m: tuple[Number, Number, Number] = (0.0, 0.0, 0.0)
+    meshes: tuple[MeshFile, ...] = ()
 
 
 class MeshHarbor(Model):
+    """A harbor from mesh files alone."""
+
     kind: Literal["meshes"]
     name: str = "meshes"
     meshes: tuple[MeshFile, ...] = Field(min_length=1)

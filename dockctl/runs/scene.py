@@ -1,0 +1,99 @@
+"""The harbor and the boat seen from above, as plain data: what a drawing needs, and no more."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from dataclasses import dataclass
+from typing import Any, Self
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+Floats = NDArray[np.float64]
+
+KINDS = (
+    "quay",  # the land around the basin
+    "finger",
+    "pile",
+    "hull",  # topsides of a moored vessel, from here on
+    "tube",  # of an inflatable
+    "deck",
+    "cockpit",  # sole of a recess in the deck
+    "seat",
+    "cabin",
+    "window",
+    "roof",
+    "canvas",  # sprayhood, bimini, trampoline
+    "engine",
+    "rail",
+    "mast",  # with boom, spreaders and stays
+    "sail",
+    "mesh",  # a solid of a mesh file
+)
+"""What a polygon can show."""
+
+
+@dataclass(frozen=True, eq=False)
+class Polygon:
+    """Outline of one solid from above: (k, 2) xy [m] without the closing point, and the height of its top [m]."""
+
+    kind: str
+    name: str
+    xy: Floats
+    height_m: float
+
+
+@dataclass(frozen=True, eq=False)
+class Scene:
+    """A harbor and a boat in plan view; draw the polygons in their order, each over the ones before it.
+
+    Attributes:
+        name: the harbor's.
+        polygons: outlines in the world frame [m].
+        hull: (k, 2) outline of the own boat in the body frame [m].
+        bounds: the water, ``(x_min, y_min, x_max, y_max)`` [m].
+    """
+
+    name: str
+    polygons: tuple[Polygon, ...]
+    hull: Floats
+    bounds: tuple[float, float, float, float]
+
+    def to_json(self) -> dict[str, Any]:
+        """Plain lists and numbers, rounded to the millimetre; `from_json` reads them back."""
+        return {
+            "name": self.name,
+            "bounds_m": _rounded(self.bounds),
+            "hull_m": _rounded(self.hull),
+            "polygons": [
+                {"kind": p.kind, "name": p.name, "height_m": round(p.height_m, 3), "xy_m": _rounded(p.xy)}
+                for p in self.polygons
+            ],
+        }
+
+    @classmethod
+    def from_json(cls, data: dict[str, Any]) -> Self:
+        """Read what `to_json` gave.
+
+        Raises:
+            KeyError, TypeError, ValueError: the data is not that of a scene.
+        """
+        x_min, y_min, x_max, y_max = map(float, data["bounds_m"])
+        return cls(
+            name=str(data["name"]),
+            polygons=tuple(_polygons(data["polygons"])),
+            hull=_outline(data["hull_m"]),
+            bounds=(x_min, y_min, x_max, y_max),
+        )
+
+
+def _polygons(rows: Iterable[dict[str, Any]]) -> Iterable[Polygon]:
+    return (Polygon(row["kind"], row["name"], _outline(row["xy_m"]), float(row["height_m"])) for row in rows)
+
+
+def _outline(points: ArrayLike) -> Floats:
+    return np.asarray(points, dtype=np.float64).reshape(-1, 2)
+
+
+def _rounded(values: ArrayLike) -> Any:
+    return np.round(np.asarray(values, dtype=np.float64), 3).tolist()

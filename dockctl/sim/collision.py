@@ -1,0 +1,163 @@
+"""Does the boat's hull touch the harbor, is one inside the other, and how far apart are they? Exact, by python-fcl."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+
+import fcl
+import numpy as np
+import trimesh
+from numpy.typing import NDArray
+
+from dockctl.scenarios.vessel import Hull
+from dockctl.sim.harbor import Harbor
+from dockctl.sim.hulls import hull_mesh
+
+Floats = NDArray[np.float64]
+Bools = NDArray[np.bool_]
+Ints = NDArray[np.int64]
+
+
+class CollisionChecker:
+    """The hull of one boat against one harbor; poses are rows x, y [m], heading [rad].
+
+    fcl compares surfaces: a boat inside a quay, or a buoy inside the boat, is no contact. `blocked` finds these too.
+    """
+
+    def __init__(self, harbor: Harbor, hull: Hull) -> None:
+        self.harbor = harbor
+        boat = hull_mesh(hull)
+        self._hull = fcl.CollisionObject(_bvh(boat.triangles))
+        self._solids = fcl.CollisionObject(_bvh(harbor.triangles))
+        self._interior = _Interior(harbor, (hull.freeboard_m - hull.draft_m) / 2)
+        self._swallowed = _Swallowed(harbor, boat)
+
+    def collides(self, eta: Floats) -> Bools:
+        """Whether the hull's surface touches a surface of the harbor, (n, 3) to (n,)."""
+        request = fcl.CollisionRequest()
+        return np.array(
+            [fcl.collide(hull, self._solids, request, fcl.CollisionResult()) > 0 for hull in self._placed(eta)], bool
+        )
+
+    def blocked(self, eta: Floats) -> Bools:
+        """Whether the hull touches the harbor, lies inside a solid, or has a solid inside itself, (n, 3) to (n,)."""
+        poses = np.atleast_2d(eta)
+        return self.collides(poses) | (self._interior.part_at(poses) >= 0) | (self._swallowed.part_in(poses) >= 0)
+
+    def collided_part(self, eta: Floats) -> str | None:
+        """Return the name of the part that blocks the pose (3,), or None."""
+        (hull,) = self._placed(eta)
+        result = fcl.CollisionResult()
+        if fcl.collide(hull, self._solids, fcl.CollisionRequest(enable_contact=True), result):
+            part = int(self.harbor.part_of_triangle[result.contacts[0].b2])
+        else:
+            poses = np.atleast_2d(eta)
+            part = int(max(self._interior.part_at(poses)[0], self._swallowed.part_in(poses)[0]))
+        return self.harbor.parts[part].name if part >= 0 else None
+
+    def clearance(self, eta: Floats) -> Floats:
+        """Least distance between the hull and the harbor, 0 in contact, (n, 3) to (n,) [m]."""
+        request = fcl.DistanceRequest()
+        gaps = [fcl.distance(hull, self._solids, request, fcl.DistanceResult()) for hull in self._placed(eta)]
+        return np.maximum(np.array(gaps, dtype=np.float64), 0.0)
+
+    def _placed(self, eta: Floats) -> Iterator[fcl.CollisionObject]:
+        """Move the one hull from pose to pose."""
+        rotation = np.eye(3)
+        for x, y, heading in np.atleast_2d(eta):
+            cosine, sine = np.cos(heading), np.sin(heading)
+            rotation[0, 0], rotation[0, 1], rotation[1, 0], rotation[1, 1] = cosine, -sine, sine, cosine
+            self._hull.setTransform(fcl.Transform(rotation, (x, y, 0.0)))
+            yield self._hull
+
+
+def _bvh(triangles: Floats) -> fcl.BVHModel:
+    """Build fcl's tree over (m, 3, 3) triangles."""
+    model = fcl.BVHModel()
+    model.beginModel(len(triangles), 3 * len(triangles))
+    model.addSubModel(triangles.reshape(-1, 3), np.arange(3 * len(triangles)).reshape(-1, 3))
+    model.endModel()
+    return model
+
+
+def _closed_bodies(harbor: Harbor) -> Iterator[tuple[int, trimesh.Trimesh]]:
+    """Yield part index and mesh of every solid that has an inside."""
+    for index, part in enumerate(harbor.parts):
+        for solid in part.solids:
+            if solid.mesh.is_watertight:
+                yield index, solid.mesh
+
+
+class _Interior:
+    """Which part a point at the height `z` is inside of, by winding numbers around the harbor's cut at that height."""
+
+    def __init__(self, harbor: Harbor, z: float) -> None:
+        cuts, bodies, parts = [], [], []
+        for body, (part, mesh) in enumerate(_closed_bodies(harbor)):
+            cuts.append(_cut(mesh.triangles, z))
+            bodies.append(np.full(len(cuts[-1]), body))
+            parts.append(part)
+        self._segments = np.concatenate([np.empty((0, 2, 2)), *cuts])
+        self._body = np.concatenate([np.empty(0, np.int64), *bodies])
+        self._part_of_body = np.array([*parts, -1])
+
+    def part_at(self, eta: Floats) -> Ints:
+        """Return the part around the origin of each pose, -1 for none, (n, 3) to (n,)."""
+        return np.array([self._part_around(x, y) for x, y, _ in eta], np.int64)
+
+    def _part_around(self, x: float, y: float) -> int:
+        (x0, y0), (x1, y1) = np.moveaxis(self._segments, 0, -1)
+        crossed = np.flatnonzero((y0 <= y) != (y1 <= y))  # half open, so that a shared corner counts once
+        x0, y0, x1, y1 = x0[crossed], y0[crossed], x1[crossed], y1[crossed]
+        right = x0 + (y - y0) / (y1 - y0) * (x1 - x0) > x
+        turns = np.bincount(self._body[crossed[right]], np.sign(y1 - y0)[right], minlength=1)
+        return int(self._part_of_body[np.argmax(turns != 0) if turns.any() else -1])
+
+
+def _cut(triangles: Floats, z: float) -> Floats:
+    """Return the directed segments (k, 2, 2) in which (m, 3, 3) triangles cut the plane at `z`.
+
+    A corner at `z` counts as above it, and an edge is cut from its lower to its upper end by both of its
+    triangles: the segments of a closed mesh are closed chains to the last bit.
+    """
+    above = triangles[:, :, 2] >= z
+    mixed = above.any(axis=1) & ~above.all(axis=1)
+    corners, above = triangles[mixed], above[mixed]
+    following, above_next = np.roll(corners, -1, axis=1), np.roll(above, -1, axis=1)
+    ends = []
+    for rises in (above_next & ~above, above & ~above_next):
+        edge = rises.argmax(axis=1)
+        rows = np.arange(len(edge))
+        a, b = corners[rows, edge], following[rows, edge]
+        low, high = (a, b) if len(ends) == 0 else (b, a)
+        ends.append(low[:, :2] + ((z - low[:, 2]) / (high[:, 2] - low[:, 2]))[:, None] * (high - low)[:, :2])
+    return np.stack(ends, axis=1)
+
+
+class _Swallowed:
+    """Which part floats inside the boat without touching it: solids small enough, judged by one of their corners."""
+
+    def __init__(self, harbor: Harbor, hull: trimesh.Trimesh) -> None:
+        reach = np.linalg.norm(hull.extents[:2])
+        low, high = hull.bounds[:, 2]
+        small = [
+            (part, mesh.vertices[0])
+            for part, mesh in _closed_bodies(harbor)
+            if mesh.bounds[0, 2] > low and mesh.bounds[1, 2] < high and mesh.extents[:2].max() < reach
+        ]
+        self._parts = np.array([part for part, _ in small], np.int64)
+        self._points = np.array([point for _, point in small]).reshape(-1, 3)
+        self._normals = hull.face_normals
+        self._offsets = np.einsum("ij,ij->i", hull.face_normals, hull.triangles[:, 0])
+
+    def part_in(self, eta: Floats) -> Ints:
+        """Return the part inside the boat at each pose, -1 for none, (n, 3) to (n,)."""
+        found = np.full(len(eta), -1)
+        for row, (x, y, heading) in enumerate(eta if len(self._parts) else ()):
+            shifted = self._points - (x, y, 0.0)
+            cosine, sine = np.cos(heading), np.sin(heading)
+            body = shifted @ np.array([[cosine, -sine, 0], [sine, cosine, 0], [0, 0, 1]])
+            inside = (body @ self._normals.T < self._offsets).all(axis=1)  # the hull is convex
+            if inside.any():
+                found[row] = self._parts[inside.argmax()]
+        return found

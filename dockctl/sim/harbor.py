@@ -1,0 +1,233 @@
+"""The harbor as closed solids: quays, finger piers on piles, moored vessels, and mesh files."""
+
+from __future__ import annotations
+
+import hashlib
+import math
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+from functools import cached_property, lru_cache
+from pathlib import Path
+from typing import Literal
+
+import numpy as np
+import trimesh
+from numpy.typing import NDArray
+
+from dockctl.errors import DockctlError
+from dockctl.scenarios.harbor import Basin, EndRow, HarborSpec, Marina, SideRow
+from dockctl.sim.fleet import VesselModel, vessel_model
+from dockctl.sim.meshfiles import load_mesh
+from dockctl.sim.solids import Solid, box, tube
+
+Floats = NDArray[np.float64]
+PartKind = Literal["quay", "finger", "pile", "vessel", "mesh"]
+Side = Literal["east", "west", "north", "south"]
+
+QUAY_HEIGHT_M = 1.0
+QUAY_WIDTH_M = 12.0
+FINGER_HEIGHT_M = 0.5
+DEPTH_M = 1.0
+"""How far quays and piles reach below the water; nothing there is seen, but hulls have a draft."""
+ELBOW_ROOM_M = 0.3
+"""Least water on both sides of a moored vessel together."""
+BERTH_POSE_GAP_M = 2.5
+"""From the quay to the centre of gravity of a docked boat; (36, 0, 180 deg) at the east quay of the reference."""
+INTO_BASIN_DEG: dict[Side, int] = {"east": 180, "west": 0, "north": 270, "south": 90}
+"""Heading of a boat with its stern to the quay."""
+
+
+@dataclass(frozen=True, eq=False)
+class Part:
+    """One thing that can be hit; `solids` are its closed pieces, in the world frame [m]."""
+
+    name: str
+    kind: PartKind
+    solids: tuple[Solid, ...]
+
+    @cached_property
+    def mesh(self) -> trimesh.Trimesh:
+        """All the solids in one mesh."""
+        return trimesh.util.concatenate([solid.mesh for solid in self.solids])
+
+
+@dataclass(frozen=True, eq=False)
+class Berth:
+    """A place for a boat, with its stern to the quay: `pose` is x, y [m] and heading [rad] of a docked boat."""
+
+    name: str
+    side: Side
+    pose: tuple[float, float, float]
+    occupied: bool
+
+
+@dataclass(frozen=True, eq=False)
+class Harbor:
+    """Everything that stands still.
+
+    Attributes:
+        triangles: (m, 3, 3) corners in the world frame [m], facing outwards.
+        part_of_triangle: (m,) index into `parts`.
+        basin: the water between the quays, ``(x_min, y_min, x_max, y_max)`` [m]; None for a harbor of mesh files.
+        content_hash: SHA-256 over the triangles and the kinds of their parts.
+    """
+
+    name: str
+    parts: tuple[Part, ...]
+    triangles: Floats
+    part_of_triangle: NDArray[np.int64]
+    berths: tuple[Berth, ...]
+    basin: tuple[float, float, float, float] | None
+    content_hash: str
+
+
+@lru_cache(maxsize=8)
+def build_harbor(spec: HarborSpec, base_dir: Path) -> Harbor:
+    """Build the harbor of `spec`; paths of mesh files are relative to `base_dir`.
+
+    Raises:
+        InputError: a mesh file is missing, unreadable, empty or broken.
+        DockctlError: no model of the fleet fits a berth.
+    """
+    parts: list[Part] = []
+    berths: list[Berth] = []
+    basin = None
+    if isinstance(spec, Marina):
+        water = spec.basin
+        basin = (water.x_min_m, water.y_min_m, water.x_max_m, water.y_max_m)
+        parts += _quays(water)
+        for row in spec.rows:
+            parts += _fingers(row, water)
+        berths = list(_berths(spec))
+        parts += _moored(spec, berths)
+    for index, file in enumerate(spec.meshes):
+        mesh = load_mesh(file, base_dir, f"harbor.meshes.{index}.path")
+        parts.append(Part(Path(file.path).name, "mesh", (Solid("mesh", mesh),)))
+    return _assemble(spec.name, parts, berths, basin)
+
+
+def _assemble(
+    name: str, parts: Sequence[Part], berths: Sequence[Berth], basin: tuple[float, float, float, float] | None
+) -> Harbor:
+    triangles = np.concatenate([part.mesh.vertices[part.mesh.faces] for part in parts]).astype(np.float64)
+    counts = [len(part.mesh.faces) for part in parts]
+    digest = hashlib.sha256(triangles.tobytes())
+    digest.update(repr([(part.kind, count) for part, count in zip(parts, counts, strict=True)]).encode())
+    return Harbor(
+        name=name,
+        parts=tuple(parts),
+        triangles=triangles,
+        part_of_triangle=np.repeat(np.arange(len(parts)), counts),
+        berths=tuple(berths),
+        basin=basin,
+        content_hash=digest.hexdigest(),
+    )
+
+
+def _quays(basin: Basin) -> Iterator[Part]:
+    """Four quays around the water; those in the north and south close the ends."""
+    x0, x1, y0, y1 = basin.x_min_m, basin.x_max_m, basin.y_min_m, basin.y_max_m
+    w = QUAY_WIDTH_M
+    corners = {
+        "east": ((x1, y0 - w), (x1 + w, y1 + w)),
+        "west": ((x0 - w, y0 - w), (x0, y1 + w)),
+        "north": ((x0, y1), (x1, y1 + w)),
+        "south": ((x0, y0 - w), (x1, y0)),
+    }
+    for side, (low, high) in corners.items():
+        solid = Solid("quay", box((*low, -DEPTH_M), (*high, QUAY_HEIGHT_M)))
+        yield Part(f"{side} quay", "quay", (solid,))
+
+
+def _fingers(row: SideRow | EndRow, basin: Basin) -> Iterator[Part]:
+    """Decks on piles, and a mooring pile with a pointed cap at the head of each."""
+    length, half = row.finger_length_m, row.finger_width_m / 2
+    for at in row.fingers:
+        place = Place.of(row.side, basin, at)
+        where = f"{row.side} {row.axis}={at:g}"
+        deck = Solid("finger", box((0.0, -half, FINGER_HEIGHT_M - 0.3), (length, half, FINGER_HEIGHT_M)))
+        yield Part(f"finger pier {where}", "finger", (place.put(deck),))
+        piles = [pile(x, y, 1.3) for x in (0.12 * length, 0.55 * length) for y in (half - 0.14, 0.14 - half)]
+        piles.append(pile(length - 0.2, 0.0, 1.9, radius=0.17))
+        yield Part(f"piles of the finger pier {where}", "pile", tuple(map(place.put, piles)))
+
+
+def pile(x: float, y: float, height: float, radius: float = 0.13) -> Solid:
+    """Return a round pile with a pointed cap; it begins below the water [m]."""
+    heights = (-DEPTH_M, height - 0.15, height)
+    return Solid("pile", tube([(x, y, z) for z in heights], (radius, radius, 0.2 * radius), sides=12))
+
+
+def _berths(spec: Marina) -> Iterator[Berth]:
+    for row in spec.rows:
+        for at in row.berths:
+            (x, y), heading = Place.of(row.side, spec.basin, at).origin_and_heading(BERTH_POSE_GAP_M)
+            yield Berth(f"{row.side} berth {row.axis}={at:g}", row.side, (x, y, heading), at not in row.free)
+
+
+def _moored(spec: Marina, berths: Sequence[Berth]) -> Iterator[Part]:
+    """One vessel a berth, in the order of the berths; a vessel is drawn for a free berth too,
+    so that freeing one leaves the others where they are."""
+    rng = np.random.Generator(np.random.PCG64(spec.fleet.seed))
+    slots = [(row, at) for row in spec.rows for at in row.berths]
+    deck: list[str] = []
+    for (row, at), berth in zip(slots, berths, strict=True):
+        room = _room(row, at, spec.basin) - ELBOW_ROOM_M
+        model = _draw(deck, spec.fleet.models, room, rng)
+        if model is None:
+            narrowest = min(vessel_model(name).beam for name in spec.fleet.models)
+            raise DockctlError(
+                f"harbor '{spec.name}': the {berth.name} leaves {room:.2f} m for a vessel, "
+                f"and the narrowest model of the fleet is {narrowest:.2f} m wide; widen it or free it"
+            )
+        if berth.occupied:
+            place = Place.of(row.side, spec.basin, at, gap=spec.fleet.stern_gap_m)
+            yield Part(f"moored {model.noun}, {berth.name}", "vessel", tuple(map(place.put, model.solids)))
+
+
+def _draw(deck: list[str], names: Sequence[str], room: float, rng: np.random.Generator) -> VesselModel | None:
+    """Take the first model of the shuffled deck that is at most `room` metres wide; add a new deck when none is."""
+    for _ in range(2):
+        for name in deck:
+            if vessel_model(name).beam <= room:
+                deck.remove(name)
+                return vessel_model(name)
+        deck += [names[i] for i in np.argsort(rng.random(len(names)))]
+    return None
+
+
+def _room(row: SideRow | EndRow, at: float, basin: Basin) -> float:
+    """Width of the water that a berth can call its own: to the fingers, the quays, and half-way to the neighbours."""
+    low, high = (basin.y_min_m, basin.y_max_m) if row.axis == "y" else (basin.x_min_m, basin.x_max_m)
+    to_fingers = [abs(at - finger) - row.finger_width_m / 2 for finger in row.fingers]
+    to_neighbors = [abs(at - berth) / 2 for berth in row.berths if berth != at]
+    return 2 * min([at - low, high - at, *to_fingers, *to_neighbors])
+
+
+@dataclass(frozen=True)
+class Place:
+    """A frame at the quay's edge: x leads into the basin, y to port of a boat that lies stern to."""
+
+    x: float
+    y: float
+    cosine: int
+    sine: int
+
+    @classmethod
+    def of(cls, side: Side, basin: Basin, at: float, gap: float = 0.0) -> Place:
+        """Stand `gap` metres off the quay `side`, at the coordinate `at` along it."""
+        heading = math.radians(INTO_BASIN_DEG[side])
+        cosine, sine = round(math.cos(heading)), round(math.sin(heading))  # exact quarter turns
+        edge = {"east": basin.x_max_m, "west": basin.x_min_m, "north": basin.y_max_m, "south": basin.y_min_m}[side]
+        x, y = (edge, at) if side in ("east", "west") else (at, edge)
+        return cls(x + gap * cosine, y + gap * sine, cosine, sine)
+
+    def origin_and_heading(self, distance: float) -> tuple[tuple[float, float], float]:
+        """Return the point `distance` metres from the quay, and the heading into the basin in (-pi, pi] [rad]."""
+        return (self.x + distance * self.cosine, self.y + distance * self.sine), math.atan2(self.sine, self.cosine)
+
+    def put(self, solid: Solid) -> Solid:
+        """Move a solid from this frame to the world."""
+        turn = np.array([[self.cosine, -self.sine, 0], [self.sine, self.cosine, 0], [0, 0, 1]], dtype=np.float64)
+        vertices = solid.mesh.vertices @ turn.T + (self.x, self.y, 0.0)
+        return Solid(solid.kind, trimesh.Trimesh(vertices, solid.mesh.faces, process=False))
