@@ -1,0 +1,79 @@
+"""The command ``dockctl``: one file a command, and one way in which errors are told."""
+
+from __future__ import annotations
+
+import importlib
+from typing import Annotated, Any
+
+import typer
+from typer.core import TyperGroup
+
+from dockctl import __version__
+from dockctl.errors import DockctlError
+
+COMMANDS = {
+    "train": "train",
+    "evaluate": "evaluate",
+    "plot": "plot",
+    "latency": "latency",
+    "show": "show",
+    "validate": "validate",
+    "list": "list_registered",
+}
+"""Every command with its function in ``dockctl.commands.<command>``."""
+
+INTERRUPTED = 130
+
+
+class _Commands(TyperGroup):
+    """Tells the user's errors in a line or a few, never with a traceback."""
+
+    def invoke(self, ctx: Any) -> Any:
+        try:
+            return super().invoke(ctx)
+        except DockctlError as error:
+            for line in str(error).splitlines():
+                typer.secho(f"error: {line}", fg="red", err=True)
+            raise typer.Exit(error.exit_code) from None
+        except KeyboardInterrupt:
+            raise typer.Exit(INTERRUPTED) from None
+
+
+app = typer.Typer(
+    name="dockctl",
+    cls=_Commands,
+    help="Teach a small boat to dock in reverse, and measure how well it does. Begin with: dockctl train s3",
+    no_args_is_help=True,
+    pretty_exceptions_enable=False,
+    context_settings={"help_option_names": ["-h", "--help"]},
+)
+
+
+def _version(wanted: bool) -> None:
+    if wanted:
+        typer.echo(f"dockctl {__version__}")
+        raise typer.Exit
+
+
+@app.callback()
+def _main(
+    version: Annotated[
+        bool, typer.Option("--version", callback=_version, is_eager=True, help="Print the version.")
+    ] = False,
+) -> None:
+    pass
+
+
+for _name, _function in COMMANDS.items():
+    try:
+        _module = importlib.import_module(f"dockctl.commands.{_name}")
+    except ModuleNotFoundError as _error:
+        if _error.name != f"dockctl.commands.{_name}":
+            raise
+        continue
+    app.command(_name)(getattr(_module, _function))
+
+
+def main() -> None:
+    """Run the command line; the entry point of ``dockctl``."""
+    app(prog_name="dockctl")

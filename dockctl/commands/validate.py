@@ -1,0 +1,65 @@
+"""``dockctl validate``: check scenario files and say all that is wrong with them."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+
+from dockctl.errors import DockctlError
+
+if TYPE_CHECKING:
+    from dockctl.scenarios.schema import Scenario
+
+
+def validate(
+    files: Annotated[
+        list[str] | None,
+        typer.Argument(help="Scenario files or names; every known scenario if none is given."),
+    ] = None,
+    set_: Annotated[
+        list[str] | None, typer.Option("--set", metavar="KEY=VALUE", help="Override a value.")
+    ] = None,
+    plugin: Annotated[
+        list[Path] | None, typer.Option(help="Local .py file with reward terms or parts.")
+    ] = None,
+) -> None:
+    """Check scenario files, and the poses in them against the harbor.
+
+    Example: dockctl validate scenarios/s3.yaml --set task.max_steps=600
+    """
+    from dockctl import plugins
+    from dockctl.commands.inputs import load_checked
+    from dockctl.registry import SCENARIOS
+    from dockctl.scenarios import catalog
+
+    catalog.fill()
+    for path in plugin or ():
+        plugins.load_file(path)
+    failures = 0
+    for source in files or SCENARIOS.names():
+        try:
+            loaded = load_checked(source, overrides=set_ or (), plugin_files=plugin or ())
+        except DockctlError as error:
+            failures += 1
+            for line in str(error).splitlines():
+                typer.secho(f"error: {line}", fg="red", err=True)
+        else:
+            typer.echo(f"{typer.style('ok', fg='green')} {source}: {summary(loaded.scenario)}")
+    if failures:
+        raise typer.Exit(DockctlError.exit_code)
+
+
+def summary(scenario: Scenario) -> str:
+    """Return one line that tells what a scenario holds."""
+    task, training = scenario.task, scenario.training
+    poses = f"{_count(len(task.initial), 'start')}, {'two phases' if task.intermediate else 'one phase'}"
+    parts = _count(len(scenario.observation), "observation part")
+    terms = _count(len(scenario.reward.terms), "reward term")
+    boats = f"{scenario.vessel.name} in {scenario.harbor.name}, {_count(training.boats, 'boat')} in training"
+    return f"{poses}; {parts}, {terms}; {boats}"
+
+
+def _count(number: int, noun: str) -> str:
+    return f"{number} {noun}{'' if number == 1 else 's'}"

@@ -1,0 +1,257 @@
+"""YAML text as a tree in which every node knows its file, line and column.
+
+Plain data only: no tags that build objects, ``true`` and ``false`` as the only booleans (YAML 1.2),
+``1e-3`` is a number, NaN and infinity are refused, and so is whatever would exhaust the machine.
+"""
+
+from __future__ import annotations
+
+import math
+import re
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+import yaml
+
+from dockctl.errors import InputError, Problem
+
+MAX_BYTES = 1_000_000
+MAX_NODES = 100_000
+MAX_DEPTH = 50
+
+Scalar = str | int | float | bool | None
+
+
+@dataclass(frozen=True, order=True)
+class Place:
+    """Where something stands in an input; line and column count from 1, 0 is unknown."""
+
+    file: str
+    line: int = 0
+    column: int = 0
+
+    def problem(self, message: str, path: str = "") -> Problem:
+        return Problem(self.file, self.line, self.column, path, message)
+
+
+def refusal(place: Place, message: str, path: str = "") -> InputError:
+    """Return the error of one problem."""
+    return InputError([place.problem(message, path)])
+
+
+@dataclass(frozen=True)
+class Node:
+    """A scalar, mapping or list of YAML with its place; `keys` holds the places of a mapping's keys."""
+
+    value: Scalar | dict[str, Node] | list[Node]
+    place: Place
+    keys: dict[str, Place] = field(default_factory=dict)
+
+    def plain(self) -> Any:
+        """Return the tree as ordinary dicts, lists and scalars."""
+        if isinstance(self.value, dict):
+            return {key: node.plain() for key, node in self.value.items()}
+        if isinstance(self.value, list):
+            return [node.plain() for node in self.value]
+        return self.value
+
+    def get(self, key: str) -> Node | None:
+        """Return the value under `key` of a mapping, None where there is none."""
+        return self.value.get(key) if isinstance(self.value, dict) else None
+
+    def replaced(self, key: str, node: Node) -> Node:
+        """Return this mapping with `node` under `key`."""
+        assert isinstance(self.value, dict)
+        return Node({**self.value, key: node}, self.place, {**self.keys, key: self.keys.get(key, node.place)})
+
+    def without(self, *keys: str) -> Node:
+        """Return this mapping without `keys`."""
+        assert isinstance(self.value, dict)
+        return Node({key: node for key, node in self.value.items() if key not in keys}, self.place, self.keys)
+
+
+def read_file(path: Path, shown: str) -> Node:
+    """Read the YAML file at `path`, called `shown` in messages.
+
+    Raises:
+        InputError: it cannot be read, is too large, is not UTF-8, or is not one YAML mapping.
+    """
+    if path.is_dir():
+        raise refusal(Place(shown), "is a directory; name a YAML file")
+    try:
+        with path.open("rb") as stream:
+            data = stream.read(MAX_BYTES + 1)
+    except OSError as error:
+        raise refusal(Place(shown), f"cannot be read: {error.strerror or error}") from None
+    if len(data) > MAX_BYTES:
+        raise refusal(Place(shown), f"is larger than {MAX_BYTES / 1e6:.0f} MB, too large for a scenario file")
+    try:
+        text = data.decode("utf-8-sig")
+    except UnicodeDecodeError as error:
+        place = _place_in(data[: error.start].decode("utf-8", "replace"), shown)
+        raise refusal(place, f"is not UTF-8 text (byte 0x{data[error.start]:02x})") from None
+    tree = read_text(text, shown)
+    if tree.value is None:
+        raise refusal(Place(shown, 1, 1), "is empty; expected keys and values")
+    if not isinstance(tree.value, dict):
+        raise refusal(tree.place, f"expected a mapping of keys to values, found {described(tree.plain())}")
+    return tree
+
+
+def read_text(text: str, shown: str) -> Node:
+    """Read one YAML document; an empty text is a null node.
+
+    Raises:
+        InputError: a syntax error, several documents, or something that plain data does not need.
+    """
+    try:
+        loader = _Loader(text)
+        loader.name = shown
+        root = loader.get_single_node()
+    except yaml.reader.ReaderError as error:
+        place = _place_in(text[: error.position], shown)
+        raise refusal(place, f"is not text: character {_code(error.character)}") from None
+    except yaml.MarkedYAMLError as error:
+        mark = error.problem_mark or error.context_mark
+        raise refusal(_place(shown, mark) if mark else Place(shown), _syntax_message(error)) from None
+    return Node(None, Place(shown, 1, 1)) if root is None else _Builder(shown).build(root)
+
+
+def described(value: object) -> str:
+    """Say what a value is, for messages: ``the text 'abc'``, ``a list``, ``true``, ``3``."""
+    if value is None:
+        return "nothing"
+    if isinstance(value, bool):
+        return str(value).lower()
+    if isinstance(value, str):
+        return f"the text '{value if len(value) <= 40 else value[:37] + '...'}'"
+    if isinstance(value, dict):
+        return "a mapping"
+    if isinstance(value, list | tuple):
+        return "a list"
+    return f"{value:.6g}" if isinstance(value, float) and abs(value) >= 1e16 else str(value)[:40]
+
+
+_RESOLVERS = {
+    "null": (r"~|null|Null|NULL|", "~nN\0"),
+    "bool": (r"true|True|TRUE|false|False|FALSE", "tTfF"),
+    "int": (r"[-+]?[0-9][0-9_]*|0o[0-7]+|0x[0-9a-fA-F]+", "-+0123456789"),
+    "float": (
+        r"[-+]?(\.[0-9]+|[0-9][0-9_]*(\.[0-9_]*)?)([eE][-+]?[0-9]+)?|[-+]?\.(inf|Inf|INF)|\.(nan|NaN|NAN)",
+        "-+.0123456789",
+    ),
+}
+
+
+def _use_resolvers(cls: type[yaml.SafeLoader] | type[yaml.SafeDumper]) -> None:
+    cls.yaml_implicit_resolvers = {}
+    for tag, (pattern, first) in _RESOLVERS.items():
+        letters = ["" if letter == "\0" else letter for letter in first]
+        cls.add_implicit_resolver(f"tag:yaml.org,2002:{tag}", re.compile(rf"(?:{pattern})\Z"), letters)
+
+
+class _Loader(yaml.SafeLoader):
+    """PyYAML's reader up to its node graph, with a bound on depth and size."""
+
+    depth = 0
+    count = 0
+
+    def compose_node(self, parent: yaml.Node | None, index: Any) -> yaml.Node | None:
+        self.depth += 1
+        self.count += 1
+        if self.depth > MAX_DEPTH or self.count > MAX_NODES:
+            limit = f"{MAX_DEPTH} levels deep" if self.depth > MAX_DEPTH else f"{MAX_NODES} values"
+            mark = self.peek_event().start_mark  # type: ignore[no-untyped-call]  # PyYAML's stubs lack it
+            raise yaml.composer.ComposerError(None, None, f"more than {limit}", mark)
+        node = super().compose_node(parent, index)
+        self.depth -= 1
+        return node
+
+
+class PlainDumper(yaml.SafeDumper):
+    """Writes what `read_text` reads back: it quotes every text that would be read as something else."""
+
+    def ignore_aliases(self, data: Any) -> bool:
+        return True
+
+
+_use_resolvers(_Loader)
+_use_resolvers(PlainDumper)
+
+
+class _Builder:
+    """Turns PyYAML's node graph into a tree, expanding aliases up to a limit."""
+
+    def __init__(self, shown: str) -> None:
+        self.shown = shown
+        self.count = 0
+
+    def build(self, node: yaml.Node, depth: int = 0) -> Node:
+        place = _place(self.shown, node.start_mark)
+        self.count += 1
+        if self.count > MAX_NODES or depth > MAX_DEPTH:
+            limit = f"{MAX_NODES} values or {MAX_DEPTH} levels"
+            raise refusal(place, f"anchors and aliases expand to more than {limit}")
+        if isinstance(node, yaml.MappingNode) and node.tag == "tag:yaml.org,2002:map":
+            return self._mapping(node, place, depth)
+        if isinstance(node, yaml.SequenceNode) and node.tag == "tag:yaml.org,2002:seq":
+            return Node([self.build(item, depth + 1) for item in node.value], place)
+        if isinstance(node, yaml.ScalarNode):
+            return Node(_scalar(node, place), place)
+        raise refusal(place, f"the tag {node.tag} is not allowed; write plain values")
+
+    def _mapping(self, node: yaml.MappingNode, place: Place, depth: int) -> Node:
+        values: dict[str, Node] = {}
+        keys: dict[str, Place] = {}
+        for key_node, value_node in node.value:
+            key_place = _place(self.shown, key_node.start_mark)
+            if not isinstance(key_node, yaml.ScalarNode):
+                raise refusal(key_place, "a key must be a plain name")
+            key = str(key_node.value)
+            if key in values:
+                raise refusal(key_place, f"the key '{key}' stands twice; first in line {keys[key].line}")
+            values[key] = self.build(value_node, depth + 1)
+            keys[key] = key_place
+        return Node(values, place, keys)
+
+
+def _scalar(node: yaml.ScalarNode, place: Place) -> Scalar:
+    text = str(node.value)
+    kind = node.tag.removeprefix("tag:yaml.org,2002:")
+    if kind == "str":
+        return text
+    if kind in _RESOLVERS and re.fullmatch(_RESOLVERS[kind][0], text):
+        digits = text.replace("_", "")
+        if kind == "null":
+            return None
+        if kind == "bool":
+            return text.lower() == "true"
+        if kind == "int" and len(digits) <= 30:
+            return int(digits, 0 if digits[:2] in ("0o", "0x") else 10)
+        if kind == "float" and "n" not in digits.lower() and math.isfinite(float(digits)):
+            return float(digits)
+        raise refusal(place, f"found {text[:40]}, expected a finite number of ordinary size")
+    raise refusal(place, f"the tag {node.tag} does not fit the value '{text[:40]}'")
+
+
+def _syntax_message(error: yaml.MarkedYAMLError) -> str:
+    problem = error.problem or "syntax error"
+    if "'\\t'" in problem:
+        return "YAML: a tab in the indentation; use spaces"
+    if "expected a single document" in f"{error.context} {problem}":
+        return "YAML: several documents in one file; expected one"
+    return f"YAML: {problem} {error.context}" if error.context else f"YAML: {problem}"
+
+
+def _code(character: object) -> str:
+    code = ord(character) if isinstance(character, str) else character
+    return f"U+{code:04X}" if isinstance(code, int) else str(code)
+
+
+def _place(shown: str, mark: yaml.Mark) -> Place:
+    return Place(shown, mark.line + 1, mark.column + 1)
+
+
+def _place_in(before: str, shown: str) -> Place:
+    return Place(shown, before.count("\n") + 1, len(before) - (before.rfind("\n") + 1) + 1)
