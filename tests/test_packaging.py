@@ -1,0 +1,182 @@
+"""What people install and read: the wheel, the pins, the versions, the commands and links in the documents."""
+
+from __future__ import annotations
+
+import re
+import shlex
+import subprocess
+import sys
+import tomllib
+import zipfile
+from pathlib import Path
+from typing import Any
+
+import click
+import pytest
+import typer
+from packaging.requirements import Requirement
+from pydantic import BaseModel
+
+import dockctl
+from dockctl.cli import app
+from dockctl.scenarios.schema import Scenario
+
+ROOT = Path(__file__).parents[1]
+DOCUMENTS = sorted([*ROOT.glob("*.md"), *ROOT.glob("docs/*.md"), *ROOT.glob("examples/**/*.md")])
+PROJECT = tomllib.loads((ROOT / "pyproject.toml").read_text())["project"]
+
+
+def run(*command: str | Path, cwd: Path) -> str:
+    done = subprocess.run(command, cwd=cwd, capture_output=True, text=True, check=False)
+    assert done.returncode == 0, done.stdout + done.stderr
+    return done.stdout
+
+
+def pip(*arguments: str | Path) -> str:
+    quiet = ("--quiet", "--disable-pip-version-check", "--no-index", "--no-deps")
+    return run(sys.executable, "-m", "pip", *arguments, *quiet, cwd=ROOT)
+
+
+@pytest.fixture(scope="module")
+def wheel(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    folder = tmp_path_factory.mktemp("wheel")
+    pip("wheel", "--no-build-isolation", "--wheel-dir", folder, ROOT)
+    (built,) = folder.glob("*.whl")
+    return built
+
+
+@pytest.fixture(scope="module")
+def contents(wheel: Path) -> set[str]:
+    with zipfile.ZipFile(wheel) as archive:
+        return set(archive.namelist())
+
+
+class TestWheel:
+    def test_it_carries_every_module_and_the_type_marker(self, contents: set[str]) -> None:
+        modules = {str(path.relative_to(ROOT)) for path in (ROOT / "dockctl").rglob("*.py")}
+        assert modules <= contents
+        assert "dockctl/py.typed" in contents
+
+    def test_it_carries_every_scenario_vessel_and_harbor(self, contents: set[str]) -> None:
+        files = {
+            path.relative_to(ROOT / "scenarios").as_posix() for path in (ROOT / "scenarios").rglob("*.yaml")
+        }
+        assert {"s1.yaml", "s2.yaml", "s3.yaml"} <= files
+        assert {f"dockctl/scenarios/data/{file}" for file in files} <= contents
+
+    def test_it_carries_nothing_else(self, contents: set[str]) -> None:
+        stem = f"dockctl-{dockctl.__version__}.dist-info/"
+        assert all(name.startswith(("dockctl/", stem)) for name in contents)
+        assert not [name for name in contents if "__pycache__" in name or name.endswith(".pyc")]
+
+    def test_it_works_from_any_folder(self, wheel: Path, tmp_path: Path) -> None:
+        pip("install", "--target", tmp_path / "site", wheel)
+        script = (
+            f"import sys; sys.path.insert(0, {str(tmp_path / 'site')!r}); import dockctl; print(dockctl.__file__);"
+            "from dockctl.scenarios.loader import load; print(load('s3').scenario.name)"
+        )
+        place, name = run(sys.executable, "-c", script, cwd=tmp_path).splitlines()
+        assert Path(place).is_relative_to(tmp_path)
+        assert name == "s3"
+
+
+class TestVersion:
+    def test_the_wheel_takes_it_from_the_package(self, wheel: Path) -> None:
+        assert wheel.name.split("-")[1] == dockctl.__version__
+
+    def test_the_citation_and_the_changelog_know_it(self) -> None:
+        assert re.search(
+            rf"^version: {re.escape(dockctl.__version__)}$", (ROOT / "CITATION.cff").read_text(), re.M
+        )
+        assert re.search(
+            rf"^## {re.escape(dockctl.__version__)}\b", (ROOT / "CHANGELOG.md").read_text(), re.M
+        )
+
+
+class TestPins:
+    PINS = dict(
+        line.split("==")
+        for line in (ROOT / "constraints.txt").read_text().splitlines()
+        if line and not line.startswith("#")
+    )
+
+    def test_they_are_versions_and_nothing_else(self) -> None:
+        assert all(re.fullmatch(r"[\w.]+", version) for version in self.PINS.values())
+        assert all(re.fullmatch(r"[A-Za-z0-9._-]+", name) for name in self.PINS)
+
+    @pytest.mark.parametrize(
+        "declared",
+        [
+            *PROJECT["dependencies"],
+            *PROJECT["optional-dependencies"]["dev"],
+            *PROJECT["optional-dependencies"]["bench"],
+        ],
+    )
+    def test_every_dependency_is_pinned_within_its_range(self, declared: str) -> None:
+        requirement = Requirement(declared)
+        if requirement.name == "dockctl":
+            return
+        pins = {re.sub(r"[-_.]+", "-", name).lower(): version for name, version in self.PINS.items()}
+        assert requirement.specifier.contains(pins[re.sub(r"[-_.]+", "-", requirement.name).lower()])
+
+
+def shell_lines(program: str) -> list[Any]:
+    """Return the commands of `program` in the blocks marked ``sh`` of all documents, as test parameters."""
+    found = []
+    for document in DOCUMENTS:
+        for block in re.findall(r"^```sh\n(.*?)^```", document.read_text(), re.M | re.S):
+            for line in block.replace("\\\n", " ").splitlines():
+                words = shlex.split(line, comments=True)
+                if words and words[0] == program:
+                    found.append(pytest.param(words, id=f"{document.name}: {' '.join(words)}"))
+    return found
+
+
+class TestDocuments:
+    @pytest.mark.parametrize("words", shell_lines("dockctl"))
+    def test_commands_and_their_options_exist(self, words: list[str]) -> None:
+        group = typer.main.get_command(app)
+        assert isinstance(group, click.Group)
+        given = [word.partition("=")[0] for word in words[1:] if word.startswith("--")]
+        name = next((word for word in words[1:] if not word.startswith("-")), None)
+        command = group if name is None else group.commands[name]
+        known = {
+            option for parameter in command.params for option in parameter.opts + parameter.secondary_opts
+        }
+        assert set(given) <= known | {"--help"}
+
+    @pytest.mark.parametrize("words", shell_lines("make"))
+    def test_make_targets_exist(self, words: list[str]) -> None:
+        targets = [word for word in words[1:] if "=" not in word]
+        run("make", "--dry-run", *targets, cwd=ROOT)
+
+    @pytest.mark.parametrize("document", DOCUMENTS, ids=lambda path: path.relative_to(ROOT).as_posix())
+    def test_links_lead_somewhere(self, document: Path) -> None:
+        targets = re.findall(r"\]\(([^)#\s]+)[^)]*\)", document.read_text())
+        local = [target for target in targets if "://" not in target]
+        assert [target for target in local if not (document.parent / target).exists()] == []
+
+    def test_every_key_of_a_scenario_is_explained(self) -> None:
+        text = (ROOT / "docs" / "scenario.md").read_text()
+        missing = {
+            f"{model.__name__}.{field}"
+            for model in models(Scenario)
+            for field in model.model_fields
+            if not re.search(rf"`{field}`", text)
+        }
+        assert missing == set()
+
+
+def models(root: type[BaseModel]) -> set[type[BaseModel]]:
+    """All the models that `root` is made of, itself included."""
+    found: set[type[BaseModel]] = set()
+    waiting: list[object] = [root]
+    while waiting:
+        kind = waiting.pop()
+        if isinstance(kind, type) and issubclass(kind, BaseModel):
+            if kind not in found:
+                found.add(kind)
+                waiting += [field.annotation for field in kind.model_fields.values()]
+        else:
+            waiting += getattr(kind, "__args__", ())
+    return found
