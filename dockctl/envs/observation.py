@@ -1,0 +1,111 @@
+"""The parts of the observation (thesis eqs. 3.9, 3.12), scaled to about unit range and bounded.
+
+A part takes the `View` of n boats, and its parameters by keyword, to `Columns`. Values outside the bounds are
+clipped to them.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from dockctl.registry import OBSERVATION_PARTS
+from dockctl.sim.goal import wrap
+from dockctl.sim.status import Floats, Ints
+
+
+@dataclass(frozen=True)
+class View:
+    """What n boats know: the raw material of the observation.
+
+    Attributes:
+        phase: (n,) 0 on the way to the intermediate pose, 1 on the way to the final pose.
+        distance_m, heading_error_rad: (n,) delta d and delta psi to the goal of the phase.
+        eta, goal: (n, 3) own pose and goal of the phase, x, y [m] and heading [rad].
+        nu: (n, 3) u, v [m/s] and r [rad/s].
+        command: (n, 2) last propeller force [N] and rudder angle [rad].
+        command_limit: (2,) the vessel's greatest force [N] and angle [rad].
+        sector_ranges_m: (n, sectors) nearest LiDAR return of each sector.
+    """
+
+    phase: Ints
+    distance_m: Floats
+    heading_error_rad: Floats
+    eta: Floats
+    goal: Floats
+    nu: Floats
+    command: Floats
+    command_limit: Floats
+    sector_ranges_m: Floats
+
+
+@dataclass(frozen=True)
+class Columns:
+    """k columns of the observation: their names, values (n, k), and bounds, numbers or (k,)."""
+
+    names: Sequence[str]
+    values: Floats
+    low: ArrayLike
+    high: ArrayLike
+
+
+Part = Callable[..., Columns]
+
+
+def observation_part(name: str, *, source: str = "") -> Callable[[Part], Part]:
+    """Register the function below as a part of the observation.
+
+    Raises:
+        DuplicateNameError: the name is taken.
+    """
+    return lambda function: OBSERVATION_PARTS.register(name, function, kind="observation", source=source)
+
+
+@observation_part("phase", source="eq. 3.12")
+def phase(view: View) -> Columns:
+    """Return s_task: 0 on the way to the intermediate pose, 1 on the way to the final pose."""
+    return Columns(["phase"], view.phase[:, None].astype(float), 0, 1)
+
+
+@observation_part("distance", source="eq. 3.5")
+def distance(view: View, *, scale_m: float = 10.0, cap_m: float = 100.0) -> Columns:
+    """Return delta d / scale, capped."""
+    return Columns(["distance"], view.distance_m[:, None] / scale_m, 0, cap_m / scale_m)
+
+
+@observation_part("heading_error", source="eq. 3.6")
+def heading_error(view: View) -> Columns:
+    """Return delta psi [rad]."""
+    return Columns(["heading_error"], view.heading_error_rad[:, None], -np.pi, np.pi)
+
+
+@observation_part("velocity", source="eq. 3.9")
+def velocity(
+    view: View, *, surge_mps: float = 0.4, sway_mps: float = 0.1, yaw_radps: float = 0.04, cap: float = 5.0
+) -> Columns:
+    """Return u, v and r, each over its scale, within +- cap."""
+    return Columns(["u", "v", "r"], view.nu / [surge_mps, sway_mps, yaw_radps], -cap, cap)
+
+
+@observation_part("command", source="eq. 3.9")
+def command(view: View) -> Columns:
+    """Return the last propeller force and rudder angle, each over the vessel's limit."""
+    return Columns(["propeller", "rudder"], view.command / view.command_limit, -1, 1)
+
+
+@observation_part("lidar", source="eqs. 3.7, 3.8")
+def lidar(view: View, *, cap_m: float = 20.0, scale_m: float = 10.0) -> Columns:
+    """Return the nearest return of each sector, capped, over the scale."""
+    names = [f"range_{sector + 1}" for sector in range(view.sector_ranges_m.shape[1])]
+    return Columns(names, view.sector_ranges_m / scale_m, 0, cap_m / scale_m)
+
+
+@observation_part("bearing", source="not in the thesis")
+def bearing(view: View) -> Columns:
+    """Return sine and cosine of the direction to the goal, in the body frame."""
+    offset = view.goal - view.eta
+    angle = wrap(np.arctan2(offset[:, 1], offset[:, 0]) - view.eta[:, 2])
+    return Columns(["bearing_sin", "bearing_cos"], np.column_stack([np.sin(angle), np.cos(angle)]), -1, 1)

@@ -1,0 +1,65 @@
+"""From a scenario to the observation and action spaces."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+from gymnasium.spaces import Box
+from numpy.typing import NDArray
+
+from dockctl.envs.observation import Columns, View
+from dockctl.registry import OBSERVATION_PARTS
+from dockctl.scenarios.schema import ActionGrid, ObservationPart
+from dockctl.sim.status import Floats
+
+
+def action_commands(actions: ActionGrid) -> Floats:
+    """Return the command (k, 2) [N, rad] of each action; the rudder angle runs fastest (Table 3.4)."""
+    force, rudder = np.meshgrid(actions.propeller_n, np.radians(actions.rudder_deg), indexing="ij")
+    return np.column_stack([force.ravel(), rudder.ravel()])
+
+
+class ObservationEncoder:
+    """Turns views into observations, the parts side by side in the scenario's order.
+
+    Args:
+        parts: what the scenario lists.
+        sectors: how many LiDAR sectors a view has.
+
+    Raises:
+        DockctlError: a part or one of its parameters is unknown, or a parameter is missing.
+    """
+
+    def __init__(self, parts: Sequence[ObservationPart], sectors: int) -> None:
+        self._parts = [OBSERVATION_PARTS.get(given.part).bound(given.params) for given in parts]
+        columns = [part(_blank_view(sectors)) for part in self._parts]
+        self.names = tuple(name for column in columns for name in column.names)
+        low, high = (np.concatenate(bounds) for bounds in zip(*map(_bounds, columns), strict=True))
+        self.space = Box(low, high)
+
+    def __call__(self, view: View) -> NDArray[np.float32]:
+        """Return the observations (n, k) of n boats."""
+        values = np.hstack([part(view).values for part in self._parts]).astype(np.float32)
+        return np.clip(values, self.space.low, self.space.high)
+
+
+def _bounds(columns: Columns) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
+    count = len(columns.names)
+    low, high = (np.broadcast_to(bound, count).astype(np.float32) for bound in (columns.low, columns.high))
+    return low, high
+
+
+def _blank_view(sectors: int) -> View:
+    zeros = np.zeros
+    return View(
+        phase=zeros(1, np.int64),
+        distance_m=zeros(1),
+        heading_error_rad=zeros(1),
+        eta=zeros((1, 3)),
+        goal=zeros((1, 3)),
+        nu=zeros((1, 3)),
+        command=zeros((1, 2)),
+        command_limit=np.ones(2),
+        sector_ranges_m=zeros((1, sectors)),
+    )

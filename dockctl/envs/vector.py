@@ -1,0 +1,277 @@
+"""n boats docking side by side as a native Gymnasium vector environment: the only step logic there is."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from gymnasium import error
+from gymnasium.spaces import Discrete
+from gymnasium.vector import AutoresetMode, VectorEnv
+from gymnasium.vector.utils import batch_space
+from numpy.typing import NDArray
+
+from dockctl.envs.observation import View
+from dockctl.envs.spaces import ObservationEncoder, action_commands
+from dockctl.errors import DockctlError
+from dockctl.rewards.compose import RewardFunction
+from dockctl.scenarios.loader import LoadedScenario, load
+from dockctl.scenarios.schema import Scenario
+from dockctl.sim.simulator import Simulator, World, build_world
+from dockctl.sim.starts import Start, StartSampler, given_start, random_poses
+from dockctl.sim.status import Bools, Floats, Ints, StepStatus
+
+Observations = NDArray[np.float32]
+Info = dict[str, Any]
+ScenarioSource = LoadedScenario | Scenario | str | Path
+
+
+class DockingVectorEnv(VectorEnv[Observations, Ints, NDArray[Any]]):
+    """n boats that learn to dock, stepped together; `DockingEnv` tells of observations, actions and rewards.
+
+    A boat whose episode ended begins the next one in the same step (`AutoresetMode.SAME_STEP`): its row of
+    the observations and of `info` is the new episode's first. Its last observation is `info["final_obs"][i]`
+    and its last info row i of `info["final_info"]`, where the masks `info["_final_obs"]` and
+    `info["_final_info"]` hold. With `AutoresetMode.DISABLED` it waits for
+    `reset(options={"reset_mask": ended})`.
+
+    Each boat draws from its own generator, spawned from the seed: what happens to boat i depends on the seed,
+    on i and on its actions, not on how many boats there are.
+
+    Args:
+        scenario: name, path, or a scenario already loaded.
+        num_envs: how many boats.
+        base_dir: what the mesh paths of a bare `Scenario` are relative to.
+        exploring: begin episodes as in training, with the scenario's exploring starts.
+        render_mode: "rgb_array" or None.
+        autoreset_mode: `SAME_STEP` or `DISABLED`.
+        world: obstacles and LiDAR, instead of those that the scenario describes.
+
+    Raises:
+        DockctlError: the scenario is wrong.
+    """
+
+    metadata: dict[str, Any] = {
+        "render_modes": ["rgb_array"],
+        "render_fps": 10,
+        "autoreset_mode": AutoresetMode.SAME_STEP,
+    }
+
+    def __init__(
+        self,
+        scenario: ScenarioSource,
+        num_envs: int = 1,
+        *,
+        base_dir: Path | None = None,
+        exploring: bool = False,
+        render_mode: str | None = None,
+        autoreset_mode: AutoresetMode | str = AutoresetMode.SAME_STEP,
+        world: World | None = None,
+    ) -> None:
+        if render_mode not in (None, *self.metadata["render_modes"]):
+            raise DockctlError(f"unknown render_mode '{render_mode}' (allowed: rgb_array, None)")
+        self.autoreset_mode = AutoresetMode(autoreset_mode)
+        if self.autoreset_mode == AutoresetMode.NEXT_STEP:
+            raise DockctlError("autoreset_mode must be SameStep or Disabled")
+        self.metadata = {**self.metadata, "autoreset_mode": self.autoreset_mode}
+        self.render_mode = render_mode
+        self.num_envs = num_envs
+        self.scenario, directory = _resolve(scenario, base_dir)
+        self.world = world or build_world(self.scenario, directory)
+        self.simulator = Simulator(self.scenario, self.world, num_envs)
+        self.reward = RewardFunction(self.scenario.reward)
+        self.action_commands = action_commands(self.scenario.actions)
+        self._sampler = StartSampler(self.scenario, self.world.obstacles.blocked, exploring=exploring)
+        self._encoder = ObservationEncoder(self.scenario.observation, self.scenario.sensors.lidar.sectors)
+        vessel = self.scenario.vessel
+        self._command_limit = np.array([vessel.max_propeller_n, np.radians(vessel.max_rudder_deg)])
+        self.observation_names = self._encoder.names
+        self.single_observation_space = self._encoder.space
+        self.single_action_space = Discrete(len(self.action_commands))
+        self.observation_space = batch_space(self.single_observation_space, num_envs)
+        self.action_space = batch_space(self.single_action_space, num_envs)
+        self._rngs: list[np.random.Generator] = []
+        self._start_kind = np.full(num_envs, "", object)
+        self._start_index = np.zeros(num_envs, np.int64)
+        self._ended = np.ones(num_envs, bool)
+        self._trails: list[list[Floats]] = [[] for _ in range(num_envs)]
+
+    def reset(
+        self, *, seed: int | Sequence[int | None] | None = None, options: dict[str, Any] | None = None
+    ) -> tuple[Observations, Info]:
+        """Begin an episode in every row.
+
+        Args:
+            seed: one for all, from which each row's is spawned, or one a row; None lets the generators go on.
+            options: `poses`: (n, 3) x [m], y [m] and heading [rad] at which the rows begin, at rest.
+                `reset_mask`: (n,) bool, the rows to reset; the others go on.
+
+        Raises:
+            DockctlError: a pose is not finite or lies in an obstacle, or an option has the wrong shape.
+        """
+        options = options or {}
+        self._reseed(seed)
+        mask = np.asarray(options.get("reset_mask", np.ones(self.num_envs, bool)))
+        if mask.shape != (self.num_envs,) or mask.dtype != np.bool_:
+            raise DockctlError(f"options['reset_mask'] must be {self.num_envs} booleans")
+        rows = np.flatnonzero(mask)
+        poses = options.get("poses")
+        starts = self._draw(rows) if poses is None else self._given(rows, np.asarray(poses, float))
+        self._begin(rows, starts)
+        return self._observe(), self._info(self._no_events())
+
+    def step(self, actions: Ints) -> tuple[Observations, Floats, Bools, Bools, Info]:
+        """Hold each boat's action (n,) for one control period.
+
+        Raises:
+            gymnasium.error.ResetNeeded: an episode ended and nobody reset it.
+            gymnasium.error.InvalidAction: an action outside of the action space.
+        """
+        chosen = np.asarray(actions)
+        if self._ended.any():
+            raise error.ResetNeeded("an episode has ended or none has begun: call reset() first")
+        last = len(self.action_commands) - 1
+        if chosen.shape != (self.num_envs,) or chosen.min() < 0 or chosen.max() > last:
+            raise error.InvalidAction(f"expected {self.num_envs} actions from 0 to {last}, got {actions}")
+        status = self.simulator.step(self.action_commands[chosen])
+        reward, by_term = self.reward(status)
+        terminated = status.collided | status.reached_final
+        truncated = ~terminated & (self.simulator.steps >= self.simulator.max_steps)
+        self._ended = terminated | truncated
+        self._extend_trails()
+        observations, info = self._observe(), self._info(self._events(status, truncated, by_term))
+        if self._ended.any() and self.autoreset_mode == AutoresetMode.SAME_STEP:
+            observations, info = self._restart(observations, info)
+        return observations, reward, terminated, truncated, info
+
+    def clearance(self, eta: Floats | None = None) -> Floats:
+        """Return the least distance (k,) [m] between the harbor and hulls at `eta` (k, 3), or the boats."""
+        return self.world.obstacles.clearance(self.simulator.eta if eta is None else eta)
+
+    def random_poses(self, *, episodes: int, seed: int) -> Floats:
+        """Draw free starts (episodes, 3) [m, m, rad] around the initial poses, for `options["poses"]`."""
+        return random_poses(self.scenario, self.world.obstacles.blocked, episodes=episodes, seed=seed)
+
+    def render(self) -> tuple[NDArray[np.uint8], ...] | None:
+        """Return a picture (height, width, 3) of the harbor from above for each boat, if there is a mode."""
+        if self.render_mode is None:
+            return None
+        from dockctl.envs.render import draw_frame
+
+        boats = zip(self.simulator.eta, self.simulator.goal, self._trails, strict=True)
+        return tuple(draw_frame(self.world.scene(), eta, goal, np.array(trail)) for eta, goal, trail in boats)
+
+    def _reseed(self, seed: int | Sequence[int | None] | None) -> None:
+        """Give every row its own generator; without a seed, rows keep the ones they have."""
+        if isinstance(seed, Sequence):
+            if len(seed) != self.num_envs:
+                raise DockctlError(f"expected {self.num_envs} seeds, one a boat, got {len(seed)}")
+            sources = [np.random.SeedSequence(one).spawn(1)[0] for one in seed]
+        elif seed is not None or not self._rngs:
+            sources = np.random.SeedSequence(seed).spawn(self.num_envs)
+        else:
+            return
+        self._rngs = [np.random.default_rng(source) for source in sources]
+
+    def _draw(self, rows: Ints) -> list[Start]:
+        return [self._sampler.draw(self._rngs[row]) for row in rows]
+
+    def _given(self, rows: Ints, poses: Floats) -> list[Start]:
+        if poses.shape != (self.num_envs, 3) or not np.isfinite(poses).all():
+            raise DockctlError(f"options['poses'] must be finite numbers of shape ({self.num_envs}, 3)")
+        for x, y, heading in poses[rows][self.world.obstacles.blocked(poses[rows])]:
+            raise DockctlError(f"the start pose ({x:g}, {y:g}, {np.degrees(heading):g}°) lies in an obstacle")
+        return [given_start(self.scenario.task, poses[row], int(row)) for row in rows]
+
+    def _begin(self, rows: Ints, starts: Sequence[Start]) -> None:
+        self.simulator.reset(rows, starts)
+        self._start_kind[rows] = [start.kind for start in starts]
+        self._start_index[rows] = [start.index for start in starts]
+        self._ended[rows] = False
+        for row in rows:
+            self._trails[row] = [self.simulator.eta[row].copy()]
+
+    def _restart(self, observations: Observations, info: Info) -> tuple[Observations, Info]:
+        """Begin the next episode of the rows that ended, and put their last observation and info aside."""
+        ended = self._ended.copy()
+        rows = np.flatnonzero(ended)
+        final_obs = np.full(self.num_envs, None, object)
+        for row in rows:
+            final_obs[row] = observations[row]
+        self._begin(rows, self._draw(rows))
+        events = {key: info[key].copy() for key in ("outcome", "collided_with")}
+        terms = info["reward_terms"].items()
+        events["reward_terms"] = {name: np.where(ended, 0.0, value) for name, value in terms}
+        events["outcome"][rows] = events["collided_with"][rows] = ""
+        last = _masked({"final_obs": final_obs, "final_info": info}, ended)
+        return self._observe(), {**self._info(events), **last}
+
+    def _observe(self) -> Observations:
+        simulator = self.simulator
+        return self._encoder(
+            View(
+                phase=simulator.phase,
+                distance_m=simulator.distance_m,
+                heading_error_rad=simulator.heading_error_rad,
+                eta=simulator.eta,
+                goal=simulator.goal,
+                nu=simulator.nu,
+                command=simulator.command,
+                command_limit=self._command_limit,
+                sector_ranges_m=simulator.sector_ranges_m,
+            )
+        )
+
+    def _info(self, events: Info) -> Info:
+        """Return the state of every boat, copied, and what happened to it."""
+        simulator = self.simulator
+        return {
+            "pose": simulator.eta.copy(),
+            "velocity": simulator.nu.copy(),
+            "command": simulator.command.copy(),
+            "distance_m": simulator.distance_m.copy(),
+            "heading_error_rad": simulator.heading_error_rad.copy(),
+            "phase": simulator.phase.copy(),
+            "sector_ranges_m": simulator.sector_ranges_m.copy(),
+            "start_kind": self._start_kind.copy(),
+            "start_index": self._start_index.copy(),
+            **events,
+        }
+
+    def _no_events(self) -> Info:
+        nothing = np.full(self.num_envs, "", object)
+        terms = {name: np.zeros(self.num_envs) for name in self.reward.names}
+        return {"outcome": nothing, "collided_with": nothing.copy(), "reward_terms": terms}
+
+    def _events(self, status: StepStatus, truncated: Bools, by_term: dict[str, Floats]) -> Info:
+        events = self._no_events()
+        events["reward_terms"] = by_term
+        happened = {"collision": status.collided, "docked": status.reached_final, "timeout": truncated}
+        for outcome, rows in happened.items():
+            events["outcome"][rows] = outcome
+        for row in np.flatnonzero(status.collided):
+            events["collided_with"][row] = self.world.obstacles.collided_part(self.simulator.eta[row]) or ""
+        return events
+
+    def _extend_trails(self) -> None:
+        if self.render_mode is not None:
+            for trail, eta in zip(self._trails, self.simulator.eta, strict=True):
+                trail.append(eta.copy())
+
+
+def _resolve(scenario: ScenarioSource, base_dir: Path | None) -> tuple[Scenario, Path]:
+    if isinstance(scenario, Scenario):
+        return scenario, base_dir or Path.cwd()
+    loaded = scenario if isinstance(scenario, LoadedScenario) else load(scenario)
+    return loaded.scenario, loaded.base_dir
+
+
+def _masked(info: Info, mask: Bools) -> Info:
+    """Return `info` with a mask `_key` beside every key, as Gymnasium's vector environments give it."""
+    masked: Info = {}
+    for key, value in info.items():
+        masked[key] = _masked(value, mask) if isinstance(value, dict) else value
+        masked[f"_{key}"] = mask
+    return masked

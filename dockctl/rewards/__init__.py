@@ -1,0 +1,1 @@
+"""Rewards: registered terms measure a control step, the scenario's weights judge it."""

@@ -1,0 +1,68 @@
+"""The reward of a scenario: equations 3.10 and 3.13 as cases over registered terms."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+import numpy as np
+
+import dockctl.rewards.terms  # noqa: F401 - registers the terms
+from dockctl.errors import DockctlError
+from dockctl.registry import REWARD_TERMS
+from dockctl.scenarios.schema import Reward, WeightedTerm
+from dockctl.sim.status import Bools, Floats, StepStatus
+
+
+class RewardFunction:
+    """What a control step is worth: the first event that holds pays alone, otherwise the dense terms add up.
+
+    Args:
+        reward: terms, weights and parameters of the scenario.
+
+    Raises:
+        DockctlError: a term or one of its parameters is unknown, or a parameter is missing.
+    """
+
+    def __init__(self, reward: Reward) -> None:
+        self._terms = tuple(
+            (weighted.term, REWARD_TERMS.get(weighted.term).kind, weighted.weight, _bind(weighted, reward))
+            for weighted in reward.terms
+        )
+        self.names = tuple(dict.fromkeys(name for name, *_ in self._terms))
+
+    def __call__(self, status: StepStatus) -> tuple[Floats, dict[str, Floats]]:
+        """Return the reward (n,) and what each term contributed to it, by name, (n,) each.
+
+        Raises:
+            DockctlError: a term returned another shape than (n,).
+        """
+        counts = _cases(status)
+        breakdown = {name: np.zeros(len(status.phase)) for name in self.names}
+        for name, kind, weight, measure in self._terms:
+            value = np.asarray(measure(status), float)
+            if value.shape != status.phase.shape:
+                raise DockctlError(
+                    f"reward term '{name}' returned shape {value.shape}, "
+                    f"expected one value a boat, {status.phase.shape}"
+                )
+            breakdown[name] += np.where(counts[kind], weight * value, 0.0)
+        return sum(breakdown.values(), np.zeros(len(status.phase))), breakdown
+
+
+def _cases(status: StepStatus) -> dict[str, Bools]:
+    """Return which kind of term counts for which boat; exactly one kind does."""
+    final = status.reached_final & ~status.collided
+    intermediate = status.reached_intermediate & ~status.collided & ~final
+    return {
+        "collision": status.collided,
+        "final": final,
+        "intermediate": intermediate,
+        "dense": ~(status.collided | final | intermediate),
+    }
+
+
+def _bind(weighted: WeightedTerm, reward: Reward) -> Callable[[StepStatus], Floats]:
+    """Return the term with its parameters filled in."""
+    entry = REWARD_TERMS.get(weighted.term)
+    shared = {"distance_unit_m": reward.distance_unit_m} if "distance_unit_m" in entry.parameters else {}
+    return entry.bound({**shared, **weighted.params})

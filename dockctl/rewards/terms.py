@@ -1,0 +1,87 @@
+"""The reward terms of the thesis (eqs. 3.10 and 3.13) and one more, each a measure of one control step.
+
+A term takes the `StepStatus` of n boats, and its parameters by keyword, to a measure (n,). Its kind says when
+it counts: `collision`, `intermediate` and `final` in the step of that event, `dense` in every other step.
+Weights, with their signs, stand in the scenario. A parameter `distance_unit_m` is filled in from the reward.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Literal, get_args
+
+import numpy as np
+
+from dockctl.errors import DockctlError
+from dockctl.registry import REWARD_TERMS
+from dockctl.sim.status import Floats, StepStatus
+
+Kind = Literal["collision", "intermediate", "final", "dense"]
+Term = Callable[..., Floats]
+
+
+def reward_term(name: str, *, kind: Kind, source: str = "") -> Callable[[Term], Term]:
+    """Register the function below as a reward term.
+
+    Args:
+        name: how scenarios call it.
+        kind: when it counts.
+        source: the equation or table that it comes from.
+
+    Raises:
+        DuplicateNameError: the name is taken.
+        DockctlError: there is no such kind.
+    """
+    if kind not in get_args(Kind):
+        raise DockctlError(
+            f"reward term '{name}': unknown kind '{kind}' (allowed: {', '.join(get_args(Kind))})"
+        )
+    return lambda function: REWARD_TERMS.register(name, function, kind=kind, source=source)
+
+
+@reward_term("collision", kind="collision", source="eqs. 3.10, 3.13")
+def collision(status: StepStatus) -> Floats:
+    """Return 1 for a boat that touched something."""
+    return status.collided.astype(float)
+
+
+@reward_term("intermediate", kind="intermediate", source="eq. 3.13")
+def intermediate(status: StepStatus) -> Floats:
+    """Return 1 for a boat that reached the intermediate pose."""
+    return status.reached_intermediate.astype(float)
+
+
+@reward_term("final", kind="final", source="eqs. 3.10, 3.13")
+def final(status: StepStatus) -> Floats:
+    """Return 1 for a boat that rests at the final pose."""
+    return status.reached_final.astype(float)
+
+
+@reward_term("distance", kind="dense", source="eqs. 3.10, 3.13")
+def distance(status: StepStatus, *, distance_unit_m: float = 1.0) -> Floats:
+    """Return delta d in units of `distance_unit_m`."""
+    return status.distance_m / distance_unit_m
+
+
+@reward_term("orientation", kind="dense", source="eqs. 3.10, 3.13")
+def orientation(status: StepStatus) -> Floats:
+    """Return |delta psi| [rad]."""
+    return np.abs(status.heading_error_rad)
+
+
+@reward_term("speed", kind="dense", source="eqs. 3.10, 3.13")
+def speed(status: StepStatus, *, distance_unit_m: float = 1.0, floor: float = 0.02) -> Floats:
+    """Return sqrt(u^2 + v^2) / delta d [m/s], delta d in units of `distance_unit_m` and at least `floor`."""
+    return status.speed_mps / np.maximum(status.distance_m / distance_unit_m, floor)
+
+
+@reward_term("progress", kind="dense", source="potential difference; not in the thesis")
+def progress(status: StepStatus, *, per_m: float = 150.0, per_rad: float = 100.0) -> Floats:
+    """Return D before minus D after the step, D = 150 delta d [m] + 100 |delta psi| [rad].
+
+    It takes the place of `distance` and `orientation`. Events pay alone, so the potential is dropped at the
+    end of an episode, and the best policy may differ from that of the penalties.
+    """
+    closer = status.previous_distance_m - status.distance_m
+    better_aligned = np.abs(status.previous_heading_error_rad) - np.abs(status.heading_error_rad)
+    return per_m * closer + per_rad * better_aligned

@@ -1,0 +1,158 @@
+"""n boats in one harbor: integrate, collide, measure the goal, scan; one boat is a batch of one."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from functools import cache, lru_cache, partial
+from pathlib import Path
+from typing import Protocol
+
+import numpy as np
+
+from dockctl.runs.scene import Scene
+from dockctl.scenarios.harbor import HarborSpec
+from dockctl.scenarios.schema import Scenario
+from dockctl.scenarios.sensors import Lidar
+from dockctl.scenarios.vessel import Hull
+from dockctl.sim.collision import CollisionChecker
+from dockctl.sim.goal import TO_FINAL, measure, reached
+from dockctl.sim.harbor import Harbor, build_harbor
+from dockctl.sim.lidar import LidarArray
+from dockctl.sim.starts import Start
+from dockctl.sim.status import Bools, Floats, Ints, StepStatus
+from dockctl.sim.vessel import VesselModel
+
+
+class Obstacles(Protocol):
+    """What a boat can run into."""
+
+    def collides(self, eta: Floats) -> Bools: ...
+    def blocked(self, eta: Floats) -> Bools: ...
+    def collided_part(self, eta: Floats) -> str | None: ...
+    def clearance(self, eta: Floats) -> Floats: ...
+
+
+class RangeSensor(Protocol):
+    """What a boat sees: the nearest return of each sector (n, sectors) [m]."""
+
+    def sector_ranges(self, eta: Floats) -> Floats: ...
+
+
+@dataclass(frozen=True, eq=False)
+class World:
+    """What the boats share, built once for all the simulators of a scenario; `scene` draws it from above."""
+
+    obstacles: Obstacles
+    lidar: RangeSensor
+    scene: Callable[[], Scene]
+
+
+def build_world(scenario: Scenario, base_dir: Path) -> World:
+    """Return harbor, collision bodies and LiDAR of a scenario; mesh paths are relative to `base_dir`.
+
+    Raises:
+        DockctlError: the harbor cannot be built.
+    """
+    return _build_world(scenario.harbor, scenario.vessel.hull, scenario.sensors.lidar, base_dir)
+
+
+@lru_cache(maxsize=4)
+def _build_world(harbor_spec: HarborSpec, hull: Hull, lidar: Lidar, base_dir: Path) -> World:
+    harbor = build_harbor(harbor_spec, base_dir)
+    return World(
+        obstacles=CollisionChecker(harbor, hull),
+        lidar=LidarArray(lidar, harbor.triangles),
+        scene=cache(partial(_scene, harbor, hull)),
+    )
+
+
+def _scene(harbor: Harbor, hull: Hull) -> Scene:
+    from dockctl.sim.harbor import scene_of
+
+    return scene_of(harbor, hull)
+
+
+class Simulator:
+    """The state of n boats and the one rule by which a control step changes it.
+
+    Attributes (rows are boats):
+        eta: (n, 3) x, y [m] and heading [rad].
+        nu: (n, 3) u, v [m/s] and r [rad/s].
+        command: (n, 2) propeller force [N] and rudder angle [rad] of the last step; zero at a start.
+        phase: (n,) 0 on the way to the intermediate pose, 1 on the way to the final pose.
+        goals: (n, 2, 3) intermediate and final pose of each boat.
+        steps, max_steps: (n,) control steps taken in this episode, and allowed.
+        distance_m, heading_error_rad: (n,) from the goal of the current phase.
+        sector_ranges_m: (n, sectors) nearest LiDAR returns.
+    """
+
+    def __init__(self, scenario: Scenario, world: World, num_boats: int) -> None:
+        self.task = scenario.task
+        self.world = world
+        self.vessel = VesselModel(scenario.vessel)
+        self.eta = np.zeros((num_boats, 3))
+        self.nu = np.zeros((num_boats, 3))
+        self.command = np.zeros((num_boats, 2))
+        self.phase = np.zeros(num_boats, np.int64)
+        self.goals = np.zeros((num_boats, 2, 3))
+        self.steps = np.zeros(num_boats, np.int64)
+        self.max_steps = np.zeros(num_boats, np.int64)
+        self.distance_m = np.zeros(num_boats)
+        self.heading_error_rad = np.zeros(num_boats)
+        self.sector_ranges_m = np.zeros((num_boats, scenario.sensors.lidar.sectors))
+
+    @property
+    def goal(self) -> Floats:
+        """Goal pose of the current phase, (n, 3)."""
+        current: Floats = self.goals[np.arange(len(self.phase)), self.phase]
+        return current
+
+    def reset(self, rows: Ints, starts: Sequence[Start]) -> None:
+        """Begin an episode in each of the rows (k,), as the k starts say."""
+        self.eta[rows] = [start.eta for start in starts]
+        self.nu[rows] = [start.nu for start in starts]
+        self.phase[rows] = [start.phase for start in starts]
+        self.goals[rows] = [start.goals for start in starts]
+        self.max_steps[rows] = [start.max_steps for start in starts]
+        self.steps[rows] = 0
+        self.command[rows] = 0.0
+        self._measure()
+        self.sector_ranges_m[rows] = self.world.lidar.sector_ranges(self.eta[rows])
+
+    def step(self, command: Floats) -> StepStatus:
+        """Hold the commands (n, 2) [N, rad] for one control period and return what came of it.
+
+        Events exclude each other: a boat that collides reaches no pose in that step. A boat that reaches the
+        intermediate pose is on its way to the final one from the next step on.
+        """
+        phase, distance, heading_error = self.phase.copy(), self.distance_m, self.heading_error_rad
+        previous_command, self.command = self.command, command.astype(float)
+        self.eta, self.nu = self.vessel.step(self.eta, self.nu, self.command)
+        self.steps += 1
+        collided = self.world.obstacles.collides(self.eta)
+        self._measure()
+        speed = np.hypot(self.nu[:, 0], self.nu[:, 1])
+        intermediate, final = reached(self.task, phase, self.distance_m, self.heading_error_rad, speed)
+        self.sector_ranges_m = self.world.lidar.sector_ranges(self.eta)
+        status = StepStatus(
+            phase=phase,
+            distance_m=self.distance_m,
+            heading_error_rad=self.heading_error_rad,
+            previous_distance_m=distance,
+            previous_heading_error_rad=heading_error,
+            nu=self.nu.copy(),
+            command=self.command.copy(),
+            previous_command=previous_command,
+            sector_ranges_m=self.sector_ranges_m.copy(),
+            collided=collided,
+            reached_intermediate=intermediate & ~collided,
+            reached_final=final & ~collided,
+        )
+        if status.reached_intermediate.any():
+            self.phase[status.reached_intermediate] = TO_FINAL
+            self._measure()
+        return status
+
+    def _measure(self) -> None:
+        self.distance_m, self.heading_error_rad = measure(self.eta, self.goal)
