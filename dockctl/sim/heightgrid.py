@@ -1,7 +1,7 @@
 """A grid over the harbor's plan: how high it rises in each cell, and which triangles stand there.
 
-The grid serves the fast LiDAR scan. It answers three questions, all on the safe side: how high does anything rise
-within a radius of a point, how far is the nearest thing, and which triangles can a ray meet in a cell.
+The grid serves the fast LiDAR scan. It answers three questions, all on the safe side: how high does anything
+rise within a radius of a point, how far is the nearest thing, and which triangles can a ray meet in a cell.
 """
 
 from __future__ import annotations
@@ -58,7 +58,7 @@ class HeightGrid:
         """Build the grid over (m, 3, 3) triangles [m], with levels up to at least `largest_radius_m`."""
         above = triangles[triangles[:, :, 2].max(axis=1, initial=-math.inf) >= 0.0]
         levels = max(1, math.ceil(math.log(largest_radius_m / SMALLEST_RADIUS_M, RADIUS_GROWTH)) + 1)
-        radii = SMALLEST_RADIUS_M * RADIUS_GROWTH ** np.arange(levels)
+        radii: Floats = SMALLEST_RADIUS_M * np.float64(RADIUS_GROWTH) ** np.arange(levels)
         margin = radii[-1] + 1.0
         corners = above.reshape(-1, 3)[:, :2] if len(above) else np.zeros((1, 2))
         low, high = corners.min(axis=0) - margin, corners.max(axis=0) + margin
@@ -190,8 +190,8 @@ def _window_maximum(heights: Singles, reach: int) -> Singles:
 def _distances(heights: Singles, cell: float) -> Singles:
     """Return a lower bound of the distance to the nearest cell that is not empty.
 
-    Exact squared distances between cell centres by lower envelopes of parabolas (Felzenszwalb and Huttenlocher,
-    "Distance transforms of sampled functions", 2012), less a cell's diagonal.
+    Exact squared distances between cell centres by lower envelopes of parabolas (Felzenszwalb and
+    Huttenlocher, "Distance transforms of sampled functions", 2012), less a cell's diagonal.
     """
     ny, nx = heights.shape
     far = 1e12
@@ -246,10 +246,10 @@ def first_hit(
     members: Ints,
     triangles: Floats,
 ) -> float:
-    """Walk a ray through the cells between two of its parameters and return its closest hit there, or infinity.
+    """Walk a ray between two of its parameters, cell by cell, to its closest hit there or infinity.
 
-    Cell by cell as in Amanatides and Woo, "A fast voxel traversal algorithm for ray tracing", 1987; a cell that the ray
-    passes above is skipped. A hit on a triangle of a visited cell counts also when it lies just past `end`.
+    As in Amanatides and Woo, "A fast voxel traversal algorithm for ray tracing", 1987; a cell that the ray
+    passes above is skipped. A hit on a triangle of a visited cell also counts just past `end`.
 
     Args:
         ox, oy, oz, dx, dy, dz: origin [m] and direction in the world frame.
@@ -272,8 +272,8 @@ def first_hit(
         return MISS
     if begin > end:
         return MISS
-    ix = min(max(int(math.floor(px + begin * vx)), 0), nx - 1)
-    iy = min(max(int(math.floor(py + begin * vy)), 0), ny - 1)
+    ix = min(max(math.floor(px + begin * vx), 0), nx - 1)
+    iy = min(max(math.floor(py + begin * vy), 0), ny - 1)
     step_x, step_y = (1 if vx > 0.0 else -1), (1 if vy > 0.0 else -1)
     next_x = (ix + (vx > 0.0) - px) / vx if vx != 0.0 else MISS
     next_y = (iy + (vy > 0.0) - py) / vy if vy != 0.0 else MISS

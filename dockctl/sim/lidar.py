@@ -21,7 +21,7 @@ from dockctl.sim.raycast import BoundingVolumes, closest_hits
 from dockctl.sim.scan import ShellTable, sector_of, sector_ranges
 
 Floats = NDArray[np.float64]
-Ints = NDArray[np.int64]
+Ints = NDArray[np.int32]
 
 
 def rotation(mount: LidarMount) -> Floats:
@@ -31,7 +31,7 @@ def rotation(mount: LidarMount) -> Floats:
     about_x = np.array([[1, 0, 0], [0, ca, -sa], [0, sa, ca]])
     about_y = np.array([[cb, 0, sb], [0, 1, 0], [-sb, 0, cb]])
     about_z = np.array([[cc, -sc, 0], [sc, cc, 0], [0, 0, 1]])
-    return about_z @ about_y @ about_x
+    return np.asarray(about_z @ about_y @ about_x, np.float64)
 
 
 def _cos_sin(angle: float) -> tuple[float, float]:
@@ -66,8 +66,10 @@ class Rays:
         origins = np.repeat([[m.x_m, m.y_m, m.z_m] for m in mounts], len(beams), axis=0)
         directions = np.concatenate([beams @ rotation(m).T for m in mounts])
         falling = directions[:, 2] < 0
-        to_water = np.divide(origins[:, 2], -directions[:, 2], out=np.full(len(falling), np.inf), where=falling)
-        count = np.arange(len(directions))
+        to_water = np.divide(
+            origins[:, 2], -directions[:, 2], out=np.full(len(falling), np.inf), where=falling
+        )
+        count = np.arange(len(directions), dtype=np.int32)
         return cls(
             origins=np.ascontiguousarray(origins, np.float64),
             directions=np.ascontiguousarray(directions),
@@ -99,7 +101,7 @@ class LidarArray:
 
     @cached_property
     def _tables(self) -> tuple[Any, ...]:
-        """What the compiled scan takes: the rays by shells, the harbor's grid, and the grid's level for each shell."""
+        """What the compiled scan takes: rays by shells, the harbor's grid, its level for each shell."""
         rays = self.rays
         shells = ShellTable.of(
             rays.origins, rays.directions, rays.reach, rays.channel, self.spec.sectors, self.spec.range_m
@@ -120,7 +122,7 @@ class LidarArray:
             eta: (n, 3) x, y [m] and heading [rad].
 
         Returns:
-            (n, sectors) horizontal distance from the body's origin [m], the range where a sector returns nothing.
+            (n, sectors) horizontal distance from the body's origin [m]; the range where nothing returns.
         """
         poses = np.ascontiguousarray(eta, np.float64).reshape(-1, 3)
         out = np.empty((len(poses), self.spec.sectors))
@@ -156,7 +158,7 @@ class LidarArray:
         return out
 
     def points(self, pose: Floats) -> tuple[Floats, Ints]:
-        """Scan from one pose (3,) and return the (k, 3) returns in the body frame [m] and the (k,) LiDAR of each."""
+        """Scan from one pose (3,): the (k, 3) returns in the body frame [m] and the (k,) LiDAR of each."""
         hits = self._trace(pose)
         seen = np.isfinite(hits)
         points = self.rays.origins[seen] + hits[seen, None] * self.rays.directions[seen]
@@ -188,11 +190,14 @@ def _turned(vectors: Floats, c: float, s: float) -> Floats:
 
 def _blocks(rows: int) -> list[slice]:
     """Cut rows into blocks for the threads: a few for each, since some poses take longer than others."""
-    size = max(1, -(-rows // (4 * _threads())))
-    return [slice(first, min(first + size, rows)) for first in range(0, rows, size)] if _threads() > 1 else [slice(rows)]
+    if thread_count() == 1:
+        return [slice(rows)]
+    size = max(1, -(-rows // (4 * thread_count())))
+    return [slice(first, first + size) for first in range(0, rows, size)]
 
 
-def _threads() -> int:
+def thread_count() -> int:
+    """Return how many cores this process may use."""
     return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
 
 
@@ -202,5 +207,9 @@ _POOL: list[ThreadPoolExecutor] = []
 def _pool() -> ThreadPoolExecutor:
     """Return the threads that scan; the kernels release the interpreter lock, so they run side by side."""
     if not _POOL:
-        _POOL.append(ThreadPoolExecutor(_threads(), thread_name_prefix="lidar"))
+        _POOL.append(ThreadPoolExecutor(thread_count(), thread_name_prefix="lidar"))
     return _POOL[0]
+
+
+if hasattr(os, "register_at_fork"):
+    os.register_at_fork(after_in_child=_POOL.clear)  # a forked child has none of its parent's threads

@@ -20,9 +20,7 @@ MISS = np.inf
 
 
 @njit(cache=True, nogil=True, inline="always")
-def hit_triangle(
-    triangle: Floats, ox: float, oy: float, oz: float, dx: float, dy: float, dz: float
-) -> float:
+def hit_triangle(triangle: Floats, ox: float, oy: float, oz: float, dx: float, dy: float, dz: float) -> float:
     """Return the ray parameter where the ray meets one triangle from either side, or infinity.
 
     Moeller and Trumbore, "Fast, minimum storage ray/triangle intersection", 1997.
@@ -90,7 +88,7 @@ class BoundingVolumes:
             nonlocal placed
             node = len(boxes)
             box = np.concatenate([low[members].min(axis=0), high[members].max(axis=0)])
-            # A hair of slack, so that rounding in the slab test never loses a triangle that lies in the box's face.
+            # A hair of slack: rounding in the slab test must lose no triangle that lies in the box's face.
             boxes.append(box + np.repeat([-1e-9, 1e-9], 3))
             children.append((-placed - 1, len(members)))
             if len(members) <= LEAF_TRIANGLES:
@@ -117,7 +115,7 @@ class BoundingVolumes:
 def closest_hits(
     boxes: Floats, children: Ints, triangles: Floats, origins: Floats, directions: Floats, reach: Floats
 ) -> Floats:
-    """Return (k,) ray parameters of the closest hit of k rays not beyond `reach` (k,), infinity for a miss."""
+    """Return (k,) ray parameters of each ray's closest hit within its `reach` (k,), infinity for a miss."""
     hits = np.full(len(origins), MISS)
     if len(boxes) == 0:
         return hits

@@ -1,13 +1,14 @@
 """The fast LiDAR scan: an exact branch and bound over rings of water around the boat.
 
-Only the nearest return of each sector matters, so the scan looks outwards from the boat, ring by ring (shells of
-growing radius cut into narrow bins of azimuth), and stops in a sector once its nearest return is nearer than the ring.
-A table in the body frame, made once for a set of sensors, tells which rays cross a cell of the rings and how low the
-lowest of them is there; a cell above which nothing of the harbor reaches is left out, and so are stretches of open water.
-In the cells that remain, each ray is walked through the fine grid of the harbor; a ray that hits something there is walked
-again from its origin, because something nearer may stop it first.
+Only the nearest return of each sector matters, so the scan looks outwards from the boat, ring by ring (shells
+of growing radius cut into narrow bins of azimuth), and stops in a sector once its nearest return is nearer
+than the ring. A table in the body frame, made once for a set of sensors, tells which rays cross a cell of the
+rings and how low the lowest of them is there; a cell where nothing of the harbor rises to that height is left
+out, and so are stretches of open water. In the cells that remain, each ray is walked through the fine grid of
+the harbor; a ray that hits something nearer than the sector's best is walked again from its origin, because
+something else may stop it first.
 
-A hit is found by the same `hit_triangle` as in the plain tracer, so the ranges are equal to the oracle's bit for bit.
+A hit is found by the same `hit_triangle` as in the plain tracer: the ranges equal the oracle's bit for bit.
 """
 
 from __future__ import annotations
@@ -20,7 +21,7 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
-from dockctl.sim.heightgrid import EMPTY, SLACK_M, first_hit
+from dockctl.sim.heightgrid import SLACK_M, first_hit
 from dockctl.sim.raycast import MISS
 
 Floats = NDArray[np.float64]
@@ -33,7 +34,7 @@ SHELL_GROWTH = 1.05
 
 @njit(cache=True, nogil=True)
 def sector_of(x: float, y: float, sectors: int) -> int:
-    """Return which of the equal sectors of azimuth over [-pi, pi] the point (x, y) of the body frame lies in."""
+    """Return in which of the equal sectors of azimuth over [-pi, pi] the body-frame point (x, y) lies."""
     return min(int((math.atan2(y, x) + math.pi) / (2 * math.pi) * sectors), sectors - 1)
 
 
@@ -41,9 +42,9 @@ def sector_of(x: float, y: float, sectors: int) -> int:
 class ShellTable:
     """Which rays cross which cell of the rings, in the body frame.
 
-    Shell k lies between ``radii[k]`` and ``radii[k + 1]``; within ``radii[0]`` lies the core, around all the sensors, where
-    rays need not run outwards. Cell ``k * bins + bin`` has the runs ``starts[cell]:starts[cell + 1]``, lowest first; a
-    run is a row of neighbouring rays.
+    Shell k lies between ``radii[k]`` and ``radii[k + 1]``; within ``radii[0]`` lies the core, around all the
+    sensors, where rays need not run outwards. Cell ``k * bins + bin`` has the runs
+    ``starts[cell]:starts[cell + 1]``, lowest first; a run is a row of neighbouring rays.
 
     Attributes:
         rays: (k, 10) origin, direction, reach, and the coefficients of rho(t)^2 = h2 t^2 + 2 b t + c.
@@ -71,7 +72,7 @@ class ShellTable:
         """Make the table for (k, 3) rays, their (k,) reach [m] and the (k,) channel that each belongs to."""
         inner = 1.05 * float(np.hypot(origins[:, 0], origins[:, 1]).max()) + 0.05
         shells = max(1, math.ceil(math.log(range_m / inner, SHELL_GROWTH)) + 1)
-        radii = inner * SHELL_GROWTH ** np.arange(shells + 1)
+        radii: Floats = inner * np.float64(SHELL_GROWTH) ** np.arange(shells + 1)
         count = sectors * BINS_PER_SECTOR
         middles = (np.arange(count) + 0.5) * (2 * np.pi / count) - np.pi
         middle_radius, half_angle = (radii[:-1] + radii[1:]) / 2, np.pi / count
@@ -80,22 +81,24 @@ class ShellTable:
         xy, d = origins[:, :2], directions[:, :2]
         quadratic = [np.sum(d * d, axis=1), np.sum(xy * d, axis=1), np.sum(xy * xy, axis=1)]
         rays = np.column_stack([origins, directions, reach, *quadratic])
-        counts = np.zeros(shells * count + 1, np.int64)
+        counts = np.zeros(shells * count + 1, np.int32)
         nothing = np.empty(0, np.int32)
         _gather(rays, channel, radii, count, counts, nothing, nothing, np.empty(0, np.float32))
-        starts = np.concatenate([[0], np.cumsum(counts[:-1])])
+        starts = np.concatenate([[0], np.cumsum(counts[:-1])]).astype(np.int32)
         first, length = np.empty(starts[-1], np.int32), np.zeros(starts[-1], np.int32)
         lowest = np.empty(starts[-1], np.float32)
         _gather(rays, channel, radii, count, starts[:-1].copy(), first, length, lowest)
         _sort_runs(starts, first, length, lowest)
-        core_z = np.minimum(origins[:, 2], _height_at(rays, radii[0])).astype(np.float32) - np.float32(SLACK_M)
+        core_z = np.minimum(origins[:, 2], _height_at(rays, radii[0])).astype(np.float32) - np.float32(
+            SLACK_M
+        )
         order = np.argsort(core_z, kind="stable").astype(np.int32)
         return cls(
             rays=rays,
             radii=radii,
             bins=np.column_stack([np.cos(middles), np.sin(middles)]),
             half_diagonals=half_diagonals,
-            starts=starts.astype(np.int32),
+            starts=starts,
             first=first,
             count=length,
             lowest=lowest,
@@ -110,7 +113,7 @@ class ShellTable:
 
 
 def _height_at(rays: Floats, radius: float) -> Floats:
-    """Return the (k,) z of each ray where it leaves the circle of `radius` around the body's origin, or where it ends."""
+    """Return the (k,) z of each ray where it leaves the circle of `radius`, or where it ends [m]."""
     h2, b, c = rays[:, 7], rays[:, 8], rays[:, 9]
     level = h2 > 1e-12
     root = np.sqrt(np.maximum(b * b - h2 * (c - radius * radius), 0.0))
@@ -120,9 +123,19 @@ def _height_at(rays: Floats, radius: float) -> Floats:
 
 @njit(cache=True)
 def _gather(
-    rays: Floats, channel: Ints, radii: Floats, bins: int, places: Ints, first: Ints, count: Ints, lowest: Singles
+    rays: Floats,
+    channel: Ints,
+    radii: Floats,
+    bins: int,
+    places: Ints,
+    first: Ints,
+    count: Ints,
+    lowest: Singles,
 ) -> None:
-    """Enter every ray in the cells that it crosses, growing runs of neighbours: count where `first` is empty, else fill."""
+    """Enter every ray in the cells that it crosses, growing runs of neighbours.
+
+    Runs are only counted in `places` where `first` is empty; otherwise they are filled in from `places` on.
+    """
     shells = len(radii) - 1
     filling = len(first) > 0
     last = np.full(shells * bins, -2, np.int32)  # the last ray entered in a cell
@@ -134,7 +147,7 @@ def _gather(
         t = (math.sqrt(b * b - h2 * (c - radii[0] ** 2)) - b) / h2
         theta = math.atan2(oy + t * dy, ox + t * dx)
         for shell in range(shells):
-            if t > reach:
+            if t >= reach:
                 break
             t_out = min((math.sqrt(b * b - h2 * (c - radii[shell + 1] ** 2)) - b) / h2, reach)
             theta_out = math.atan2(oy + t_out * dy, ox + t_out * dx)
@@ -143,7 +156,7 @@ def _gather(
             low = min(theta, theta + turn) - 1e-7
             high = max(theta, theta + turn) + 1e-7
             z = min(oz + dz * t, oz + dz * t_out) - SLACK_M
-            for index in range(int(math.floor((low + math.pi) / width)), int(math.floor((high + math.pi) / width)) + 1):
+            for index in range(math.floor((low + math.pi) / width), math.floor((high + math.pi) / width) + 1):
                 cell = shell * bins + index % bins
                 joins = last[cell] == ray - 1 and channel[ray - 1] == channel[ray]
                 last[cell] = ray
@@ -245,26 +258,26 @@ def sector_ranges(
 
 @njit(cache=True, nogil=True, inline="always")
 def _height_near(x: float, y: float, level: int, frame: Floats, level_shape: Ints, dilated: Singles) -> float:
-    """Return how high anything rises within the level's radius of (x, y) [m], negative if nothing is there."""
+    """Return how high anything rises within the level's radius of (x, y) [m]; negative where nothing is."""
     offset, nx, ny, stride = level_shape[level]
-    ix = int(math.floor((x - frame[0]) / (frame[2] * stride)))
-    iy = int(math.floor((y - frame[1]) / (frame[2] * stride)))
+    ix = math.floor((x - frame[0]) / (frame[2] * stride))
+    iy = math.floor((y - frame[1]) / (frame[2] * stride))
     if ix < 0 or iy < 0 or ix >= nx or iy >= ny:
-        return EMPTY  # the grid's margin is wider than every radius
-    return dilated[offset + iy * nx + ix]
+        return -1.0  # the grid's margin is wider than every radius
+    return float(dilated[offset + iy * nx + ix])
 
 
 @njit(cache=True, nogil=True, inline="always")
 def _distance_at(x: float, y: float, frame: Floats, distances: Singles) -> float:
     """Return a lower bound of the distance from (x, y) to anything [m]."""
     ny, nx = distances.shape
-    ix = int(math.floor((x - frame[0]) / frame[2]))
-    iy = int(math.floor((y - frame[1]) / frame[2]))
+    ix = math.floor((x - frame[0]) / frame[2])
+    iy = math.floor((y - frame[1]) / frame[2])
     if ix < 0 or iy < 0 or ix >= nx or iy >= ny:
         beyond_x = max(frame[0] - x, x - frame[0] - nx * frame[2], 0.0)
         beyond_y = max(frame[1] - y, y - frame[1] - ny * frame[2], 0.0)
         return math.sqrt(beyond_x * beyond_x + beyond_y * beyond_y)
-    return distances[iy, ix]
+    return float(distances[iy, ix])
 
 
 @njit(cache=True, nogil=True)
@@ -295,7 +308,7 @@ def _visit(
         c * ray[3] - s * ray[4], s * ray[3] + c * ray[4], ray[5],
         begin, end, frame, heights, starts, members, triangles,
     )  # fmt: skip
-    if found <= ray[6]:
+    if found <= ray[6] and _improves(ray, found, best):
         _settle(ray, found, x, y, c, s, best, frame, heights, starts, members, triangles)
 
 
@@ -324,3 +337,10 @@ def _settle(
         px, py = ray[0] + t * ray[3], ray[1] + t * ray[4]
         sector = sector_of(px, py, len(best))
         best[sector] = min(best[sector], math.sqrt(px * px + py * py))
+
+
+@njit(cache=True, nogil=True)
+def _improves(ray: Floats, t: float, best: Floats) -> bool:
+    """Tell whether a hit at ray parameter t would be the nearest of its sector so far."""
+    px, py = ray[0] + t * ray[3], ray[1] + t * ray[4]
+    return bool(math.sqrt(px * px + py * py) < best[sector_of(px, py, len(best))])
