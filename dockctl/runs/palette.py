@@ -1,0 +1,69 @@
+"""The colours of every drawing, so that a frame of the environment and a figure show the same marina."""
+
+from __future__ import annotations
+
+# Type and rules
+INK = "#1B2A38"
+INK_SOFT = "#51616F"
+RULE = "#A9B4BD"
+GRID = "#E6EBEE"
+
+# Series: the thesis names its five test poses red, green, blue, purple, yellow (Table 4.3).
+# These are tones of those hues that stay apart for colour-blind readers and stand out on water and on white.
+RED, GREEN, BLUE, PURPLE, YELLOW = "#D1383F", "#1E8A4C", "#2F6DB5", "#8E3A8C", "#C99700"
+SERIES = (RED, GREEN, BLUE, PURPLE, YELLOW)
+
+# Training: raw episodes light, their mean dark
+RAW, MEAN = "#A9CBE3", "#14507F"
+SECOND_RAW, SECOND_MEAN = "#F2CFA3", "#B4630C"
+
+# Outcomes
+DOCKED, TIMEOUT, COLLISION = "#2B8C73", "#E3B23C", "#C8484F"
+OUTCOMES = {"docked": DOCKED, "timeout": TIMEOUT, "collision": COLLISION}
+
+# Marina
+WATER, WATER_SHADE, WATER_DEEP = "#D9EAF1", "#B9D3DF", "#8FB6C8"
+LAND = "#EDE8DD"
+GOAL = "#E4572E"
+OWN_HULL = "#D1383F"
+FILL = {
+    "quay": "#D6D0C3",
+    "finger": "#D8BE94",
+    "pile": "#6E5A45",
+    "hull": "#FBFAF6",
+    "tube": "#C3C9CD",
+    "deck": "#EFE7D6",
+    "cockpit": "#CDB185",
+    "seat": "#E3D3B4",
+    "cabin": "#F6F5F1",
+    "window": "#5B7A8F",
+    "roof": "#E4E8EA",
+    "canvas": "#34587D",
+    "engine": "#39444D",
+    "rail": "#9AA7B0",
+    "mast": "#55646F",
+    "sail": "#2A4B6C",
+    "mesh": "#BFC4C6",
+}
+EDGE = {
+    "quay": "#A39B8B",
+    "finger": "#A88A5D",
+    "pile": "#4A3B2C",
+    "hull": "#75838E",
+    "tube": "#8D979E",
+    "deck": "#CDBE9F",
+    "cockpit": "#A68B60",
+    "seat": "#BCA880",
+    "cabin": "#9AA6AE",
+    "window": "#46586A",
+    "roof": "#AEB8BE",
+    "canvas": "#27425E",
+    "engine": "#262E35",
+    "rail": "#9AA7B0",
+    "mast": "#3E4C58",
+    "sail": "#1C3650",
+    "mesh": "#8C9396",
+}
+PLANK = "#C4A678"
+# Moored hulls: mostly white, a few in colour, as in any marina
+HULLS = ("#FBFAF6", "#FBFAF6", "#F3EFE4", "#24405E", "#FBFAF6", "#DDE5EA", "#7A2E33", "#FBFAF6", "#F7F3E8", "#2F5D5A")
