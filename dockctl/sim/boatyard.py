@@ -109,6 +109,10 @@ class Lines:
             rings.append(np.concatenate((top, top[[-1, 0]] - (0, 0, 0.05))))
         return loft(np.array(rings))
 
+    def floor(self, well: Well, z: float) -> trimesh.Trimesh:
+        """Return floorboards at the height `z` in a well."""
+        return self.sheet(well.x0 + 0.06, well.x1 - 0.06, well.margin + 0.14, z)
+
     def edge(self, x0: float, x1: float, inset: float = 0.05, lift: float = 0.0, points: int = 7) -> Floats:
         """Return a (points, 3) line over the port edge of the deck."""
         x = np.linspace(x0, x1, points)
@@ -162,9 +166,15 @@ class House:
         up = np.array([0, 0, thickness])
         return Solid(kind, loft([edge, edge + 0.6 * up, crown + up]))
 
-    def all(self, low: float = 0.4, high: float = 0.82, overhang: float = 0.06) -> list[Solid]:
-        """Walls, windows and roof."""
-        return [self.walls(), self.windows(low, high), self.roof(overhang)]
+    def floor(self, inset: float) -> Solid:
+        """Return a dark sheet over an open top, so that it reads as a cockpit."""
+        top = self.ring(1, -inset)
+        return Solid("cockpit", loft([top, top + (0, 0, 0.01)]))
+
+    def all(self, low: float = 0.4, high: float = 0.82, overhang: float = 0.06, *, canvas: bool = False) -> list[Solid]:
+        """Walls, windows and roof; of cloth if `canvas`."""
+        wall, roof = ("canvas", "canvas") if canvas else ("cabin", "roof")
+        return [self.walls(wall), self.windows(low, high), self.roof(overhang, kind=roof)]
 
 
 def bar(kind: str, path: ArrayLike, radius: ArrayLike = 0.015, sides: int = 4) -> Solid:
@@ -182,16 +192,28 @@ def block(kind: str, low: Sequence[float], high: Sequence[float]) -> Solid:
     return Solid(kind, box(low, high))
 
 
-def rig(lines: Lines, x: float, top: float, boom: float, foot: float, *, jib: bool = True) -> list[Solid]:
+def rig(
+    lines: Lines,
+    x: float,
+    top: float,
+    boom: float,
+    foot: float,
+    *,
+    jib: bool = True,
+    shrouds: float | None = None,
+    stem: Sequence[float] | None = None,
+    backstay: bool = True,
+) -> list[Solid]:
     """Return mast at `x`, boom with the furled mainsail, spreaders, stays, and a jib rolled around the forestay [m].
 
     `top` is the height of the mast's head above the water, `boom` the boom's length, `foot` the mast's lower end.
+    The shrouds end `shrouds` from the centre line and the forestay at `stem`, if not on the deck's edge and the bow.
     """
     radius = 0.006 * top + 0.02
     gooseneck = foot + 1.0
     head, cross = np.array([x, 0, top]), foot + 0.56 * (top - foot)
-    bow = np.array([lines.length - 0.12, 0, float(lines.deck(lines.length - 0.12))])
-    chain = np.array([x - 0.15, float(lines.half_breadth(x)) - 0.08, float(lines.deck(x, lines.half_breadth(x)))])
+    bow = np.array(stem or (lines.length - 0.12, 0, lines.deck(lines.length - 0.12)), dtype=np.float64)
+    chain = np.array([x - 0.15, shrouds or lines.half_breadth(x) - 0.08, lines.deck(x, lines.half_breadth(x))])
     spread = np.array([x - 0.08, 0.6 * chain[1], cross])
     hoist = head - (0, 0, 0.06 * (top - foot))
     sail = np.linspace((x - 0.18, 0, gooseneck + 0.16), (x - 0.96 * boom, 0, gooseneck + 0.14), 6)
@@ -200,13 +222,33 @@ def rig(lines: Lines, x: float, top: float, boom: float, foot: float, *, jib: bo
         bar("mast", [(x - 0.05, 0, gooseneck), (x - boom, 0, gooseneck + 0.04)], 0.055, 6),
         bar("sail", sail, 0.035 * boom * np.array([0.5, 1.0, 0.95, 0.8, 0.6, 0.3]), 8),
         bar("mast", [spread * (1, -1, 1), spread], 0.025),
-        bar("mast", [head, (0.1, 0, float(lines.deck(0.1)))], 0.01, 3),
         *pair("mast", [head - (0, 0, 0.1), spread, chain], 0.01, 3),
     ]
     if jib:
         roll = bow + np.linspace(0.05, 0.95, 6)[:, None] * (hoist - bow)
         solids.append(bar("sail", roll, (0.03, 0.07, 0.07, 0.06, 0.045, 0.02), 6))
+    if backstay:
+        solids.append(bar("mast", [head, (0.1, 0, float(lines.deck(0.1)))], 0.01, 3))
     return [*solids, bar("mast", [bow, hoist], 0.012, 3)]
+
+
+def rudder(lines: Lines, tiller: float) -> list[Solid]:
+    """Return a rudder blade on the transom and its tiller."""
+    top = float(lines.deck(0.0)) + 0.08
+    return [
+        block("deck", (-0.16, -0.025, -0.4), (0.0, 0.025, top)),
+        bar("deck", [(-0.1, 0, top), (tiller - 0.1, 0, top + 0.12)], 0.02),
+    ]
+
+
+def canopy(x0: float, x1: float, half: float, z: float, legs: float, kind: str = "canvas") -> list[Solid]:
+    """Return a cambered roof at the height `z` on four poles, `legs` long."""
+    y = np.linspace(-half, half, 7)
+    arch = np.column_stack((y, z + 0.14 * (1 - (y / half) ** 2)))
+    outline = np.concatenate((arch, [(half, z - 0.04), (-half, z - 0.04)]))
+    rings = [np.insert(outline, 0, x, axis=1) for x in (x0, (x0 + x1) / 2, x1)]
+    poles = [(x, half - 0.06, z - legs) for x in (x0 + 0.15, x1 - 0.15)]
+    return [*(p for foot in poles for p in pair("rail", [foot, np.add(foot, (0, 0, legs))], 0.02)), Solid(kind, loft(rings))]
 
 
 def pulpit(lines: Lines, x0: float, height: float = 0.6) -> list[Solid]:

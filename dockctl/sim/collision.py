@@ -124,7 +124,7 @@ def _cut(triangles: Floats, z: float) -> Floats:
     mixed = above.any(axis=1) & ~above.all(axis=1)
     corners, above = triangles[mixed], above[mixed]
     following, above_next = np.roll(corners, -1, axis=1), np.roll(above, -1, axis=1)
-    ends = []
+    ends: list[Floats] = []
     for rises in (above_next & ~above, above & ~above_next):
         edge = rises.argmax(axis=1)
         rows = np.arange(len(edge))

@@ -15,10 +15,14 @@ import trimesh
 from numpy.typing import NDArray
 
 from dockctl.errors import DockctlError
+from dockctl.runs.scene import Polygon, Scene
 from dockctl.scenarios.harbor import Basin, EndRow, HarborSpec, Marina, SideRow
+from dockctl.scenarios.vessel import Hull
 from dockctl.sim.fleet import VesselModel, vessel_model
+from dockctl.sim.hulls import hull_outline
 from dockctl.sim.meshfiles import load_mesh
-from dockctl.sim.solids import Solid, box, tube
+from dockctl.sim.outlines import outlines
+from dockctl.sim.solids import Solid, box, together, tube
 
 Floats = NDArray[np.float64]
 PartKind = Literal["quay", "finger", "pile", "vessel", "mesh"]
@@ -48,7 +52,7 @@ class Part:
     @cached_property
     def mesh(self) -> trimesh.Trimesh:
         """All the solids in one mesh."""
-        return trimesh.util.concatenate([solid.mesh for solid in self.solids])
+        return together(self.solids)
 
 
 @dataclass(frozen=True, eq=False)
@@ -79,6 +83,26 @@ class Harbor:
     berths: tuple[Berth, ...]
     basin: tuple[float, float, float, float] | None
     content_hash: str
+
+    @cached_property
+    def bounds(self) -> tuple[float, float, float, float]:
+        """The basin, or all the solids where there is none, ``(x_min, y_min, x_max, y_max)`` [m]."""
+        if self.basin is not None:
+            return self.basin
+        corners = self.triangles[:, :, :2].reshape(-1, 2)
+        (x_min, y_min), (x_max, y_max) = corners.min(axis=0), corners.max(axis=0)
+        return float(x_min), float(y_min), float(x_max), float(y_max)
+
+
+def scene_of(harbor: Harbor, hull: Hull) -> Scene:
+    """Return harbor and own boat from above, in painting order."""
+    polygons = (
+        Polygon(solid.kind, part.name, xy, height)
+        for part in harbor.parts
+        for solid in part.solids
+        for xy, height in outlines(solid.mesh)
+    )
+    return Scene(harbor.name, tuple(polygons), hull_outline(hull), harbor.bounds)
 
 
 @lru_cache(maxsize=8)

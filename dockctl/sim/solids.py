@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -18,6 +18,18 @@ class Solid:
 
     kind: str
     mesh: trimesh.Trimesh
+
+    def shifted(self, by: Sequence[float]) -> Solid:
+        """Return the solid moved by (x, y, z) [m]."""
+        return Solid(self.kind, trimesh.Trimesh(self.mesh.vertices + np.asarray(by), self.mesh.faces, process=False))
+
+
+def together(solids: Iterable[Solid]) -> trimesh.Trimesh:
+    """Return all the solids in one mesh; their vertices stay apart, so that each remains closed."""
+    meshes = [solid.mesh for solid in solids]
+    offsets = np.cumsum([0, *(len(mesh.vertices) for mesh in meshes)])
+    faces = [mesh.faces + offset for mesh, offset in zip(meshes, offsets, strict=False)]
+    return trimesh.Trimesh(np.concatenate([m.vertices for m in meshes]), np.concatenate(faces), process=False)
 
 
 def loft(rings: ArrayLike) -> trimesh.Trimesh:
