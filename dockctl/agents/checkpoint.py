@@ -47,7 +47,12 @@ def save_pair(folder: Path, name: str, tensors: Tensors, facts: Mapping[str, Any
     """Write ``<name>.safetensors`` and ``<name>.json``, which holds the facts and the hash of the tensors."""
     content = save_tensors({key: np.array(value, order="C") for key, value in tensors.items()})
     write_atomically(folder / f"{name}.safetensors", content)
-    card = {"format": FORMAT, "dockctl": dockctl.__version__, **facts, "sha256": hashlib.sha256(content).hexdigest()}
+    card = {
+        "format": FORMAT,
+        "dockctl": dockctl.__version__,
+        **facts,
+        "sha256": hashlib.sha256(content).hexdigest(),
+    }
     write_atomically(folder / f"{name}.json", (json.dumps(card, indent=2) + "\n").encode())
 
 
@@ -60,7 +65,9 @@ def load_pair(facts_file: Path) -> tuple[dict[str, NDArray[Any]], dict[str, Any]
     tensors_file = facts_file.with_suffix(".safetensors")
     for file in (facts_file, tensors_file):
         if not file.is_file():
-            raise CheckpointError(f"{file}: no such file; a checkpoint is a .safetensors and a .json file of one name")
+            raise CheckpointError(
+                f"{file}: no such file; a checkpoint is a .safetensors and a .json file of one name"
+            )
     try:
         facts = json.loads(facts_file.read_text(encoding="utf-8"))
         content = tensors_file.read_bytes()
@@ -69,7 +76,9 @@ def load_pair(facts_file: Path) -> tuple[dict[str, NDArray[Any]], dict[str, Any]
     if not isinstance(facts, dict) or facts.get("format") != FORMAT:
         raise CheckpointError(f"{facts_file}: not a checkpoint of format {FORMAT}")
     if hashlib.sha256(content).hexdigest() != facts.get("sha256"):
-        raise CheckpointError(f"{tensors_file}: damaged or cut short: its hash is not the one in {facts_file.name}")
+        raise CheckpointError(
+            f"{tensors_file}: damaged or cut short: its hash is not the one in {facts_file.name}"
+        )
     try:
         return load_tensors(content), facts
     except SafetensorError as error:
@@ -122,7 +131,9 @@ def find_policy(path: Path) -> Path:
         raise CheckpointError(f"{path}: no such run folder or checkpoint")
     if path.is_file():
         if path.suffix not in (".json", ".safetensors"):
-            raise CheckpointError(f"{path}: not a checkpoint: expected a folder, a .safetensors or a .json file")
+            raise CheckpointError(
+                f"{path}: not a checkpoint: expected a folder, a .safetensors or a .json file"
+            )
         return path.with_suffix(".json")
     for folder in (path, path / "checkpoints" / "best", path / "checkpoints" / "last"):
         if (folder / f"{POLICY}.json").is_file() or (folder / f"{POLICY}.safetensors").is_file():
@@ -130,7 +141,9 @@ def find_policy(path: Path) -> Path:
     raise CheckpointError(f"{path}: holds no checkpoint; a run has one from its first evaluation on")
 
 
-def require_shape(card: PolicyCard, observation_size: int, actions: int, *, where: Path, scenario: str) -> None:
+def require_shape(
+    card: PolicyCard, observation_size: int, actions: int, *, where: Path, scenario: str
+) -> None:
     """Check that a policy fits a scenario.
 
     Raises:
@@ -142,12 +155,12 @@ def require_shape(card: PolicyCard, observation_size: int, actions: int, *, wher
     ):
         if has != needs:
             raise CheckpointError(
-                f"{where}: the policy was trained on '{card.scenario}' with {what} {has}; scenario '{scenario}' has {needs}"
+                f"{where}: trained on '{card.scenario}' with {what} {has}, but '{scenario}' has {needs}"
             )
 
 
 class CheckpointFolder:
-    """Collects the files of a checkpoint in a new folder and puts it in the place of the old one when complete."""
+    """Collects the files of a checkpoint in a new folder, which takes the old one's place when complete."""
 
     def __init__(self, path: Path) -> None:
         self.path = path

@@ -20,7 +20,7 @@ QFunction = Callable[[Tensor], Tensor]
 
 @dataclass(frozen=True)
 class UpdateMetrics:
-    """What one update saw: loss, mean |TD error|, mean Q of the actions taken, gradient norm before clipping."""
+    """Loss, mean |TD error|, mean Q of the actions taken, and gradient norm before clipping."""
 
     loss: float
     td_error: float
@@ -79,7 +79,7 @@ class DoubleDQN:
         self.target.flat.copy_(self.online.flat)
 
     def state(self) -> dict[str, NDArray[Any]]:
-        """The target network and the optimizer's moments, for a checkpoint; the online network is saved apart."""
+        """Target network and optimizer's moments, for a checkpoint (which holds the online network apart)."""
         moments = self.optimizer.state[self.online.flat]
         return {
             "target": self.target.flat.cpu().numpy(),
@@ -121,7 +121,8 @@ class DoubleDQN:
         self.updates += 1
         if self.updates % self.training.target_update_interval == 0:
             self.copy_to_target()
-        return UpdateMetrics(float(loss), float((q - target).abs().mean()), float(q.mean()), norm)
+        td_error, q_mean = (q.detach() - target).abs().mean(), q.detach().mean()
+        return UpdateMetrics(float(loss.detach()), float(td_error), float(q_mean), norm)
 
 
 def _optimizer(flat: Tensor, training: Training) -> torch.optim.Optimizer:

@@ -11,7 +11,7 @@ import numpy as np
 from gymnasium.vector import VectorEnv
 from numpy.typing import NDArray
 
-from dockctl.agents.interface import settled_info
+from dockctl.agents.interface import Info, settled_info
 from dockctl.agents.policy import Policy
 from dockctl.runs.tables import Value
 
@@ -19,6 +19,7 @@ Floats = NDArray[np.float64]
 Clearance = Callable[[Floats], Floats]
 
 RECORDED = ("pose", "velocity", "command", "distance_m", "heading_error_rad", "phase", "sector_ranges_m")
+READ = (*RECORDED, "outcome", "collided_with")
 
 
 @dataclass(frozen=True, eq=False)
@@ -80,47 +81,72 @@ class Episode:
         }
 
 
-def play(env: VectorEnv[Any, Any, Any], policy: Policy, poses: Floats, clearance: Clearance | None = None) -> list[Episode]:
-    """Play one episode from each pose, as many side by side as the environment has boats.
+def play(
+    env: VectorEnv[Any, Any, Any],
+    policy: Policy,
+    poses: Floats,
+    clearance: Clearance | None = None,
+    *,
+    seed: int = 0,
+) -> list[Episode]:
+    """Play one episode from each pose, side by side; a boat that has ended takes the next pose.
 
     Args:
-        env: same-step autoreset; ``reset(options={"poses": (n, 3)})`` puts the boats where they are asked to be.
+        env: same-step autoreset; takes ``reset(options={"poses": (n, 3), "reset_mask": (n,)})``.
         policy: from observations to actions.
         poses: (k, 3) x [m], y [m], heading [rad], any k.
         clearance: (m, 3) poses -> (m,) distance between hull and harbor [m].
+        seed: of the environment.
+
+    Returns:
+        k episodes in the order of the poses.
     """
-    episodes: list[Episode] = []
-    for first in range(0, len(poses), env.num_envs):
-        episodes += _play_together(env, policy, poses[first : first + env.num_envs], clearance)
-    return episodes
-
-
-def _play_together(
-    env: VectorEnv[Any, Any, Any], policy: Policy, poses: Floats, clearance: Clearance | None
-) -> list[Episode]:
-    wanted = len(poses)
-    observation, info = env.reset(options={"poses": np.resize(poses, (env.num_envs, 3))})
-    records = {key: [np.array(info[key])] for key in RECORDED}
-    rewards = [np.zeros(env.num_envs)]
-    endings: dict[int, tuple[int, str, str]] = {}
-    while len(endings) < wanted:
+    boats = range(env.num_envs)
+    assigned = list(boats)  # the pose that each boat sails from; numbers past the last pose are spare boats
+    observation, info = env.reset(seed=seed, options={"poses": np.resize(poses, (env.num_envs, 3))})
+    courses = [_Course(info, boat) for boat in boats]
+    episodes: dict[int, Episode] = {}
+    while len(episodes) < len(poses):
         observation, reward, terminated, truncated, info = env.step(policy(observation))
         done = terminated | truncated
-        info = settled_info(info, done)
-        for key in RECORDED:
-            records[key].append(np.array(info[key]))
-        rewards.append(np.array(reward, np.float64))
-        for boat in np.flatnonzero(done[:wanted]):
-            ending = (len(rewards), str(info["outcome"][boat]), str(info["collided_with"][boat] or ""))
-            endings.setdefault(int(boat), ending)
-    courses = {**{key: np.stack(record) for key, record in records.items()}, "reward": np.stack(rewards)}
-    episodes = []
-    for boat, (rows, outcome, collided_with) in sorted(endings.items()):
-        course = {key: values[:rows, boat] for key, values in courses.items()}
-        least = math.nan if clearance is None else float(clearance(course["pose"]).min())
-        total, phase = float(course["reward"].sum()), int(course["phase"][-1])
-        episodes.append(Episode(poses[boat], outcome, collided_with, phase, total, course, least))
-    return episodes
+        last = {key: np.array(value) for key, value in settled_info(info, done).items() if key in READ}
+        for boat in boats:
+            courses[boat].add(last, boat, float(reward[boat]))
+        for boat in np.flatnonzero(done).tolist():
+            if assigned[boat] < len(poses):
+                episodes[assigned[boat]] = courses[boat].episode(last, boat, poses[assigned[boat]], clearance)
+            assigned[boat] = max(assigned) + 1
+        if done.any():
+            following = poses[np.minimum(assigned, len(poses) - 1)]
+            observation, info = env.reset(options={"poses": following, "reset_mask": done})
+            for boat in np.flatnonzero(done).tolist():
+                courses[boat] = _Course(info, boat)
+    return [episodes[index] for index in range(len(poses))]
+
+
+class _Course:
+    """What one boat does, step by step."""
+
+    def __init__(self, info: Info, boat: int) -> None:
+        self._records = {key: [np.array(info[key][boat])] for key in RECORDED}
+        self._rewards = [0.0]
+
+    def add(self, info: Info, boat: int, reward: float) -> None:
+        for key, record in self._records.items():
+            record.append(info[key][boat])
+        self._rewards.append(reward)
+
+    def episode(self, info: Info, boat: int, start: Floats, clearance: Clearance | None) -> Episode:
+        course = {key: np.stack(record) for key, record in self._records.items()}
+        return Episode(
+            start=start,
+            outcome=str(info["outcome"][boat]),
+            collided_with=str(info["collided_with"][boat] or ""),
+            phase=int(course["phase"][-1]),
+            total_reward=sum(self._rewards),
+            course={**course, "reward": np.array(self._rewards)},
+            clearance_m=math.nan if clearance is None else float(clearance(course["pose"]).min()),
+        )
 
 
 def wilson_interval(successes: int, trials: int, z: float = 1.959964) -> tuple[float, float]:

@@ -33,7 +33,11 @@ class DuelingQNetwork(nn.Module):
         generator: torch.Generator | None = None,
     ) -> None:
         super().__init__()
-        self.observation_size, self.actions, self.hidden_sizes = observation_size, actions, tuple(hidden_sizes)
+        self.observation_size, self.actions, self.hidden_sizes = (
+            observation_size,
+            actions,
+            tuple(hidden_sizes),
+        )
         layers: list[nn.Module] = []
         for inputs, outputs in pairwise((observation_size, *hidden_sizes)):
             layers += [nn.Linear(inputs, outputs), nn.ReLU()]

@@ -7,6 +7,13 @@ from dataclasses import dataclass, field
 from dockctl.scenarios.training import StopRule, Training
 
 RECENT = 100
+REASONS = {
+    "mastered": "The task is mastered",
+    "episodes": "The last episode is sailed",
+    "steps": "The last step is made",
+    "interrupted": "Interrupted",
+}
+"""Why a training ends."""
 
 
 @dataclass
@@ -16,7 +23,7 @@ class Progress:
     Attributes:
         env_steps, updates, episodes: how many there were.
         outcomes: finished training episodes by outcome.
-        recent: for each of the latest training episodes, whether it docked and whether it began at an initial pose.
+        recent: whether each of the latest training episodes docked, and whether it began at an initial pose.
         best: episodes docked and mean return of the best greedy evaluation.
         evaluated_at: environment steps at the latest greedy evaluation, 0 before the first.
         evaluation_docked, evaluation_episodes: what that evaluation came to.
@@ -65,7 +72,7 @@ class Progress:
         )
 
     def reason_to_stop(self, training: Training) -> str | None:
-        """Why the training is over, or None while it is not."""
+        """Why the training is over, a key of `REASONS`, or None while it is not."""
         if training.stop is not None and self.mastered(training.stop):
             return "mastered"
         if training.max_episodes is not None and self.episodes >= training.max_episodes:

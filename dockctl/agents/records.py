@@ -30,7 +30,7 @@ class EpisodeRecorder:
         for name, value in info.get("reward_terms", {}).items():
             if not name.startswith("_"):
                 self._terms.setdefault(name, np.zeros(self._boats))[:] += value
-        rows = [self._row(boat, info) for boat in np.flatnonzero(done)]
+        rows = [self._row(int(boat), info) for boat in np.flatnonzero(done)]
         for sums in (self._steps, self._return, *self._terms.values()):
             sums[done] = 0
         return rows
@@ -38,7 +38,7 @@ class EpisodeRecorder:
     def _row(self, boat: int, info: Info) -> dict[str, Value]:
         u, v, _ = info["velocity"][boat]
         return {
-            "boat": int(boat),
+            "boat": boat,
             "start_kind": str(info["start_kind"][boat]),
             "start_index": int(info["start_index"][boat]),
             "return": float(self._return[boat]),

@@ -16,7 +16,7 @@ class Transitions:
     """A batch of m n-step transitions.
 
     Attributes:
-        observation, next_observation: (m, observation_size); the next one is where the return is bootstrapped.
+        observation, next_observation: (m, observation_size); the return is bootstrapped at the next one.
         action: (m,) index of the action taken in `observation`.
         reward: (m,) discounted sum of the k rewards between the two.
         discount: (m,) weight of the value of `next_observation`: gamma^k, or 0 where the episode terminated.
@@ -109,7 +109,9 @@ class Replay:
     def sample(self, batch_size: int) -> Transitions:
         """Draw a batch uniformly, with replacement."""
         rows = self.rng.integers(len(self), size=batch_size)
-        return Transitions(**{f.name: getattr(self._store, f.name).take(rows, axis=0) for f in fields(Transitions)})
+        return Transitions(
+            **{f.name: getattr(self._store, f.name).take(rows, axis=0) for f in fields(Transitions)}
+        )
 
     def state(self) -> dict[str, NDArray[Any]]:
         """The stored transitions and how many were ever added, for a checkpoint."""

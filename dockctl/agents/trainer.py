@@ -1,4 +1,4 @@
-"""Training of a dueling double DQN (thesis sections 3.2.4-3.2.6), from the first step to the last checkpoint."""
+"""Training of a dueling double DQN (thesis sections 3.2.4-3.2.6), from first step to last checkpoint."""
 
 from __future__ import annotations
 
@@ -68,8 +68,14 @@ class Trainer:
     ) -> None:
         torch.set_num_threads(1)  # sums in one order, and the other cores are the simulator's
         space, actions = environment.single_observation_space, environment.single_action_space
-        assert isinstance(space, Box) and isinstance(actions, Discrete)
-        self.training, self.scenario, self.environment, self.run_directory = training, scenario, environment, run
+        assert isinstance(space, Box)
+        assert isinstance(actions, Discrete)
+        self.training, self.scenario, self.environment, self.run_directory = (
+            training,
+            scenario,
+            environment,
+            run,
+        )
         self.evaluate, self.on_progress, self.interrupted = evaluate, on_progress, interrupted
         size, generator = space.shape[0], torch.Generator().manual_seed(training.seed)
         network = DuelingQNetwork(size, int(actions.n), training.hidden_sizes, generator)
@@ -87,7 +93,7 @@ class Trainer:
         self.timing = run.table("timing.csv", TIMING)
 
     def run(self) -> str:
-        """Train until a reason to stop, save, and return the reason: mastered, episodes, steps or interrupted."""
+        """Train until there is a reason to stop, save, and return it, a key of `REASONS`."""
         progress, began = self.progress, time.monotonic() - self.progress.wall_s
         seed = np.random.SeedSequence((self.training.seed, progress.env_steps)).generate_state(1)
         observation, _ = self.environment.reset(seed=int(seed[0]))
@@ -95,7 +101,9 @@ class Trainer:
             while (reason := self._reason_to_stop()) is None:
                 progress.epsilon = schedules.epsilon(self.training, progress.env_steps)
                 action = self.policy(observation, progress.epsilon)
-                step = simulator.submit(self.environment.step, action)  # the boats sail while the learner learns
+                step = simulator.submit(
+                    self.environment.step, action
+                )  # the boats sail while the learner learns
                 self._learn()
                 next_observation, reward, terminated, truncated, info = step.result()
                 self._remember(observation, action, reward, next_observation, terminated, truncated, info)
@@ -118,13 +126,19 @@ class Trainer:
         """Make the updates that are due, on what is in the replay memory."""
         progress = self.progress
         progress.learning_rate = schedules.learning_rate(self.training, progress.env_steps)
-        while len(self.replay) and progress.updates < schedules.updates_due(self.training, progress.env_steps):
-            metrics = self.learner.update(self.replay.sample(self.training.batch_size), progress.learning_rate)
+        while len(self.replay) and progress.updates < schedules.updates_due(
+            self.training, progress.env_steps
+        ):
+            metrics = self.learner.update(
+                self.replay.sample(self.training.batch_size), progress.learning_rate
+            )
             progress.updates = self.learner.updates
             if row := self.update_recorder.add(metrics):
                 progress.loss = metrics.loss
                 rate = {"learning_rate": progress.learning_rate}
-                self.updates.append([{"update": progress.updates, "env_steps": progress.env_steps, **row, **rate}])
+                self.updates.append(
+                    [{"update": progress.updates, "env_steps": progress.env_steps, **row, **rate}]
+                )
 
     def _remember(
         self,
@@ -140,7 +154,9 @@ class Trainer:
         done, progress = terminated | truncated, self.progress
         final_observation = settled_observation(next_observation, info, done)
         scaled = np.asarray(reward) * self.training.reward_scale
-        self.replay.add(self.n_step.add(observation, action, scaled, final_observation, terminated, truncated))
+        self.replay.add(
+            self.n_step.add(observation, action, scaled, final_observation, terminated, truncated)
+        )
         rows = self.episode_recorder.add(reward, settled_info(info, done), done)
         for row in rows:
             keep = max(RECENT, self.training.stop.episodes if self.training.stop else 0)

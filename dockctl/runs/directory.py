@@ -18,6 +18,19 @@ SCENARIO = "scenario.yaml"
 PROVENANCE = "provenance.json"
 
 
+def require_writable(root: Path) -> None:
+    """Check that folders can be made under `root`, without making any.
+
+    Raises:
+        DockctlError: they cannot.
+    """
+    existing = next(path for path in (root.absolute(), *root.absolute().parents) if path.exists())
+    if not existing.is_dir():
+        raise DockctlError(f"{root}: cannot write run folders here: {existing} is not a folder")
+    if not os.access(existing, os.W_OK | os.X_OK):
+        raise DockctlError(f"{root}: cannot write run folders here: no right to write in {existing}")
+
+
 class RunDirectory:
     """One training run on disk. Files are replaced whole; tables grow by whole rows.
 
@@ -113,7 +126,7 @@ class RunDirectory:
             raise DockctlError(f"{path}: cannot be read: {error}") from None
 
     def copy_plugins(self, files: Iterable[Path]) -> dict[str, str]:
-        """Copy local plugin files into ``plugins/`` and return the SHA-256 of each, by its path in the run."""
+        """Copy local plugin files into ``plugins/`` and return the SHA-256 of each by its path in the run."""
         hashes = {}
         for number, file in enumerate(files):
             content = file.read_bytes()
@@ -133,7 +146,7 @@ def write_atomically(path: Path, content: bytes) -> Path:
     temporary = path.with_name(f".{path.name}.{os.getpid()}.tmp")
     try:
         temporary.write_bytes(content)
-        os.replace(temporary, path)
+        temporary.replace(path)
     except OSError as error:
         temporary.unlink(missing_ok=True)
         raise DockctlError(f"{path}: cannot be written: {error.strerror or error}") from None
@@ -145,6 +158,6 @@ def replace_folder(new: Path, path: Path) -> None:
     old = path.with_name(f".{path.name}.old")
     shutil.rmtree(old, ignore_errors=True)
     if path.exists():
-        os.replace(path, old)
-    os.replace(new, path)
+        path.replace(old)
+    new.replace(path)
     shutil.rmtree(old, ignore_errors=True)

@@ -25,7 +25,7 @@ def now() -> str:
 
 
 def collect(seed: int, command: Sequence[str]) -> dict[str, Any]:
-    """Everything that tells how a run was made, ready for ``provenance.json``; the run is not finished yet."""
+    """Everything that tells how a run is made, for ``provenance.json``; the run is not finished yet."""
     return {
         "dockctl": dockctl.__version__,
         "git_commit": git_commit(),
@@ -47,8 +47,12 @@ def git_commit() -> str | None:
         return None
     try:
         git = ["git", "-C", str(root)]
-        commit = subprocess.run([*git, "rev-parse", "HEAD"], capture_output=True, text=True, timeout=5, check=True)
-        changed = subprocess.run([*git, "status", "--porcelain", "-uno"], capture_output=True, text=True, timeout=5)
+        commit = subprocess.run(
+            [*git, "rev-parse", "HEAD"], capture_output=True, text=True, timeout=5, check=True
+        )
+        changed = subprocess.run(
+            [*git, "status", "--porcelain", "-uno"], capture_output=True, text=True, timeout=5
+        )
     except (OSError, subprocess.SubprocessError):
         return None
     return commit.stdout.strip() + ("+" if changed.stdout.strip() else "")

@@ -12,8 +12,8 @@ from dockctl.errors import DockctlError
 Value = str | int | float | bool | None
 
 EPISODES = (
-    "episode", "env_steps", "boat", "start_kind", "start_index", "return", "steps", "outcome", "collided_with",
-    "phase", "epsilon", "distance_m", "heading_error_deg", "speed_mps",
+    "episode", "env_steps", "boat", "start_kind", "start_index", "return", "steps", "outcome",
+    "collided_with", "phase", "epsilon", "distance_m", "heading_error_deg", "speed_mps",
 )  # fmt: skip
 """Training episodes; one column ``reward_<term>`` for each reward term follows."""
 
@@ -36,8 +36,8 @@ TIMING = ("env_steps", "wall_s")
 """Seconds since the training began; kept apart so that the other tables repeat byte for byte."""
 
 TRAJECTORIES = (
-    "pose", "step", "time_s", "x_m", "y_m", "heading_deg", "u_mps", "v_mps", "r_degps", "propeller_n", "rudder_deg",
-    "distance_m", "heading_error_deg", "phase", "reward",
+    "pose", "step", "time_s", "x_m", "y_m", "heading_deg", "u_mps", "v_mps", "r_degps", "propeller_n",
+    "rudder_deg", "distance_m", "heading_error_deg", "phase", "reward",
 )  # fmt: skip
 """Greedy episodes of the best policy; columns ``range_1_m`` ... follow, one for each LiDAR sector."""
 

@@ -36,7 +36,9 @@ def trainer(root: Path, **changes: Any) -> Trainer:
 def trainer_in(run: RunDirectory, training: Training, **options: Any) -> Trainer:
     judge = ToyDocking(2)
     poses = np.array([[-1.0, 0, 0], [-0.9, 0, 0]])
-    return Trainer(training, "toy", ToyDocking(training.boats), lambda p: play(judge, p, poses), run, **options)
+    return Trainer(
+        training, "toy", ToyDocking(training.boats), lambda p: play(judge, p, poses), run, **options
+    )
 
 
 def test_it_learns_and_stops_when_the_task_is_mastered(tmp_path: Path) -> None:
@@ -62,7 +64,10 @@ def test_the_same_seed_gives_the_same_bytes_and_another_seed_does_not(tmp_path: 
     def contents(name: str) -> list[bytes]:
         return [(run / name).read_bytes() for run in runs]
 
-    for name in (*TABLES, *(f"checkpoints/{k}/policy.{s}" for k in ("best", "last") for s in ("json", "safetensors"))):
+    for name in (
+        *TABLES,
+        *(f"checkpoints/{k}/policy.{s}" for k in ("best", "last") for s in ("json", "safetensors")),
+    ):
         first, second, other = contents(name)
         assert first == second, name
         assert first != other, name
@@ -103,7 +108,8 @@ def test_interrupted_and_taken_up_again(tmp_path: Path) -> None:
         results.append([(run.path / table).read_bytes() for table in TABLES])
     assert results[0] == results[1]
     steps = [int(row["env_steps"]) for row in read_table(first.run_directory.path / "evaluations.csv")]
-    assert steps == sorted(steps) and steps[-1] == 4_000
+    assert steps == sorted(steps)
+    assert steps[-1] == 4_000
 
 
 def test_rows_past_the_checkpoint_are_dropped_when_a_killed_run_is_taken_up(tmp_path: Path) -> None:
@@ -111,7 +117,9 @@ def test_rows_past_the_checkpoint_are_dropped_when_a_killed_run_is_taken_up(tmp_
     learner.run()
     path = learner.run_directory.path / "episodes.csv"
     whole = path.read_text()
-    path.write_text(whole + whole.splitlines()[-1].replace(",1000,", ",1016,").replace("1000", "1016") + "\n9,12")
+    path.write_text(
+        whole + whole.splitlines()[-1].replace(",1000,", ",1016,").replace("1000", "1016") + "\n9,12"
+    )
     again = trainer_in(learner.run_directory, Training(**{**SETTINGS, "total_steps": 2_000, "stop": None}))
     again.restore()
     assert path.read_text() == whole

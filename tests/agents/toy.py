@@ -24,12 +24,14 @@ class ToyDocking(VectorEnv[Any, Any, Any]):
         self.action_space = MultiDiscrete([3] * num_envs)
         self.x, self.u, self.push, self.steps = np.zeros((4, num_envs))
 
-    def reset(self, *, seed: int | None = None, options: dict[str, Any] | None = None) -> tuple[Any, dict[str, Any]]:
+    def reset(self, *, seed: int | None = None, options: Any = None) -> tuple[Any, dict[str, Any]]:
         if seed is not None:
             self.rng = np.random.default_rng(seed)
-        self._place(np.ones(self.num_envs, bool))
-        if options and "poses" in options:
-            self.x = np.array(options["poses"])[:, 0]
+        options = options or {}
+        rows = np.array(options.get("reset_mask", np.ones(self.num_envs, bool)))
+        self._place(rows)
+        if "poses" in options:
+            self.x = np.where(rows, np.array(options["poses"])[:, 0], self.x)
         return self._observation(), self._info()
 
     def _place(self, rows: np.ndarray) -> None:

@@ -1,0 +1,58 @@
+"""``dockctl train``: teach a boat to dock."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from dockctl.errors import DockctlError
+
+DEFAULT_SCENARIO = "s3"
+INTERRUPTED = 130
+
+
+def train(
+    scenario: Annotated[
+        str | None, typer.Argument(help=f"Scenario file or name; {DEFAULT_SCENARIO} if none is given.")
+    ] = None,
+    seed: Annotated[int | None, typer.Option(min=0, help="Seed of everything random.")] = None,
+    out: Annotated[Path, typer.Option(help="Folder that gets <scenario>/<time>-seed<N>/.")] = Path("runs"),
+    resume: Annotated[
+        Path | None,
+        typer.Option(help="Run folder to take up where it was interrupted, or to extend by --steps."),
+    ] = None,
+    set_: Annotated[
+        list[str] | None, typer.Option("--set", metavar="KEY=VALUE", help="Override a value of the scenario.")
+    ] = None,
+    steps: Annotated[
+        int | None, typer.Option(min=1, help="Environment steps at most, all boats together.")
+    ] = None,
+    device: Annotated[str, typer.Option(help="Of the network: cpu, cuda, ...")] = "cpu",
+    plugin: Annotated[
+        list[Path] | None, typer.Option(help="Local .py file with reward terms or parts.")
+    ] = None,
+) -> None:
+    """Train a policy; the run folder gets its checkpoints, tables and trajectories.
+
+    Example: dockctl train scenarios/s3.yaml --seed 1 --set training.boats=8
+    """
+    from dockctl.agents.device import device_named
+    from dockctl.commands import training
+
+    device_named(device)
+    if resume is None:
+        overrides = [*(set_ or ())]
+        overrides += [] if seed is None else [f"training.seed={seed}"]
+        overrides += [] if steps is None else [f"training.total_steps={steps}"]
+        session = training.begin(scenario or DEFAULT_SCENARIO, overrides, plugin or [], out)
+    else:
+        given = {"SCENARIO": scenario, "--seed": seed, "--set": set_, "--plugin": plugin}
+        if refused := [name for name, value in given.items() if value]:
+            raise DockctlError(
+                f"{', '.join(refused)}: a run that is taken up keeps its own; leave it out with --resume"
+            )
+        session = training.take_up(resume, steps)
+    if training.carry_out(session, device) == "interrupted":
+        raise typer.Exit(INTERRUPTED)

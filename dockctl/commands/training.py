@@ -1,0 +1,152 @@
+"""A training from the scenario to the run folder: begin or take up, carry out, tell."""
+
+from __future__ import annotations
+
+import signal
+import sys
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from rich.console import Console
+
+from dockctl.agents.checkpoint import load_pair, load_policy
+from dockctl.agents.policy import GreedyPolicy
+from dockctl.agents.progress import REASONS, Progress
+from dockctl.agents.replay import Replay
+from dockctl.agents.trainer import Trainer
+from dockctl.commands.display import TrainingDisplay, best, clock
+from dockctl.commands.inputs import load_checked
+from dockctl.commands.rooms import player, test_poses, trajectory_rows
+from dockctl.envs.vector import DockingVectorEnv
+from dockctl.errors import DockctlError
+from dockctl.runs import provenance
+from dockctl.runs.directory import PROVENANCE, SCENARIO, RunDirectory, require_writable
+from dockctl.runs.tables import TRAJECTORIES, to_csv
+from dockctl.scenarios.loader import LoadedScenario, dump
+from dockctl.sim.simulator import World, build_world
+
+
+@dataclass(frozen=True, eq=False)
+class Session:
+    """A training that is ready to start, in a run folder of its own."""
+
+    loaded: LoadedScenario
+    world: World
+    run: RunDirectory
+    taken_up: bool
+
+
+def begin(source: str, overrides: list[str], plugin_files: list[Path], out: Path) -> Session:
+    """Load the scenario, build its world and make the run folder; nothing is written before all is right.
+
+    Raises:
+        DockctlError: the scenario is wrong, or `out` cannot be written to.
+    """
+    loaded = load_checked(source, overrides=overrides, plugin_files=plugin_files)
+    require_writable(out)
+    world = build_world(loaded.scenario, loaded.base_dir)
+    seed = loaded.scenario.training.seed
+    run = RunDirectory.create(out, loaded.scenario.name, seed)
+    facts = provenance.collect(seed, sys.argv)
+    facts["plugins"] = run.copy_plugins(loaded.plugin_files)
+    with_copies = loaded.scenario.model_copy(update={"plugins": tuple(facts["plugins"])})
+    run.write_text(SCENARIO, dump(with_copies))
+    run.write_json("scene.json", world.scene().to_json())
+    run.write_json(PROVENANCE, facts)
+    return Session(loaded, world, run, taken_up=False)
+
+
+def take_up(path: Path, steps: int | None) -> Session:
+    """Open a run to go on with it; a finished one only when `steps` reaches past its end, without stop rule.
+
+    Raises:
+        DockctlError: `path` is no run, has no checkpoint, or is finished.
+    """
+    run = RunDirectory.open(path)
+    facts = run.read_json(PROVENANCE)
+    _, card = load_pair(run.checkpoint("last") / "policy.json")
+    overrides = [] if steps is None else [f"training.total_steps={steps}"]
+    if facts["finished"]:
+        done = card["env_steps"]
+        if steps is None or steps <= done:
+            reason = REASONS[facts["stop_reason"]].lower()
+            raise DockctlError(
+                f"{path}: this training is over: {reason} at {done:,} steps; to go on give --steps above that"
+            )
+        overrides += ["training.stop=null", "training.max_episodes=null"]
+    loaded = load_checked(run.path / SCENARIO, overrides=overrides)
+    if overrides:
+        copies = tuple(Path(p).relative_to(run.path.resolve()).as_posix() for p in loaded.scenario.plugins)
+        run.write_text(SCENARIO, dump(loaded.scenario.model_copy(update={"plugins": copies})))
+    again = {"at": provenance.now(), "env_steps": card["env_steps"], "command": sys.argv}
+    facts |= {"finished": None, "stop_reason": None, "taken_up": [*facts.get("taken_up", []), again]}
+    run.write_json(PROVENANCE, facts)
+    return Session(loaded, build_world(loaded.scenario, loaded.base_dir), run, taken_up=True)
+
+
+def carry_out(session: Session, device: str) -> str:
+    """Train, record the best policy's trajectories, tell what came of it; return the reason for the end."""
+    loaded, run, console = session.loaded, session.run, Console()
+    scenario, training = loaded.scenario, loaded.scenario.training
+    env = DockingVectorEnv(loaded, training.boats, exploring=True, world=session.world)
+    play = player(loaded, session.world, test_poses(scenario))
+    (size,) = env.observation_space.shape[1:] if env.observation_space.shape else ()
+    memory = Replay.bytes_needed(min(training.replay_capacity, training.total_steps), size)
+    title = f"{scenario.name}, seed {training.seed}"
+    console.print(f"{title}: {training.boats} boats, replay memory of at most {memory / 1e6:,.0f} MB")
+    console.print(f"run folder: {run.path}", soft_wrap=True, highlight=False)
+    with asked_to_leave() as asked, TrainingDisplay(training, title, console) as display:
+        trainer = Trainer(
+            training, scenario.name, env, play, run, device=device, on_progress=display, interrupted=asked
+        )
+        if session.taken_up:
+            trainer.restore()
+        reason = trainer.run()
+        display.show_evaluation(trainer.progress)
+    facts = run.read_json(PROVENANCE)
+    facts |= {"finished": None if reason == "interrupted" else provenance.now(), "stop_reason": reason}
+    run.write_json(PROVENANCE, facts)
+    if trainer.progress.best is not None:
+        network, _ = load_policy(run.checkpoint("best"))
+        rows = list(trajectory_rows(play(GreedyPolicy(network)), scenario.vessel.control_period_s))
+        ranges = [name for name in rows[0] if name not in TRAJECTORIES]
+        run.write_text("trajectories.csv", to_csv(rows, [*TRAJECTORIES, *ranges]))
+    tell(console, run, trainer.progress, reason)
+    return reason
+
+
+def tell(console: Console, run: RunDirectory, progress: Progress, reason: str) -> None:
+    """Print how the training ended and what to do next."""
+    made = f"{progress.env_steps:,} steps, {progress.episodes:,} episodes, {clock(progress.wall_s)}"
+    lines = [
+        f"{REASONS[reason]}: {made}.",
+        f"Training: docked {progress.recent_docked} of the last {min(100, progress.episodes)} episodes.",
+        f"Greedy: best {best(progress)}.",
+    ]
+    if reason == "interrupted":
+        lines += ["Saved. To go on:", f"  dockctl train --resume {run.path}"]
+    else:
+        lines += ["Next:", f"  dockctl evaluate --ckpt {run.path}", f"  dockctl plot {run.path}"]
+    console.print("\n".join(lines), soft_wrap=True, highlight=False)
+
+
+@contextmanager
+def asked_to_leave() -> Iterator[Callable[[], bool]]:
+    """Give a function that tells whether Ctrl-C was pressed; a second one leaves at once."""
+    asked = False
+
+    def remember(signum: int, frame: Any) -> None:
+        nonlocal asked
+        if asked:
+            raise KeyboardInterrupt
+        asked = True
+
+    previous = [(number, signal.signal(number, remember)) for number in (signal.SIGINT, signal.SIGTERM)]
+    try:
+        yield lambda: asked
+    finally:
+        for number, handler in previous:
+            signal.signal(number, handler)
