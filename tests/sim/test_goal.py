@@ -1,0 +1,96 @@
+"""Wrapping, and the edges of the tolerances to the last bit."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+import pytest
+from hypothesis import example, given
+from hypothesis import strategies as st
+
+from dockctl.scenarios.loader import load
+from dockctl.sim.goal import final_reached, intermediate_reached, measure, reached, wrap
+
+TASK = load("s3").scenario.task
+PI = math.pi
+
+
+def just_below(value: float) -> float:
+    return float(np.nextafter(value, -math.inf))
+
+
+def just_above(value: float) -> float:
+    return float(np.nextafter(value, math.inf))
+
+
+@given(angle=st.floats(-1000, 1000))
+@example(angle=PI)
+@example(angle=-PI)
+@example(angle=just_above(PI))
+@example(angle=just_below(-PI))
+@example(angle=just_above(-PI))
+@example(angle=3 * PI)
+@example(angle=-3 * PI)
+@example(angle=-1e-320)
+def test_wrap_stays_in_the_half_open_turn_and_keeps_the_direction(angle: float) -> None:
+    wrapped = float(wrap(np.array([angle]))[0])
+    assert -PI < wrapped <= PI
+    assert math.cos(wrapped) == pytest.approx(math.cos(angle), abs=1e-12)
+    assert math.sin(wrapped) == pytest.approx(math.sin(angle), abs=1e-12)
+
+
+@given(angle=st.floats(-PI, PI, exclude_min=True))
+def test_wrap_leaves_angles_inside_alone(angle: float) -> None:
+    assert wrap(np.array([angle]))[0] == angle
+
+
+def test_minus_half_a_turn_is_plus_half_a_turn() -> None:
+    assert wrap(np.array([-PI, PI])).tolist() == [PI, PI]
+
+
+def test_distance_and_heading_error_by_hand() -> None:
+    eta = np.array([[20.0, 2.0, math.radians(160)], [36.0, 0.0, math.radians(-170)], [33.0, -4.0, 3 * PI]])
+    goal = np.tile([36.0, 0.0, PI], (3, 1))
+    distance, error = measure(eta, goal)
+    assert distance == pytest.approx([math.sqrt(260), 0, 5])
+    assert np.degrees(error) == pytest.approx([-20, 10, 0], abs=1e-9)
+
+
+FINAL = TASK.final_tolerance  # 1 m, 0.07 rad, 0.1 m/s
+FINAL_EDGES = [
+    (0.0, 0.0, 0.0, True),
+    (just_below(1.0), just_below(0.07), 0.1, True),
+    (just_below(1.0), -just_below(0.07), 0.1, True),
+    (1.0, 0.0, 0.0, False),
+    (0.0, 0.07, 0.0, False),
+    (0.0, -0.07, 0.0, False),
+    (0.0, 0.0, just_above(0.1), False),
+]
+INTERMEDIATE_EDGES = [
+    (0.0, 0.0, 0.0, True),
+    (1.5, math.radians(5), just_below(0.1), True),
+    (1.5, -math.radians(5), just_below(0.1), True),
+    (just_above(1.5), 0.0, 0.0, False),
+    (0.0, just_above(math.radians(5)), 0.0, False),
+    (0.0, just_below(-math.radians(5)), 0.0, False),
+    (0.0, 0.0, 0.1, False),
+]
+
+
+@pytest.mark.parametrize(("distance", "error", "speed", "holds"), FINAL_EDGES)
+def test_edges_of_the_final_pose(distance: float, error: float, speed: float, holds: bool) -> None:
+    assert final_reached(FINAL, *map(np.array, ([distance], [error], [speed])))[0] == holds
+
+
+@pytest.mark.parametrize(("distance", "error", "speed", "holds"), INTERMEDIATE_EDGES)
+def test_edges_of_the_intermediate_pose(distance: float, error: float, speed: float, holds: bool) -> None:
+    limit = TASK.intermediate_tolerance
+    assert intermediate_reached(limit, *map(np.array, ([distance], [error], [speed])))[0] == holds
+
+
+def test_each_pose_counts_in_its_own_phase_only() -> None:
+    zeros = np.zeros(2)
+    intermediate, final = reached(TASK, np.array([0, 1]), zeros, zeros, zeros)
+    assert intermediate.tolist() == [True, False]
+    assert final.tolist() == [False, True]

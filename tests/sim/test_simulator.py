@@ -1,0 +1,123 @@
+"""A control step: what it changes, in which order, and for whom."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from dockctl.scenarios.loader import load
+from dockctl.sim.simulator import Simulator
+from dockctl.sim.starts import Start, given_start
+from dockctl.sim.vessel import VesselModel
+from tests.sim.worlds import Rings, walled
+
+S1, S3 = load("s1").scenario, load("s3").scenario
+IDLE = np.zeros((1, 2))
+
+
+def start_at(x: float, y: float, heading_deg: float, *, phase: int = 0, surge: float = 0.0) -> Start:
+    start = given_start(S3.task, np.array([x, y, math.radians(heading_deg)]), 0)
+    return replace(start, phase=phase, nu=np.array([surge, 0.0, 0.0]))
+
+
+def simulator(*starts: Start, wall: float = math.inf) -> Simulator:
+    sim = Simulator(S3, walled(wall), len(starts))
+    sim.reset(np.arange(len(starts)), starts)
+    return sim
+
+
+def test_a_step_moves_the_boat_as_the_vessel_says_and_scans_from_where_it_ends() -> None:
+    sim, command = simulator(start_at(23, -10, 90)), np.array([[50.0, 0.2]])
+    eta, nu = VesselModel(S3.vessel).step(sim.eta, sim.nu, command)
+    status = sim.step(command)
+    assert np.array_equal(sim.eta, eta)
+    assert np.array_equal(status.nu, nu)
+    assert np.array_equal(status.sector_ranges_m, Rings().sector_ranges(eta))
+    assert status.distance_m == pytest.approx(np.hypot(*(eta - sim.goals[:, 0])[0, :2]))
+    assert status.previous_distance_m == pytest.approx([math.hypot(5, 13)])
+    assert status.previous_heading_error_rad == pytest.approx([math.radians(-60)])
+    assert status.command.tolist() == [[50.0, 0.2]]
+    assert status.previous_command.tolist() == [[0.0, 0.0]]
+    assert sim.step(IDLE).previous_command.tolist() == [[50.0, 0.2]]
+
+
+def test_the_intermediate_pose_turns_the_goal_over_after_the_step() -> None:
+    sim = simulator(start_at(18, 3, 150))
+    status = sim.step(IDLE)
+    assert status.reached_intermediate.tolist() == [True]
+    assert status.reached_final.tolist() == [False]
+    assert status.phase.tolist() == [0]
+    assert status.distance_m == pytest.approx([0])
+    assert sim.phase.tolist() == [1]
+    assert sim.distance_m == pytest.approx([math.hypot(18, 3)])
+    after = sim.step(IDLE)
+    assert after.phase.tolist() == [1]
+    assert after.previous_distance_m == pytest.approx([math.hypot(18, 3)])
+    assert not after.reached_intermediate.any()
+
+
+def test_the_final_pose_counts_in_the_second_phase_only() -> None:
+    sim = simulator(start_at(36, 0, 180), start_at(36, 0, 180, phase=1))
+    assert sim.step(np.zeros((2, 2))).reached_final.tolist() == [False, True]
+
+
+def test_a_boat_too_fast_has_not_arrived() -> None:
+    sim = simulator(start_at(36, 0, 180, phase=1, surge=0.3), start_at(36, 0, 180, phase=1, surge=0.11))
+    assert sim.step(np.zeros((2, 2))).reached_final.tolist() == [False, True]
+
+
+def test_a_collision_beats_the_poses_reached_in_the_same_step() -> None:
+    sim = simulator(start_at(18, 3, 150), start_at(36, 0, 180, phase=1), wall=17.0)
+    status = sim.step(np.zeros((2, 2)))
+    assert status.collided.tolist() == [True, True]
+    assert not (status.reached_intermediate | status.reached_final).any()
+    assert sim.phase.tolist() == [0, 1]
+
+
+def test_reset_touches_its_rows_only() -> None:
+    sim = simulator(start_at(23, -10, 90), start_at(23, -10, 90), start_at(23, -10, 90))
+    for _ in range(3):
+        sim.step(np.tile([50.0, 0.1], (3, 1)))
+    before = sim.eta.copy(), sim.nu.copy(), sim.sector_ranges_m.copy()
+    sim.reset(np.array([1]), [start_at(30, 1, 170, phase=1)])
+    assert sim.steps.tolist() == [3, 0, 3]
+    assert sim.phase.tolist() == [0, 1, 0]
+    assert sim.command.tolist() == [[50.0, 0.1], [0.0, 0.0], [50.0, 0.1]]
+    assert not sim.nu[1].any()
+    assert sim.distance_m[1] == pytest.approx(math.hypot(6, 1))
+    for kept, now in zip(before, (sim.eta, sim.nu, sim.sector_ranges_m), strict=True):
+        assert np.array_equal(kept[[0, 2]], now[[0, 2]])
+
+
+def test_a_reset_scans_the_boats_that_begin_and_no_others() -> None:
+    sim = simulator(*[start_at(23, -10, 90)] * 5)
+    lidar = sim.world.lidar
+    assert isinstance(lidar, Rings)
+    lidar.scanned = 0
+    sim.reset(np.array([2]), [start_at(20, 0, 0)])
+    assert lidar.scanned == 1
+
+
+def test_a_status_stays_as_it_was_when_the_boats_move_on() -> None:
+    sim = simulator(start_at(23, -10, 90))
+    status = sim.step(np.array([[50.0, 0.1]]))
+    kept = status.nu.copy(), status.sector_ranges_m.copy(), status.distance_m.copy(), status.phase.copy()
+    sim.reset(np.array([0]), [start_at(30, 1, 170, phase=1)])
+    sim.step(IDLE)
+    now = status.nu, status.sector_ranges_m, status.distance_m, status.phase
+    assert all(np.array_equal(a, b) for a, b in zip(kept, now, strict=True))
+
+
+def test_boats_may_have_berths_of_their_own() -> None:
+    west = replace(start_at(20, 0, 0, phase=1), goals=np.array([[25, 0, 0.9], [7, -2, 0.0]]))
+    sim = simulator(start_at(20, 0, 180, phase=1), west)
+    assert sim.distance_m == pytest.approx([16, math.hypot(13, 2)])
+
+
+def test_without_an_intermediate_pose_there_is_one_phase() -> None:
+    sim = Simulator(S1, walled(), 1)
+    sim.reset(np.array([0]), [given_start(S1.task, np.array([36.0, 0.0, math.pi]), 0)])
+    assert sim.step(IDLE).reached_final.tolist() == [True]

@@ -1,0 +1,137 @@
+"""Where episodes begin: inside the promised bounds, free of obstacles, and the same for the same seed."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from dockctl.scenarios.loader import load
+from dockctl.scenarios.schema import Scenario
+from dockctl.sim.starts import Start, StartSampler, exploring_start, given_start, goal_poses, random_poses
+from tests.sim.worlds import Floats, Wall
+
+S1, S2, S3 = (load(name).scenario for name in ("s1", "s2", "s3"))
+OPEN = Wall(math.inf).blocked
+seeds = st.integers(0, 10_000)
+
+
+def with_offsets(scenario: Scenario, position_m: float, heading_deg: float) -> Scenario:
+    moved = {"position_offset_m": position_m, "heading_offset_deg": heading_deg}
+    initial = tuple(pose.model_copy(update=moved) for pose in scenario.task.initial)
+    return scenario.model_copy(update={"task": scenario.task.model_copy(update={"initial": initial})})
+
+
+def draw_exploring(scenario: Scenario, seed: int, wall: float = math.inf) -> Start:
+    exploring = scenario.training.exploring_starts
+    assert exploring is not None
+    return exploring_start(scenario.task, exploring, np.random.default_rng(seed), Wall(wall).blocked)
+
+
+def test_poses_without_offset_are_exact_and_all_are_drawn() -> None:
+    sampler, rng = StartSampler(S2, OPEN), np.random.default_rng(0)
+    starts = [sampler.draw(rng) for _ in range(60)]
+    assert {start.index for start in starts} == {0, 1, 2}
+    for start in starts:
+        pose = S2.task.initial[start.index]
+        assert start.eta.tolist() == [pose.x_m, pose.y_m, math.radians(pose.heading_deg)]
+        assert (start.kind, start.phase, start.max_steps) == ("pose", 1, S2.task.max_steps)
+        assert not start.nu.any()
+
+
+def test_phase_and_goals_with_and_without_an_intermediate_pose() -> None:
+    pose = np.array([23.0, -10.0, 1.5])
+    assert given_start(S3.task, pose, 4).phase == 0
+    assert given_start(S3.task, pose, 4).index == 4
+    assert goal_poses(S3.task) == pytest.approx(np.array([[18, 3, math.radians(150)], [36, 0, math.pi]]))
+    assert given_start(S1.task, pose, 0).phase == 1
+    assert goal_poses(S1.task) == pytest.approx(np.array([[36, 0, math.pi]] * 2))
+
+
+@given(seed=seeds)
+def test_offsets_stay_within_their_bounds_and_in_free_water(seed: int) -> None:
+    scenario = with_offsets(S1, 3.0, 15.0)
+    start = StartSampler(scenario, Wall(21.0).blocked).draw(np.random.default_rng(seed))
+    off = np.abs(start.eta - [20, 2, math.radians(160)])
+    assert (off <= [3, 3, math.radians(15)]).all()
+    assert start.eta[0] <= 21
+
+
+def test_where_everything_is_blocked_the_initial_pose_stands() -> None:
+    scenario = with_offsets(S1, 3.0, 15.0)
+    start = StartSampler(scenario, Wall(-1e9).blocked).draw(np.random.default_rng(0))
+    assert start.eta.tolist() == [20, 2, math.radians(160)]
+    blocked_everywhere = draw_exploring(S1, 0, wall=-1e9)
+    assert blocked_everywhere.kind == "pose"
+    assert blocked_everywhere.max_steps == S1.task.max_steps
+
+
+@given(seed=seeds)
+def test_exploring_starts_lie_near_their_leg(seed: int) -> None:
+    start = draw_exploring(S3, seed)
+    initial = np.array([23, -10, math.pi / 2])
+    intermediate, final = start.goals
+    begin, end = (initial, intermediate) if start.phase == 0 else (intermediate, final)
+    along = np.clip((start.eta - begin)[:2] @ (end - begin)[:2] / ((end - begin)[:2] @ (end - begin)[:2]), 0, 1)
+    nearest = begin + along * (end - begin)
+    assert (np.abs((start.eta - nearest)[:2]) <= 2.3 * math.sqrt(2)).all()
+    low, high = sorted((begin[2], end[2]))
+    assert low - math.radians(26) <= start.eta[2] <= high + math.radians(26)
+    assert abs(start.nu[0]) <= 0.35
+    assert not start.nu[1:].any()
+    assert (start.kind, start.max_steps) == ("exploring", 200)
+
+
+def test_exploring_starts_cover_both_legs_their_length_and_both_directions() -> None:
+    starts = [draw_exploring(S3, seed) for seed in range(400)]
+    phases = np.array([start.phase for start in starts])
+    assert 140 < phases.sum() < 260
+    x = np.array([start.eta[0] for start in starts])[phases == 1]
+    assert np.histogram(x, bins=3, range=(18, 36))[0].min() > 40
+    surge = np.array([start.nu[0] for start in starts])
+    assert surge.min() < -0.3
+    assert surge.max() > 0.3
+
+
+def test_headings_turn_by_the_shorter_way_round() -> None:
+    """From -170 to 170 degrees through 180, not through 0."""
+    turned = S1.task.initial[0].model_copy(update={"heading_deg": -170.0})
+    final = S1.task.final.model_copy(update={"heading_deg": 170.0})
+    task = S1.task.model_copy(update={"initial": (turned,), "final": final})
+    scenario = S1.model_copy(update={"task": task})
+    headings = np.degrees([draw_exploring(scenario, seed).eta[2] for seed in range(200)])
+    assert (np.cos(np.radians(headings)) < math.cos(math.radians(180 - 10 - 26)) + 1e-12).all()
+
+
+@given(seed=seeds)
+def test_exploring_starts_avoid_obstacles(seed: int) -> None:
+    assert draw_exploring(S3, seed, wall=30.0).eta[0] <= 30
+
+
+def test_the_fraction_of_exploring_starts_is_the_scenarios() -> None:
+    rng = np.random.default_rng(1)
+    kinds = [StartSampler(S3, OPEN, exploring=True).draw(rng).kind for _ in range(400)]
+    assert 160 < kinds.count("exploring") < 240
+    plain = StartSampler(S3, OPEN)
+    assert {plain.draw(rng).kind for _ in range(50)} == {"pose"}
+
+
+def test_the_same_seed_draws_the_same_starts() -> None:
+    def draw() -> Floats:
+        rng = np.random.default_rng(7)
+        return np.stack([StartSampler(S3, OPEN, exploring=True).draw(rng).eta for _ in range(20)])
+
+    assert np.array_equal(draw(), draw())
+
+
+def test_random_evaluation_poses_are_bounded_free_and_do_not_depend_on_their_number() -> None:
+    many = random_poses(S1, Wall(20.5).blocked, episodes=50, seed=3)
+    around = S1.evaluation.random_starts
+    reach = [around.position_m, around.position_m, math.radians(around.heading_deg)]
+    assert (np.abs(many - [20, 2, math.radians(160)]) <= reach).all()
+    assert (many[:, 0] <= 20.5).all()
+    assert np.array_equal(random_poses(S1, Wall(20.5).blocked, episodes=5, seed=3), many[:5])
+    assert not np.array_equal(random_poses(S1, Wall(20.5).blocked, episodes=5, seed=4), many[:5])

@@ -1,0 +1,45 @@
+"""Worlds without meshes: open water, or a wall, and a LiDAR that is a formula."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from dockctl.runs.scene import Scene
+from dockctl.sim.simulator import World
+
+Floats = NDArray[np.float64]
+
+
+class Wall:
+    """An obstacle that fills the world east of `x_m`; a boat is a point, and nothing tells surface from inside."""
+
+    def __init__(self, x_m: float) -> None:
+        self.x_m = x_m
+
+    def collides(self, eta: Floats) -> NDArray[np.bool_]:
+        return eta[:, 0] > self.x_m
+
+    blocked = collides
+
+    def collided_part(self, eta: Floats) -> str | None:
+        return "wall" if eta[0] > self.x_m else None
+
+    def clearance(self, eta: Floats) -> Floats:
+        return np.maximum(self.x_m - eta[:, 0], 0.0)
+
+
+class Rings:
+    """Ranges that depend on the pose alone, and that count the boats scanned."""
+
+    def __init__(self, sectors: int = 8) -> None:
+        self.sectors, self.scanned = sectors, 0
+
+    def sector_ranges(self, eta: Floats) -> Floats:
+        self.scanned += len(eta)
+        return 30.0 + eta[:, :1] / 2 + np.arange(self.sectors) * np.abs(eta[:, 2:3])
+
+
+def walled(x_m: float = np.inf) -> World:
+    """Open water up to a wall at `x_m`."""
+    return World(Wall(x_m), Rings(), lambda: Scene("water", (), np.zeros((4, 2)), (0.0, 0.0, 50.0, 50.0)))
