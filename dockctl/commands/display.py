@@ -84,7 +84,8 @@ class TrainingDisplay:
             f"{progress.env_steps:>9,} of {self._training.total_steps:,} steps"
             f" | {self.steps_per_second or 0:,.0f} steps/s | at most {self._time_left(progress)} left"
             f" | docked {progress.recent_docked} of the last {min(100, progress.episodes)}"
-            f" | {outcomes(progress)} | epsilon {progress.epsilon:.3f} | loss {_number(progress.loss)} | best {best(progress)}"
+            f" | {outcomes(progress)} | epsilon {progress.epsilon:.3f}"
+            f" | loss {_number(progress.loss)} | best {best(progress)}"
         )
 
     def _panel(self, progress: Progress) -> Panel:

@@ -93,7 +93,7 @@ def carry_out(session: Session, device: str) -> str:
     scenario, training = loaded.scenario, loaded.scenario.training
     env = DockingVectorEnv(loaded, training.boats, exploring=True, world=session.world)
     play = player(loaded, session.world, test_poses(scenario))
-    (size,) = env.observation_space.shape[1:] if env.observation_space.shape else ()
+    size = len(env.observation_names)
     memory = Replay.bytes_needed(min(training.replay_capacity, training.total_steps), size)
     title = f"{scenario.name}, seed {training.seed}"
     console.print(f"{title}: {training.boats} boats, replay memory of at most {memory / 1e6:,.0f} MB")

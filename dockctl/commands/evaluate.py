@@ -1,0 +1,49 @@
+"""``dockctl evaluate``: how well does a policy dock?"""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+BELOW_MINIMUM = 1
+
+
+def evaluate(
+    ckpt: Annotated[
+        Path | None, typer.Option(help="Run folder or checkpoint; the latest run in ./runs if none is given.")
+    ] = None,
+    scenario: Annotated[
+        str | None,
+        typer.Option(help="Scenario to dock in, file or name; the one of the training by default."),
+    ] = None,
+    episodes: Annotated[
+        int | None, typer.Option(min=0, help="Random starts; as many as the scenario says by default.")
+    ] = None,
+    seed: Annotated[int | None, typer.Option(min=0, help="Of the random starts.")] = None,
+    min_success: Annotated[
+        float | None,
+        typer.Option(
+            min=0, max=1, help="Exit with 1 when fewer dock, of the test poses or of the random starts."
+        ),
+    ] = None,
+    json_: Annotated[Path | None, typer.Option("--json", help="Write the result here.")] = None,
+    csv: Annotated[Path | None, typer.Option(help="Write one row an episode here.")] = None,
+) -> None:
+    """Play greedy episodes from the scenario's test poses and from random starts around the initial poses.
+
+    The result is stored in the run folder too, when the policy lies in one.
+
+    Example: dockctl evaluate --ckpt runs/s3/20250101-120000-seed0 --episodes 200 --min-success 0.9
+    """
+    from dockctl.commands import evaluation
+
+    result = evaluation.measure(ckpt, scenario, episodes, seed, outputs=[p for p in (json_, csv) if p])
+    evaluation.store(result, json_, csv)
+    evaluation.show(result)
+    if min_success is not None and result.least_success < min_success:
+        typer.secho(
+            f"success {result.least_success:.0%} is below the asked {min_success:.0%}", fg="red", err=True
+        )
+        raise typer.Exit(BELOW_MINIMUM)

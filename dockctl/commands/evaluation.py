@@ -1,0 +1,235 @@
+"""An evaluation: find the policy and its scenario, play, store, and show."""
+
+from __future__ import annotations
+
+import json
+import math
+import os
+from collections.abc import Sequence
+from dataclasses import asdict, dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from rich import box
+from rich.console import Console
+from rich.table import Table
+
+from dockctl.agents.checkpoint import PolicyCard, find_policy, load_policy, require_shape
+from dockctl.agents.evaluator import Episode
+from dockctl.agents.policy import GreedyPolicy
+from dockctl.agents.summary import ending, summarize
+from dockctl.commands.inputs import load_checked
+from dockctl.commands.rooms import player, test_poses
+from dockctl.envs.vector import DockingVectorEnv
+from dockctl.errors import DockctlError
+from dockctl.runs.directory import SCENARIO, RunDirectory, write_atomically
+from dockctl.runs.tables import EVALUATION, Value, to_csv
+from dockctl.sim.simulator import build_world
+from dockctl.sim.starts import random_poses
+
+RUNS = Path("runs")
+MEANS = (
+    ("mean time", "time_s", "{:.1f} s"),
+    ("mean path", "path_length_m", "{:.1f} m"),
+    ("mean final δd", "distance_m", "{:.2f} m"),
+    ("mean final |δψ|", "heading_error_deg", "{:.1f}°"),
+    ("mean final speed", "speed_mps", "{:.3f} m/s"),
+    ("mean control changes", "control_changes", "{:.0%} of the steps"),
+)
+"""What is shown of the docked episodes: name, key of the summary, format."""
+
+
+@dataclass(frozen=True, eq=False)
+class Result:
+    """The episodes of an evaluation and what was evaluated where.
+
+    Attributes:
+        policy: JSON file of the policy.
+        run: the run folder that the policy lies in, if it does.
+        elsewhere: whether the scenario is another than that of the run.
+        seed: of the random starts.
+    """
+
+    policy: Path
+    card: PolicyCard
+    run: RunDirectory | None
+    scenario: str
+    elsewhere: bool
+    seed: int
+    control_period_s: float
+    from_test_poses: list[Episode]
+    from_random_starts: list[Episode]
+
+    @property
+    def least_success(self) -> float:
+        """The lower success of the two sorts of starts."""
+        groups = [group for group in (self.from_test_poses, self.from_random_starts) if group]
+        return min(sum(e.docked for e in group) / len(group) for group in groups)
+
+    def rows(self) -> list[dict[str, Value]]:
+        """Columns `dockctl.runs.tables.EVALUATION`."""
+        return [
+            {
+                "start_kind": kind,
+                "start": number,
+                "x_m": episode.start[0],
+                "y_m": episode.start[1],
+                "heading_deg": math.degrees(episode.start[2]),
+                **episode.row(),
+                "time_s": episode.steps * self.control_period_s,
+            }
+            for kind, episodes in (("pose", self.from_test_poses), ("random", self.from_random_starts))
+            for number, episode in enumerate(episodes)
+        ]
+
+    def as_json(self) -> dict[str, Any]:
+        return {
+            "policy": {"file": str(self.policy), **asdict(self.card)},
+            "scenario": self.scenario,
+            "random_seed": self.seed,
+            "test_poses": summarize(self.from_test_poses, self.control_period_s),
+            "random_starts": summarize(self.from_random_starts, self.control_period_s),
+            "episodes": self.rows(),
+        }
+
+
+def measure(
+    ckpt: Path | None, source: str | None, episodes: int | None, seed: int | None, outputs: Sequence[Path]
+) -> Result:
+    """Play the episodes of an evaluation.
+
+    Raises:
+        DockctlError: there is no policy, it does not fit the scenario, or an output cannot be written.
+    """
+    file = find_policy(RunDirectory.latest(RUNS).path if ckpt is None else ckpt)
+    network, card = load_policy(file)
+    run = _run_of(file)
+    for path in outputs:
+        if not path.absolute().parent.is_dir() or path.is_dir():
+            raise DockctlError(f"{path}: cannot be written: not a file name in an existing folder")
+    own = str(run.path / SCENARIO) if run else card.scenario
+    loaded = load_checked(source or own)
+    scenario, starts = loaded.scenario, loaded.scenario.evaluation.random_starts
+    world = build_world(loaded.scenario, loaded.base_dir)
+    env = DockingVectorEnv(loaded, 1, world=world)
+    require_shape(
+        card, len(env.observation_names), len(env.action_commands), where=file, scenario=scenario.name
+    )
+    tests = test_poses(scenario)
+    seed = starts.seed if seed is None else seed
+    count = starts.episodes if episodes is None else episodes
+    drawn = random_poses(scenario, world.obstacles.blocked, episodes=count, seed=seed)
+    with Console(stderr=True).status(f"{len(tests) + count} episodes on '{scenario.name}'"):
+        played = player(loaded, world, np.concatenate([tests, drawn]))(GreedyPolicy(network))
+    return Result(
+        policy=file,
+        card=card,
+        run=run,
+        scenario=scenario.name,
+        elsewhere=source is not None and scenario.name != card.scenario,
+        seed=seed,
+        control_period_s=scenario.vessel.control_period_s,
+        from_test_poses=played[: len(tests)],
+        from_random_starts=played[len(tests) :],
+    )
+
+
+def _run_of(policy: Path) -> RunDirectory | None:
+    """The run folder of ``<run>/checkpoints/<name>/policy.json``."""
+    parents = policy.absolute().parents
+    is_run = len(parents) > 2 and (parents[2] / SCENARIO).is_file()
+    return RunDirectory(parents[2]) if is_run else None
+
+
+def store(result: Result, json_file: Path | None, csv_file: Path | None) -> None:
+    """Write the files that were asked for, and the run folder's own.
+
+    Raises:
+        DockctlError: one cannot be written.
+    """
+    as_json = (json.dumps(result.as_json(), indent=2) + "\n").encode()
+    as_csv = to_csv(result.rows(), EVALUATION).encode()
+    if json_file:
+        write_atomically(json_file, as_json)
+    if csv_file:
+        write_atomically(csv_file, as_csv)
+    if result.run is None:
+        return
+    if not os.access(result.run.path, os.W_OK):
+        Console(stderr=True).print(f"note: {result.run.path} is read-only, the result is not stored in it")
+        return
+    stem = f"evaluation-{result.scenario}" if result.elsewhere else "evaluation"
+    write_atomically(result.run.path / f"{stem}.json", as_json)
+    write_atomically(result.run.path / f"{stem}.csv", as_csv)
+
+
+def show(result: Result) -> None:
+    """Print what came of it."""
+    console, card = Console(), result.card
+    console.print(
+        f"Policy {result.policy} (trained on '{card.scenario}', seed {card.seed}, {card.env_steps:,} steps)"
+        f" on scenario '{result.scenario}'",
+        soft_wrap=True,
+        highlight=False,
+    )
+    console.print(_episode_table(result.from_test_poses, result.control_period_s))
+    console.print(_summary_table(result))
+
+
+def _episode_table(episodes: Sequence[Episode], control_period_s: float) -> Table:
+    table = Table(title="Test poses", title_justify="left", header_style="bold", box=box.SIMPLE_HEAD)
+    table.add_column("start\n[dim]x, y m, heading °", no_wrap=True)
+    table.add_column("ending", overflow="fold")
+    for name, unit in (
+        ("time", "s"), ("δd", "m"), ("δψ", "°"), ("speed", "m/s"), ("path", "m"), ("clear", "m"), ("changes", ""),
+    ):  # fmt: skip
+        table.add_column(f"{name}\n[dim]{unit}", justify="right", no_wrap=True)
+    for episode in episodes:
+        x, y, heading = episode.start
+        row = episode.row()
+        table.add_row(
+            f"{x:g}, {y:g}, {math.degrees(heading):.4g}",
+            f"[{'green' if episode.docked else 'red'}]{ending(episode)}[/]",
+            f"{episode.steps * control_period_s:g}",
+            f"{row['distance_m']:.2f}",
+            f"{row['heading_error_deg']:+.1f}",
+            f"{row['speed_mps']:.3f}",
+            f"{row['path_length_m']:.1f}",
+            f"{episode.clearance_m:.2f}",
+            f"{episode.control_changes:.0%}",
+        )
+    return table
+
+
+def _summary_table(result: Result) -> Table:
+    groups = {
+        "test poses": result.from_test_poses,
+        f"random starts, seed {result.seed}": result.from_random_starts,
+    }
+    table = Table(header_style="bold", box=box.SIMPLE_HEAD)
+    table.add_column("")
+    columns = []
+    for title, episodes in groups.items():
+        if episodes:
+            table.add_column(title, justify="right")
+            columns.append(_summary_cells(summarize(episodes, result.control_period_s)))
+    for name in dict.fromkeys(name for cells in columns for name in cells):
+        table.add_row(name, *(cells.get(name, "-") for cells in columns))
+    return table
+
+
+def _summary_cells(summary: dict[str, Any]) -> dict[str, str]:
+    low, high = summary["success_interval_95"]
+    clearance, means = summary["least_clearance_m"], summary["mean_of_docked"] or {}
+    cells = {
+        "docked": f"{summary['docked']} of {summary['episodes']}",
+        "success": f"[bold]{summary['success']:.1%}[/]",
+        "95 % interval": f"{low:.1%} to {high:.1%}",
+        **{kind: str(count) for kind, count in summary["endings"].items() if kind != "docked"},
+        "least clearance": "-" if clearance is None else f"{clearance:.2f} m",
+    }
+    for name, key, form in MEANS:
+        if key in means:
+            cells[name] = form.format(means[key])
+    return cells
