@@ -22,13 +22,13 @@ def load_checked(
         DockctlError: the scenario or a plugin does not exist.
     """
     from dockctl.scenarios.loader import load
+    from dockctl.sim.checks import check_poses
 
     loaded = load(source, overrides=overrides, plugin_files=plugin_files)
     try:
-        from dockctl.sim.checks import check_poses
-    except ModuleNotFoundError:
-        return loaded
-    found = check_poses(loaded.scenario, loaded.base_dir)
+        found = check_poses(loaded.scenario, loaded.base_dir)
+    except InputError as error:  # a mesh file, which knows the field that names it but not the line
+        found = [(problem.field, f"{problem.file} {problem.message}") for problem in error.problems]
     if found:
-        raise InputError(loaded.problem(path, message) for path, message in found)
+        raise InputError(loaded.problem(path, message) for path, message in found) from None
     return loaded

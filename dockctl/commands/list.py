@@ -71,12 +71,12 @@ def _describe(entry: Entry[Any], sort: Sort) -> tuple[str, str, str]:
 
 
 def _describe_file(path: Path, sort: Sort) -> tuple[str, str, str]:
-    from dockctl.commands.validate import summary
+    from dockctl.commands.validate import phases, summary
     from dockctl.scenarios import catalog, loader
 
     if sort is Sort.scenarios:
         scenario = loader.load(path).scenario
-        return "two phases" if scenario.task.intermediate else "one phase", scenario.title, summary(scenario)
+        return phases(scenario), scenario.title, summary(scenario)
     if sort is Sort.vessels:
         vessel = loader.load_vessel(path)
         size = f"{vessel.hull.length_m:g} x {vessel.hull.beam_m:g} m, {vessel.mass_kg:g} kg"

@@ -46,19 +46,23 @@ def validate(
             for line in str(error).splitlines():
                 typer.secho(f"error: {line}", fg="red", err=True)
         else:
-            typer.echo(f"{typer.style('ok', fg='green')} {source}: {summary(loaded.scenario)}")
+            typer.echo(f"{typer.style('ok', fg='green')} {source}: {phases(loaded.scenario)}, {summary(loaded.scenario)}")
     if failures:
         raise typer.Exit(DockctlError.exit_code)
 
 
+def phases(scenario: Scenario) -> str:
+    """Say whether the way leads through an intermediate pose."""
+    return "two phases" if scenario.task.intermediate else "one phase"
+
+
 def summary(scenario: Scenario) -> str:
     """Return one line that tells what a scenario holds."""
-    task, training = scenario.task, scenario.training
-    poses = f"{_count(len(task.initial), 'start')}, {'two phases' if task.intermediate else 'one phase'}"
+    starts = _count(len(scenario.task.initial), "start")
     parts = _count(len(scenario.observation), "observation part")
     terms = _count(len(scenario.reward.terms), "reward term")
-    boats = f"{scenario.vessel.name} in {scenario.harbor.name}, {_count(training.boats, 'boat')} in training"
-    return f"{poses}; {parts}, {terms}; {boats}"
+    boats = f"{scenario.vessel.name} in {scenario.harbor.name}, {_count(scenario.training.boats, 'boat')} in training"
+    return f"{starts}, {parts}, {terms}; {boats}"
 
 
 def _count(number: int, noun: str) -> str:

@@ -42,11 +42,11 @@ def find(registry: Registry[Path], text: str, directory: Path) -> tuple[Path, st
     path = directory / text
     there = _on_disk(path)
     if there and (path.is_file() or path.suffix in SUFFIXES or text not in registry):
-        return path, shown(path)
+        return path, os.path.normpath(path)
     if path.suffix in SUFFIXES:
-        known = ", ".join(sorted(registry.names()))
-        raise DockctlError(f"there is no file {shown(path)}; {registry.noun}s known by name: {known}")
-    path = registry.get(text).value
+        known = f"{registry.noun}s known by name: {', '.join(sorted(registry.names()))}"
+        raise DockctlError(f"there is no file {os.path.normpath(path)}; {known}")
+    path = Path(registry.get(text).value)
     return path, shown(path)
 
 

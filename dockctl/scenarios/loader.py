@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, field
 from functools import reduce
@@ -154,16 +155,16 @@ def _by_place(problem: Problem) -> tuple[str, int, int]:
     return problem.file, problem.line, problem.column
 
 
-def _read(path: Path, shown: str, registry: Registry[Path], chain: tuple[Path, ...]) -> Node:
+def _read(path: Path, shown: str, registry: Registry[Path], chain: tuple[str, ...]) -> Node:
     """Read a file and lay it on what it extends."""
     tree = _expanded(read_file(path, shown), path.parent)
     extends = tree.get("extends")
     if extends is None:
         return tree
     tree = tree.without("extends")
-    chain = (*chain, path.resolve())
+    chain = (*chain, os.path.realpath(path))
     parent_path, parent_shown = _find(registry, extends, path.parent)
-    if parent_path.resolve() in chain:
+    if os.path.realpath(parent_path) in chain:
         raise refusal(extends.place, f"'{extends.value}' extends this file again, in a circle", "extends")
     parent = _read(parent_path, parent_shown, registry, chain)
     return merge(parent.without(*OWN_KEYS), tree)
@@ -197,7 +198,7 @@ def _expanded(tree: Node, directory: Path) -> Node:
 def _absolute(node: Node, directory: Path) -> Node:
     """Make the texts of a list, or the ``path`` of a mapping, absolute paths."""
     if isinstance(node.value, str):
-        return Node(str((directory / node.value).resolve()), node.place)
+        return Node(os.path.realpath(directory / node.value), node.place)
     if isinstance(node.value, list):
         return Node([_absolute(item, directory) for item in node.value], node.place)
     path = node.get("path")
@@ -261,9 +262,9 @@ def _load_part(source: str | Path, registry: Registry[Path], model: type[P]) -> 
 
 def _load_plugins(tree: Node) -> Iterable[Problem]:
     listed = tree.get("plugins")
-    for node in listed.value if listed and isinstance(listed.value, list) else ():
+    for index, node in enumerate(listed.value if listed and isinstance(listed.value, list) else ()):
         if isinstance(node.value, str):
             try:
                 plugins.load_file(Path(node.value))
             except DockctlError as error:
-                yield node.place.problem(str(error), "plugins")
+                yield node.place.problem(str(error), f"plugins.{index}")

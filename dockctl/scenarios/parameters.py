@@ -8,6 +8,7 @@ from collections.abc import Iterator
 from typing import Any, get_type_hints
 
 from pydantic import TypeAdapter, ValidationError
+from pydantic.errors import PydanticSchemaGenerationError
 
 from dockctl.errors import DockctlError, Problem
 from dockctl.registry import OBSERVATION_PARTS, REWARD_TERMS, Entry, Function, Registry
@@ -66,8 +67,7 @@ def _check(
     for key, value in given.items():
         spot = locate(tree, [*steps, "params", key])
         if key not in entry.parameters:
-            noun = f"parameter of the {registry.noun} '{name}'"
-            yield spot.problem(unknown_key(key, list(entry.parameters), noun), at_key=True)
+            yield spot.problem(unknown_key(key, list(entry.parameters), "parameter"), at_key=True)
         elif complaint := _type_complaint(entry, key, value):
             yield spot.problem(complaint)
     for key, default in entry.parameters.items():
@@ -80,10 +80,11 @@ def _type_complaint(entry: Entry[Function], key: str, value: Any) -> str:
     """Return what is wrong with the type of a parameter, or nothing; as in JSON, a list fits a tuple."""
     try:
         hint = get_type_hints(entry.value).get(key, Any)
-    except NameError:  # the plugin's annotations name what it imports for type checkers alone
+        adapter = TypeAdapter(hint)
+    except (NameError, PydanticSchemaGenerationError):  # names for type checkers alone, or no plain type
         return ""
     try:
-        TypeAdapter(hint).validate_json(json.dumps(value), strict=True)
+        adapter.validate_json(json.dumps(value), strict=True)
     except ValidationError as error:
         return "; ".join(message(detail) for detail in error.errors(include_url=False))
     return ""

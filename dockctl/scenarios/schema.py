@@ -15,7 +15,7 @@ from dockctl.scenarios.vessel import Vessel
 
 
 class StartPose(Pose):
-    """An initial pose with an optional uniform offset: +- position_offset_m in x and y, +- heading_offset_deg."""
+    """An initial pose, drawn uniformly within +- position_offset_m in x and y and +- heading_offset_deg."""
 
     position_offset_m: NonNegative = 0.0
     heading_offset_deg: NonNegative = 0.0
@@ -88,7 +88,7 @@ class Reward(Model):
     @model_validator(mode="before")
     @classmethod
     def _terms_by_name(cls, given: Any) -> Any:
-        """``{distance: -150, mine: {term: speed, weight: -10}}`` becomes a list of terms; null removes one."""
+        """``{distance: -150, mine: {term: speed, weight: -10}}`` becomes a list; null removes a term."""
         if isinstance(given, dict) and isinstance(terms := given.get("terms"), dict):
             listed = []
             for name, value in terms.items():
@@ -118,7 +118,7 @@ class ObservationPart(Model):
 
 
 class Scenario(Model):
-    """A docking task with everything around it; the one input of the simulator, the environment and the trainer."""
+    """A docking task with all around it; the one input of simulator, environment and trainer."""
 
     name: str = Field(pattern=r"^[A-Za-z0-9][A-Za-z0-9_.-]*$", max_length=64)
     title: str = ""
@@ -136,8 +136,8 @@ class Scenario(Model):
 
     @model_validator(mode="after")
     def _commands_within_limits(self) -> Self:
-        if max(map(abs, self.actions.propeller_n)) > self.vessel.max_propeller_n:
-            raise ValueError(f"actions.propeller_n exceeds the vessel's max_propeller_n, {self.vessel.max_propeller_n}")
-        if max(map(abs, self.actions.rudder_deg)) > self.vessel.max_rudder_deg:
-            raise ValueError(f"actions.rudder_deg exceeds the vessel's max_rudder_deg, {self.vessel.max_rudder_deg}")
+        for actuator in ("propeller_n", "rudder_deg"):
+            limit = getattr(self.vessel, f"max_{actuator}")
+            if max(map(abs, getattr(self.actions, actuator))) > limit:
+                raise ValueError(f"actions.{actuator} exceeds the vessel's max_{actuator}, {limit:g}")
         return self

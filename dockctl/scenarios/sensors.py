@@ -8,7 +8,10 @@ from dockctl.scenarios.base import Count, Model, Number, Positive
 
 
 class LidarMount(Model):
-    """Where a LiDAR sits in the body frame; ``R = Rz(yaw) Ry(pitch) Rx(roll)`` (eq. 3.2), pitch > 0 looks down."""
+    """Where a LiDAR sits in the body frame: ``R = Rz(yaw) Ry(pitch) Rx(roll)`` (eq. 3.2).
+
+    Pitch > 0 looks down.
+    """
 
     roll_deg: Number = 0.0
     pitch_deg: Number

@@ -28,7 +28,7 @@ class ExploringStarts(Model):
 
 
 class StopRule(Model):
-    """Training is over when `docked` of the last `episodes` training episodes docked and the greedy policy docks."""
+    """Training ends when `docked` of the last `episodes` episodes docked and the greedy policy docks."""
 
     docked: Count = 95
     episodes: Count = 100
@@ -77,7 +77,7 @@ class Training(Model):
     warmup_steps: Count = Field(default=5_000, description="environment steps before the first update")
     batch_size: Count = 256
     steps_per_update: Count = Field(default=16, description="environment steps for each update")
-    target_update_interval: Count = Field(default=100, description="updates between copies to the target network")
+    target_update_interval: Count = Field(default=100, description="updates between target copies")
     optimizer: Literal["adam", "rmsprop"] = "adam"
     learning_rate: Positive = 5e-4
     final_learning_rate: Positive = Field(default=5e-5, description="reached linearly at total_steps")
@@ -111,5 +111,3 @@ class Evaluation(Model):
 
     poses: tuple[Pose, ...] = Field(default=(), description="test poses; the initial poses where empty")
     random_starts: RandomStarts = RandomStarts()
-
-

@@ -16,6 +16,9 @@ from dockctl.scenarios.yamltree import Node, Place, described
 
 Step = str | int
 
+TAGS = ("kind", "side")
+"""Keys whose value says which of several models a mapping is."""
+
 EXPECTED = {
     "float_type": "a number",
     "int_type": "a whole number",
@@ -32,8 +35,8 @@ EXPECTED = {
     "less_than": "a number less than {lt:g}",
     "less_than_equal": "a number of at most {le:g}",
     "finite_number": "a finite number",
-    "too_short": "at least {min_length} of them",
-    "too_long": "at most {max_length} of them",
+    "too_short": "at least {min_length} item",
+    "too_long": "at most {max_length} items",
     "string_too_long": "at most {max_length} characters",
     "string_pattern_mismatch": "letters, digits, dots, dashes and underscores, a letter or digit first",
     "literal_error": "{expected}",
@@ -53,7 +56,7 @@ class Spot:
     def problem(self, message: str, *, at_key: bool = False) -> Problem:
         """Return a problem at the value, or at the key; an absent field is placed at the key of its owner."""
         place = self.key if at_key or self.node is None else self.place
-        return place.problem(message, "" if place.file == f"--set {self.path}" else self.path)
+        return place.problem(message, self.path)
 
 
 def locate(tree: Node, steps: Sequence[Step]) -> Spot:
@@ -85,8 +88,8 @@ def _descend(spot: Spot, node: Node, step: Step) -> Spot:
     if step in ("part", "params") and len(value) == 1:  # the short form `- lidar: {cap_m: 20}`
         ((name, params),) = value.items()
         return child(name, params, node.keys[name])
-    kind = value.get("kind")
-    return spot if kind is not None and kind.value == step else child(step, None)
+    is_tag = any(tag in value and value[tag].value == step for tag in TAGS)
+    return spot if is_tag else child(step, None)
 
 
 def problems(error: ValidationError, tree: Node, model: type[BaseModel]) -> Iterator[Problem]:
@@ -100,10 +103,24 @@ def problems(error: ValidationError, tree: Node, model: type[BaseModel]) -> Iter
         if detail["type"] == "extra_forbidden":
             known = [name for owner in models for name in owner.model_fields]
             yield spot.problem(unknown_key(spot.path.rpartition(".")[2], known), at_key=True)
-        elif detail["type"] == "missing":
+        elif detail["type"] == "missing" or (detail["type"] == "model_type" and detail["input"] is None):
             yield spot.problem(_missing(str(detail["loc"][-1]), models))
+        elif detail["type"] == "union_tag_not_found":
+            tag = detail["ctx"]["discriminator"].strip("'")
+            models = _models_at(model, detail["loc"])
+            choices = [choice for owner in models for choice in _choices(owner, tag)]
+            yield spot.problem(f"the key '{tag}' is missing (one of: {', '.join(choices)})")
         else:
-            yield spot.problem(message(detail, spot.path))
+            yield _named(spot, tree, detail).problem(message(detail, spot.path))
+
+
+def _named(spot: Spot, tree: Node, detail: ErrorDetails) -> Spot:
+    """Return the field that the message of a whole model's check begins with, where it does."""
+    if detail["type"] != "value_error":
+        return spot
+    first = str(detail["ctx"]["error"]).split()[0].rstrip(":")
+    inner = locate(tree, [*detail["loc"], *first.split(".")])
+    return inner if inner.node is not None else spot
 
 
 def _lies_in(inner: Sequence[Step], outer: Sequence[Step]) -> bool:
@@ -111,6 +128,7 @@ def _lies_in(inner: Sequence[Step], outer: Sequence[Step]) -> bool:
 
 
 def unknown_key(key: str, known: Sequence[str], noun: str = "key") -> str:
+    """Say that `key` is unknown, the nearest known one, and all of them."""
     return f"unknown {noun} '{key}'{nearest(key, known)} (known: {', '.join(sorted(known)) or 'none'})"
 
 
@@ -120,20 +138,21 @@ def message(detail: ErrorDetails, path: str = "") -> str:
     kind, found = detail["type"], detail["input"]
     if kind == "value_error":
         return str(context["error"])
-    if kind in ("union_tag_not_found", "union_tag_invalid"):
-        tag = found.get("kind") if isinstance(found, dict) else found
-        return f"found {described(tag)} as kind, expected {context.get('expected_tags', 'marina or meshes')}"
+    if kind == "union_tag_invalid":
+        choice, choices = context["tag"], context["expected_tags"]
+        tag = context["discriminator"].strip("'")
+        return f"found {described(choice)} as {tag}, expected {choices}{nearest(choice, _quoted(choices))}"
     expected = EXPECTED.get(kind)
     if expected is None:
         return f"found {described(found)}: {detail['msg']}"
-    close = nearest(found, _literals(context)) if isinstance(found, str) else ""
+    close = nearest(found, _quoted(context.get("expected", ""))) if isinstance(found, str) else ""
     if kind == "greater_than" and "tolerance" in path:
-        close = "; a tolerance of zero can never be reached"
+        close = "; a tolerance of zero or less can never be reached"
     return f"found {described(found)}, expected {expected.format(**context)}{close}"
 
 
-def _literals(context: Mapping[str, Any]) -> list[str]:
-    return str(context.get("expected", "")).split("'")[1::2]
+def _quoted(words: object) -> list[str]:
+    return str(words).split("'")[1::2]
 
 
 def _missing(key: str, owners: Sequence[type[BaseModel]]) -> str:
@@ -163,8 +182,12 @@ def _models_at(model: type[BaseModel], steps: Sequence[Step]) -> list[type[BaseM
         if fields:
             models = [inner for info in fields for inner in _models_in(info.annotation)]
         else:  # the tag of a union
-            models = [owner for owner in models if step in get_args(owner.model_fields["kind"].annotation)]
+            models = [owner for owner in models if any(step in _choices(owner, tag) for tag in TAGS)]
     return models
+
+
+def _choices(model: type[BaseModel], field: str) -> tuple[Any, ...]:
+    return get_args(model.model_fields[field].annotation) if field in model.model_fields else ()
 
 
 def _models_in(annotation: Any) -> list[type[BaseModel]]:

@@ -41,7 +41,7 @@ class Vessel(Model):
     N_v_kgmps: Number = 0.0
     N_r_kgm2ps: NonNegative
     N_rr_kgm2: NonNegative
-    propeller_arm_m: Positive = Field(description="from the centre of gravity aft to the propeller, a in eq. 2.23")
+    propeller_arm_m: Positive = Field(description="from the centre of gravity aft to the propeller, a")
     max_propeller_n: Positive = 50.0
     max_rudder_deg: Positive = Field(default=30.0, le=90.0)
     control_period_s: Positive = 0.5
@@ -53,5 +53,5 @@ class Vessel(Model):
         sway = self.mass_kg - self.Y_vdot_kg
         yaw = self.yaw_inertia_kgm2 - self.N_rdot_kgm2
         if surge <= 0 or sway * yaw - self.Y_rdot_kgm**2 <= 0:
-            raise ValueError("the inertia matrix (eq. 2.17) is not positive definite; added masses are negative numbers")
+            raise ValueError("the inertia matrix (eq. 2.17) is not positive definite; added mass is negative")
         return self

@@ -32,6 +32,8 @@ class Place:
     column: int = 0
 
     def problem(self, message: str, path: str = "") -> Problem:
+        """Return a problem that stands here; an override already names its field as its file."""
+        path = "" if self.file == f"--set {path}" else path
         return Problem(self.file, self.line, self.column, path, message)
 
 
@@ -127,9 +129,9 @@ def described(value: object) -> str:
     if isinstance(value, str):
         return f"the text '{value if len(value) <= 40 else value[:37] + '...'}'"
     if isinstance(value, dict):
-        return "a mapping"
+        return "a mapping" if value else "an empty mapping"
     if isinstance(value, list | tuple):
-        return "a list"
+        return "a list" if value else "an empty list"
     return f"{value:.6g}" if isinstance(value, float) and abs(value) >= 1e16 else str(value)[:40]
 
 
@@ -208,7 +210,9 @@ class _Builder:
             key_place = _place(self.shown, key_node.start_mark)
             if not isinstance(key_node, yaml.ScalarNode):
                 raise refusal(key_place, "a key must be a plain name")
-            key = str(key_node.value)
+            key = _text(key_node, key_place)
+            if key == "<<":
+                raise refusal(key_place, "merge keys (<<) are not supported; use extends")
             if key in values:
                 raise refusal(key_place, f"the key '{key}' stands twice; first in line {keys[key].line}")
             values[key] = self.build(value_node, depth + 1)
@@ -216,8 +220,16 @@ class _Builder:
         return Node(values, place, keys)
 
 
-def _scalar(node: yaml.ScalarNode, place: Place) -> Scalar:
+def _text(node: yaml.ScalarNode, place: Place) -> str:
+    """Return the text of a scalar; escapes may name characters that no file name or terminal takes."""
     text = str(node.value)
+    if bad := re.search("[\0\ud800-\udfff]", text):
+        raise refusal(place, f"is not text: character {_code(bad[0])}")
+    return text
+
+
+def _scalar(node: yaml.ScalarNode, place: Place) -> Scalar:
+    text = _text(node, place)
     kind = node.tag.removeprefix("tag:yaml.org,2002:")
     if kind == "str":
         return text
@@ -227,7 +239,7 @@ def _scalar(node: yaml.ScalarNode, place: Place) -> Scalar:
             return None
         if kind == "bool":
             return text.lower() == "true"
-        if kind == "int" and len(digits) <= 30:
+        if kind == "int" and len(digits) <= 18:
             return int(digits, 0 if digits[:2] in ("0o", "0x") else 10)
         if kind == "float" and "n" not in digits.lower() and math.isfinite(float(digits)):
             return float(digits)

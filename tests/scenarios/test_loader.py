@@ -1,0 +1,364 @@
+"""Extending, overriding, names and paths, and the way back to YAML."""
+
+from __future__ import annotations
+
+import json
+import os
+from contextlib import suppress
+from pathlib import Path
+from typing import Any
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from dockctl.errors import DockctlError, InputError
+from dockctl.scenarios import catalog, loader
+from dockctl.scenarios.schema import Pose, Scenario
+from dockctl.scenarios.training import THESIS
+
+CATALOG = ["s1", "s2", "s2-poses", "s3", "s3-appendix-b", "s3-opposite"]
+
+
+def write(folder: Path, text: str, name: str = "x.yaml") -> Path:
+    path = folder / name
+    path.write_text(text)
+    return path
+
+
+def load(folder: Path, text: str, *overrides: str) -> Scenario:
+    return loader.load(write(folder, text), overrides=overrides).scenario
+
+
+def refused(folder: Path, text: str, *overrides: str) -> list[str]:
+    with pytest.raises(InputError) as caught:
+        load(folder, text, *overrides)
+    return [str(problem).replace(f"{folder}{os.sep}", "") for problem in caught.value.problems]
+
+
+def poses(given: Any) -> list[tuple[float, float, float]]:
+    return [(pose.x_m, pose.y_m, pose.heading_deg) for pose in given]
+
+
+def weights(scenario: Scenario) -> dict[str, float]:
+    return {term.term: term.weight for term in scenario.reward.terms}
+
+
+def test_scenario_1_is_the_thesis() -> None:
+    scenario = loader.load("s1").scenario
+    assert poses(scenario.task.initial) == [(20, 2, 160)]
+    assert scenario.task.intermediate is None
+    assert poses([scenario.task.final]) == [(36, 0, 180)]
+    tolerance = scenario.task.final_tolerance
+    assert (tolerance.distance_m, tolerance.heading, tolerance.speed_mps) == (1.0, 0.07, 0.1)
+    assert scenario.reward.distance_unit_m == 20
+    assert weights(scenario) == {
+        "collision": -30_000,
+        "final": 30_000,
+        "distance": -150,
+        "orientation": -100,
+        "speed": -20,
+    }
+    assert [part.part for part in scenario.observation] == [
+        "distance",
+        "heading_error",
+        "velocity",
+        "command",
+        "lidar",
+    ]
+
+
+def test_scenario_2_starts_from_table_3_6_and_is_tested_from_table_4_3() -> None:
+    scenario = loader.load("s2").scenario
+    table_4_3 = [(20, 3, 150), (20, 2, 160), (20, 1, 170), (20, 0, 180), (20, -1, 190)]
+    assert poses(scenario.task.initial) == [(20, 2, 160), (20, 0, 180), (20, -2, 200)]
+    assert poses(scenario.evaluation.poses) == table_4_3
+    assert poses(loader.load("s2-poses").scenario.task.initial) == table_4_3
+
+
+def test_scenario_3_has_two_phases() -> None:
+    scenario = loader.load("s3").scenario
+    assert poses([*scenario.task.initial, scenario.task.intermediate, scenario.task.final]) == [
+        (23, -10, 90),
+        (18, 3, 150),
+        (36, 0, 180),
+    ]
+    assert weights(scenario) == {**weights(loader.load("s1").scenario), "intermediate": 30_000, "speed": -10}
+    assert [term.params for term in scenario.reward.terms if term.term == "speed"] == [{"floor": 0.02}]
+    assert scenario.observation[0].part == "phase"
+    opposite = loader.load("s3-opposite").scenario.task
+    assert poses([*opposite.initial, opposite.intermediate, opposite.final]) == [
+        (21, -11, 90),
+        (25, 0, 50),
+        (7, -2, 0),
+    ]
+
+
+def test_eilbrecht_is_table_3_1() -> None:
+    vessel = loader.load_vessel("eilbrecht")
+    assert (vessel.mass_kg, vessel.yaw_inertia_kgm2, vessel.propeller_arm_m) == (150, 68.2, 1.5)
+    assert (vessel.X_udot_kg, vessel.Y_vdot_kg, vessel.Y_rdot_kgm, vessel.N_rdot_kgm2) == (
+        -18.3,
+        -120.6,
+        0,
+        -31.8,
+    )
+    assert (vessel.X_u_kgps, vessel.X_uu_kgpm, vessel.Y_v_kgps, vessel.Y_vv_kgpm) == (94.2, 66, 395.8, 395.8)
+    assert (vessel.N_r_kgm2ps, vessel.N_rr_kgm2, vessel.Y_r_kgmps, vessel.N_v_kgmps) == (
+        942.5,
+        245.1,
+        245.1,
+        0,
+    )
+    assert (vessel.hull.length_m, vessel.hull.beam_m, vessel.hull.draft_m) == (3, 1, 0.3)
+
+
+def test_a_file_inherits_all_but_its_name(tmp_path: Path) -> None:
+    scenario = load(tmp_path, "extends: s1\ntask: {max_steps: 7}\n")
+    parent = loader.load("s1").scenario
+    assert (scenario.name, scenario.title, scenario.description) == ("x", "", "")
+    assert scenario.task == parent.task.model_copy(update={"max_steps": 7})
+    assert scenario.reward == parent.reward
+
+
+def test_extends_a_path_relative_to_the_file(tmp_path: Path) -> None:
+    (tmp_path / "below").mkdir()
+    write(tmp_path, "extends: s1\ntask: {max_steps: 7}\n", "parent.yaml")
+    child = write(tmp_path / "below", "extends: ../parent.yaml\ntask: {final: {y_m: 0.5}}\n")
+    task = loader.load(child).scenario.task
+    assert (task.max_steps, task.final) == (7, Pose(x_m=36.0, y_m=0.5, heading_deg=180.0))
+
+
+def test_an_inherited_error_names_the_file_it_stands_in(tmp_path: Path) -> None:
+    write(tmp_path, "extends: s1\ntask:\n  max_steps: -1\n", "parent.yaml")
+    assert refused(tmp_path, "extends: parent.yaml\ntask: {final: {y_m: x}}\n") == [
+        "parent.yaml:3:14: task.max_steps: found -1, expected a number of at least 1",
+        "x.yaml:2:21: task.final.y_m: found the text 'x', expected a number",
+    ]
+
+
+def test_a_circle_is_refused(tmp_path: Path) -> None:
+    write(tmp_path, "extends: x.yaml\n", "parent.yaml")
+    assert refused(tmp_path, "name: x\nextends: parent.yaml\n") == [
+        "parent.yaml:1:10: extends: 'x.yaml' extends this file again, in a circle"
+    ]
+
+
+def test_lists_replace_and_null_removes_a_term(tmp_path: Path) -> None:
+    scenario = load(
+        tmp_path, "extends: s1\nreward: {terms: {speed: null, distance: -1}}\nobservation: [lidar]\n"
+    )
+    assert weights(scenario) == {"collision": -30_000, "final": 30_000, "distance": -1, "orientation": -100}
+    assert [part.part for part in scenario.observation] == ["lidar"]
+
+
+def test_a_number_on_a_term_keeps_its_parameters(tmp_path: Path) -> None:
+    (speed,) = (
+        t
+        for t in load(tmp_path, "extends: s1\nreward: {terms: {speed: -3}}").reward.terms
+        if t.term == "speed"
+    )
+    assert (speed.weight, speed.params) == (-3, {"floor": 0.02})
+
+
+def test_metres_are_one_line_away(tmp_path: Path) -> None:
+    assert load(tmp_path, "extends: s1\nreward: {distance_unit_m: 1}").reward.distance_unit_m == 1
+
+
+def test_a_preset_inherits_nothing(tmp_path: Path) -> None:
+    write(tmp_path, "extends: s1\ntraining: {batch_size: 64, total_steps: 9}\n", "parent.yaml")
+    for training in (
+        load(tmp_path, "extends: parent.yaml\ntraining: {preset: thesis, seed: 4}").training,
+        load(tmp_path, "extends: parent.yaml", "training.seed=4", "training.preset=thesis").training,
+    ):
+        assert training.seed == 4
+        assert training.model_dump(include=set(THESIS)) == THESIS
+
+
+def test_another_kind_of_harbor_inherits_nothing(tmp_path: Path) -> None:
+    harbor = load(tmp_path, "extends: s1\nharbor: {kind: meshes, meshes: [{path: a/b.obj}]}").harbor
+    assert harbor.kind == "meshes"
+    assert [mesh.path for mesh in harbor.meshes] == [str(tmp_path / "a" / "b.obj")]
+
+
+def test_a_vessel_of_ones_own(tmp_path: Path) -> None:
+    write(tmp_path, "extends: eilbrecht\nname: light\nmass_kg: 80\n", "light.yaml")
+    assert load(tmp_path, "extends: s1\nvessel: light.yaml\n").vessel.mass_kg == 80
+    assert load(tmp_path, "extends: s1\nvessel: {mass_kg: 99}\n").vessel.mass_kg == 99
+    assert loader.load_vessel(tmp_path / "light.yaml").name == "light"
+
+
+def test_paths_count_from_the_file_that_names_them(tmp_path: Path) -> None:
+    (tmp_path / "a").mkdir()
+    write(tmp_path / "a", "kind: meshes\nmeshes: [{path: quay.stl}]\n", "harbor.yaml")
+    harbor = load(tmp_path, "extends: s1\nharbor: a/harbor.yaml\n").harbor
+    assert harbor.kind == "meshes"
+    assert harbor.meshes[0].path == str(tmp_path / "a" / "quay.stl")
+
+
+@pytest.mark.parametrize(
+    ("override", "value"),
+    [
+        ("training.seed=3", 3),
+        ("task.initial.0.x_m=3", 3),
+        ("task.final={x_m: 30}", 30),
+        ("evaluation.random_starts.episodes=5", 5),
+        ("training.stop=null", None),
+        ("training.learning_rate=1e-3", 1e-3),
+        ("vessel.mass_kg=90", 90),
+        ("reward.terms.speed=-3", -3),
+        ("reward.terms.speed.params.floor=0.1", 0.1),
+    ],
+)
+def test_overrides(override: str, value: object) -> None:
+    scenario = loader.load("s2", overrides=[override]).scenario
+    (speed,) = (term for term in scenario.reward.terms if term.term == "speed")
+    found = {
+        "training.seed": scenario.training.seed,
+        "task.initial.0.x_m": scenario.task.initial[0].x_m,
+        "task.final": scenario.task.final.x_m,
+        "evaluation.random_starts.episodes": scenario.evaluation.random_starts.episodes,
+        "training.stop": scenario.training.stop,
+        "training.learning_rate": scenario.training.learning_rate,
+        "vessel.mass_kg": scenario.vessel.mass_kg,
+        "reward.terms.speed": speed.weight,
+        "reward.terms.speed.params.floor": speed.params["floor"],
+    }
+    assert found[override.partition("=")[0]] == value
+    assert len(scenario.task.initial) == 3
+
+
+@pytest.mark.parametrize(
+    ("override", "message"),
+    [
+        ("training.seed", "--set training.seed: expected KEY=VALUE, for example training.seed=3"),
+        ("=3", "--set =3: expected KEY=VALUE"),
+        ("training..seed=3", "--set training..seed=3: expected KEY=VALUE"),
+        ("training.sed=3", "--set training.sed: unknown key 'sed'; did you mean 'seed'?"),
+        ("trainin.seed=3", "--set trainin.seed: trainin: unknown key 'trainin'; did you mean 'training'?"),
+        ("training.seed=x", "--set training.seed: found the text 'x', expected a whole number"),
+        (
+            "task.initial.7.x_m=3",
+            "--set task.initial.7.x_m: '7' is not an index of the list task.initial (0 to 2)",
+        ),
+        ("task.initial.first=3", "--set task.initial.first: 'first' is not an index"),
+        (
+            "reward.terms.sped=-3",
+            "--set reward.terms.sped: unknown reward term 'sped'; did you mean 'speed'?",
+        ),
+        ("vessel=eilbrect", "--set vessel: unknown vessel 'eilbrect'; did you mean 'eilbrecht'?"),
+        ("title=a: b", "--set title: found a mapping, expected text"),
+        ("task.final=[1", "--set task.final:1:3: YAML: expected ',' or ']'"),
+    ],
+)
+def test_overrides_that_are_refused(override: str, message: str) -> None:
+    with pytest.raises(InputError) as caught:
+        loader.load("s2", overrides=[override])
+    (problem,) = caught.value.problems
+    assert str(problem).startswith(message)
+
+
+def test_a_path_wins_over_a_name(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "s2").mkdir()
+    write(tmp_path, "extends: s3\ntitle: mine\n", "s1")
+    assert loader.load("s1").scenario.title == "mine"
+    assert loader.load("s2").scenario.name == "s2"
+    with pytest.raises(DockctlError, match=r"there is no file s3\.yaml; scenarios known by name: s1, s2"):
+        loader.load("s3.yaml")
+
+
+@pytest.mark.parametrize("name", ["s4", "", "x" * 5000, "a\0b", "no/such/place"])
+def test_unknown_scenarios(name: str) -> None:
+    with pytest.raises(DockctlError, match=r"unknown scenario|is a directory"):
+        loader.load(name)
+
+
+def test_problems_of_later_checks_find_their_place(tmp_path: Path) -> None:
+    loaded = loader.load(
+        write(tmp_path, "extends: s1\ntask:\n  initial:\n    - {x_m: 1, y_m: 2, heading_deg: 3}\n")
+    )
+    problem = loaded.problem("task.initial.0", "lies in a quay")
+    assert str(problem) == f"{tmp_path}/x.yaml:4:7: task.initial.0: lies in a quay"
+    assert loaded.problem("task.final", "!").file.endswith("s1.yaml")
+
+
+@pytest.mark.parametrize("name", CATALOG)
+def test_dump_gives_the_same_scenario(tmp_path: Path, name: str) -> None:
+    assert name in catalog.SCENARIOS
+    scenario = loader.load(name).scenario
+    assert load(tmp_path, loader.dump(scenario)) == scenario
+
+
+TEXT = st.text(st.characters(exclude_categories=["Cs", "Cc"]), max_size=30)
+NUMBER = st.floats(-1e6, 1e6)
+
+
+@given(
+    title=TEXT,
+    x=NUMBER,
+    weight=NUMBER,
+    floor=st.floats(1e-9, 1),
+    rate=st.floats(1e-12, 1),
+    phases=st.booleans(),
+)
+def test_dump_gives_the_same_scenario_for_any_values(
+    tmp_path_factory: pytest.TempPathFactory,
+    title: str,
+    x: float,
+    weight: float,
+    floor: float,
+    rate: float,
+    phases: bool,
+) -> None:
+    base = loader.load("s3").scenario.model_dump()
+    base["title"] = title
+    base["task"]["final"]["x_m"] = x
+    base["task"]["intermediate"] = base["task"]["intermediate"] if phases else None
+    base["reward"]["terms"] = [{"term": "speed", "weight": weight, "params": {"floor": floor}}]
+    base["training"].update(learning_rate=rate, stop=None, huber_delta=None)
+    scenario = Scenario.model_validate(base)
+    assert load(tmp_path_factory.getbasetemp(), loader.dump(scenario)) == scenario
+
+
+KEYS = st.sampled_from(
+    [
+        *Scenario.model_fields,
+        "extends",
+        "<<",
+        "final",
+        "terms",
+        "speed",
+        "params",
+        "kind",
+        "meshes",
+        "path",
+        "poses",
+    ]
+)
+VALUES = st.recursive(
+    st.none()
+    | st.booleans()
+    | st.integers()
+    | NUMBER
+    | TEXT
+    | st.sampled_from(["s1", "eilbrecht", "meshes", "marina"]),
+    lambda inner: st.lists(inner, max_size=3) | st.dictionaries(KEYS, inner, max_size=4),
+    max_leaves=15,
+)
+
+
+@given(st.dictionaries(KEYS, VALUES, max_size=6), st.booleans())
+def test_any_mapping_is_a_scenario_or_an_error(
+    tmp_path_factory: pytest.TempPathFactory, data: dict[str, Any], extend: bool
+) -> None:
+    data = {**data, "extends": "s1"} if extend else data
+    path = write(tmp_path_factory.getbasetemp(), json.dumps(data), "any.yaml")
+    with suppress(DockctlError):
+        assert isinstance(loader.load(path).scenario, Scenario)
+
+
+@given(KEYS, KEYS, VALUES)
+def test_any_override_is_a_scenario_or_an_error(first: str, second: str, value: object) -> None:
+    with suppress(DockctlError):
+        assert isinstance(loader.load("s1", overrides=[f"{first}.{second}={value}"]).scenario, Scenario)
