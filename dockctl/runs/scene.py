@@ -25,6 +25,7 @@ KINDS = (
     "roof",
     "canvas",  # sprayhood, bimini, trampoline
     "engine",
+    "fender",
     "rail",
     "mast",  # with boom, spreaders and stays
     "sail",
@@ -35,7 +36,7 @@ KINDS = (
 
 @dataclass(frozen=True, eq=False)
 class Polygon:
-    """Outline of one solid from above: (k, 2) xy [m] without the closing point, and the height of its top [m]."""
+    """Outline of a solid from above, (k, 2) [m] without a closing point, and its highest corner [m]."""
 
     kind: str
     name: str

@@ -25,8 +25,9 @@ class Basin(Model):
     @model_validator(mode="after")
     def _has_water(self) -> Self:
         for low, high in (("x_min_m", "x_max_m"), ("y_min_m", "y_max_m")):
-            if getattr(self, low) >= getattr(self, high):
-                raise ValueError(f"{low} ({getattr(self, low):g}) must be less than {high} ({getattr(self, high):g})")
+            near, far = getattr(self, low), getattr(self, high)
+            if near >= far:
+                raise ValueError(f"{low} ({near:g}) must be less than {high} ({far:g})")
         return self
 
 

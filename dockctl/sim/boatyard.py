@@ -12,7 +12,7 @@ import numpy as np
 import trimesh
 from numpy.typing import ArrayLike, NDArray
 
-from dockctl.sim.solids import Solid, box, loft, rounded, tube
+from dockctl.sim.solids import Points, Solid, box, loft, rounded, tube
 
 Floats = NDArray[np.float64]
 
@@ -30,7 +30,7 @@ STEM_BREADTH = 0.03
 
 @dataclass(frozen=True)
 class Well:
-    """A recess in the deck between x0 and x1 [m], `margin` inside the sheer, with its sole at the height `sole`."""
+    """A recess in the deck from x0 to x1 [m], `margin` inside the sheer, its sole at the height `sole`."""
 
     x0: float
     x1: float
@@ -87,24 +87,27 @@ class Lines:
         y, z = half * part ** (1 + 0.6 * t**3), low + (high - low) * level
         rim = max(half - (well.margin if well else 0.12), 0.5 * half)
         if well is None:
-            floor, floor_z = 0.9 * rim, self.deck(x, 0.9 * rim)
-        else:
-            floor, floor_z = min(rim - 0.02, float(np.interp(well.sole, z, y)) - 0.05), np.float64(well.sole)
-        centre = float(self.deck(x)) if well is None else well.sole + 0.01
+            floor = 0.9 * rim
+            inside = [float(self.deck(x, floor)), float(self.deck(x))]
+        else:  # the sole ends inside of the planking
+            floor = min(rim - 0.02, float(np.interp(well.sole, z, y)) - 0.05)
+            inside = [well.sole, well.sole + 0.01]
         y = np.array([*y, rim, floor, 0.0])
-        z = np.array([*z, self.deck(x, rim), floor_z, centre])
+        z = np.array([*z, float(self.deck(x, rim)), *inside])
         below = np.clip((high - z) / (high + self.draft), 0, None)
         xs = x - self.rake * below * t**4 + self.stern_rake * below * (1 - t) ** 8
         port = np.stack((xs, y, z), axis=1)
         return np.concatenate((port, port[-2:0:-1] * (1, -1, 1)))
 
-    def sheet(self, x0: float, x1: float, inset: float, z: float | None = None, stations: int = 9) -> trimesh.Trimesh:
+    def sheet(
+        self, x0: float, x1: float, inset: float, z: float | None = None, stations: int = 9
+    ) -> trimesh.Trimesh:
         """Return a thin sheet, `inset` from the sheer: laid on the deck, or level at the height `z`."""
         rings = []
         for x in np.linspace(x0, x1, stations):
             half = max(float(self.half_breadth(x)) - inset, 0.03)
             y = np.array([-half, -0.5 * half, 0.0, 0.5 * half, half])
-            top = self.deck(x, y) + 0.012 if z is None else np.full(5, z) + (0, 0.002, 0.003, 0.002, 0)
+            top = self.deck(x, y) + 0.012 if z is None else z + np.array([0, 0.002, 0.003, 0.002, 0])
             top = np.stack((np.full(5, x), y, top), axis=1)
             rings.append(np.concatenate((top, top[[-1, 0]] - (0, 0, 0.05))))
         return loft(np.array(rings))
@@ -132,7 +135,7 @@ def hull(lines: Lines, *wells: Well, stations: int = 17) -> Solid:
 
 @dataclass(frozen=True)
 class House:
-    """A cabin, console or seat: x0 to x1 at its foot, `aft` and `fore` half-breadths there, leaning inwards [m]."""
+    """A cabin, console or seat: x0 to x1 at its foot, half-breadths `aft` and `fore`, leaning in [m]."""
 
     x0: float
     x1: float
@@ -169,20 +172,22 @@ class House:
     def floor(self, inset: float) -> Solid:
         """Return a dark sheet over an open top, so that it reads as a cockpit."""
         top = self.ring(1, -inset)
-        return Solid("cockpit", loft([top, top + (0, 0, 0.01)]))
+        return Solid("cockpit", loft([top, top + np.array([0, 0, 0.01])]))
 
-    def all(self, low: float = 0.4, high: float = 0.82, overhang: float = 0.06, *, canvas: bool = False) -> list[Solid]:
+    def all(
+        self, low: float = 0.4, high: float = 0.82, overhang: float = 0.06, *, canvas: bool = False
+    ) -> list[Solid]:
         """Walls, windows and roof; of cloth if `canvas`."""
         wall, roof = ("canvas", "canvas") if canvas else ("cabin", "roof")
         return [self.walls(wall), self.windows(low, high), self.roof(overhang, kind=roof)]
 
 
-def bar(kind: str, path: ArrayLike, radius: ArrayLike = 0.015, sides: int = 4) -> Solid:
+def bar(kind: str, path: Points, radius: ArrayLike = 0.015, sides: int = 4) -> Solid:
     """Return a bar along a path."""
     return Solid(kind, tube(path, radius, sides))
 
 
-def pair(kind: str, path: ArrayLike, radius: ArrayLike = 0.015, sides: int = 4) -> list[Solid]:
+def pair(kind: str, path: Points, radius: ArrayLike = 0.015, sides: int = 4) -> list[Solid]:
     """Return a bar and its mirror image on starboard."""
     points = np.asarray(path, dtype=np.float64)
     return [bar(kind, points, radius, sides), bar(kind, points * (1, -1, 1), radius, sides)]
@@ -204,16 +209,17 @@ def rig(
     stem: Sequence[float] | None = None,
     backstay: bool = True,
 ) -> list[Solid]:
-    """Return mast at `x`, boom with the furled mainsail, spreaders, stays, and a jib rolled around the forestay [m].
+    """Return mast at `x`, boom with mainsail, spreaders, stays, and a jib rolled around the forestay [m].
 
-    `top` is the height of the mast's head above the water, `boom` the boom's length, `foot` the mast's lower end.
-    The shrouds end `shrouds` from the centre line and the forestay at `stem`, if not on the deck's edge and the bow.
+    `top` and `foot` are the heights of the mast's ends, `boom` is the boom's length. The shrouds end
+    `shrouds` from the centre line and the forestay at `stem`, if not at the deck's edge and the bow.
     """
     radius = 0.006 * top + 0.02
     gooseneck = foot + 1.0
     head, cross = np.array([x, 0, top]), foot + 0.56 * (top - foot)
     bow = np.array(stem or (lines.length - 0.12, 0, lines.deck(lines.length - 0.12)), dtype=np.float64)
-    chain = np.array([x - 0.15, shrouds or lines.half_breadth(x) - 0.08, lines.deck(x, lines.half_breadth(x))])
+    half = lines.half_breadth(x)
+    chain = np.array([x - 0.15, shrouds or half - 0.08, lines.deck(x, half)])
     spread = np.array([x - 0.08, 0.6 * chain[1], cross])
     hoist = head - (0, 0, 0.06 * (top - foot))
     sail = np.linspace((x - 0.18, 0, gooseneck + 0.16), (x - 0.96 * boom, 0, gooseneck + 0.14), 6)
@@ -243,20 +249,21 @@ def rudder(lines: Lines, tiller: float) -> list[Solid]:
 
 def canopy(x0: float, x1: float, half: float, z: float, legs: float, kind: str = "canvas") -> list[Solid]:
     """Return a cambered roof at the height `z` on four poles, `legs` long."""
-    y = np.linspace(-half, half, 7)
-    arch = np.column_stack((y, z + 0.14 * (1 - (y / half) ** 2)))
+    across = np.linspace(-half, half, 7)
+    arch = np.column_stack((across, z + 0.14 * (1 - (across / half) ** 2)))
     outline = np.concatenate((arch, [(half, z - 0.04), (-half, z - 0.04)]))
     rings = [np.insert(outline, 0, x, axis=1) for x in (x0, (x0 + x1) / 2, x1)]
-    poles = [(x, half - 0.06, z - legs) for x in (x0 + 0.15, x1 - 0.15)]
-    return [*(p for foot in poles for p in pair("rail", [foot, np.add(foot, (0, 0, legs))], 0.02)), Solid(kind, loft(rings))]
+    top, y = z - 0.01, half - 0.06
+    poles = [p for x in (x0 + 0.15, x1 - 0.15) for p in pair("rail", [(x, y, top - legs), (x, y, top)], 0.02)]
+    return [*poles, Solid(kind, loft(rings))]
 
 
 def pulpit(lines: Lines, x0: float, height: float = 0.6) -> list[Solid]:
     """Return the rail around the bow from `x0`, on legs."""
     port = lines.edge(x0, lines.length - 0.06, 0.06, height, 6)
     over = np.concatenate((port, port[::-1] * (1, -1, 1)))
-    foot = port[[0, 3]] - (0, 0, height)
-    return [bar("rail", over, 0.018), *(leg for f in foot for leg in pair("rail", [f, f + (0, 0, height)], 0.016))]
+    legs = [leg for p in port[[0, 3]] for leg in pair("rail", [p - (0, 0, height), p], 0.016)]
+    return [bar("rail", over, 0.018), *legs]
 
 
 def lifelines(lines: Lines, x0: float, x1: float, height: float = 0.6, posts: int = 4) -> list[Solid]:
@@ -279,7 +286,7 @@ def fenders(lines: Lines, xs: Sequence[float], radius: float = 0.09) -> list[Sol
 
 def outboard(x: float, z: float, size: float = 1.0, y: float = 0.0) -> list[Solid]:
     """Return an outboard engine on a transom at `x`, its clamp at the height `z`."""
-    foot = rounded(0.24 * size, 0.17 * size, 3.0, 12) + (x - 0.16 * size, y)
+    foot = rounded(0.24 * size, 0.17 * size, 3.0, 12) + np.array([x - 0.16 * size, y])
     head = (foot - foot.mean(axis=0)) * (0.86, 0.8) + foot.mean(axis=0)
     heights = np.array([0.02, 0.14, 0.42, 0.5]) * size + z
     rings = [np.insert(xy, 2, h, axis=1) for xy, h in zip((head, foot, foot, head), heights, strict=True)]

@@ -1,7 +1,8 @@
-"""Does the boat's hull touch the harbor, is one inside the other, and how far apart are they? Exact, by python-fcl."""
+"""Does the boat touch the harbor, is one inside the other, how far apart are they? Exact, by python-fcl."""
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterator
 
 import fcl
@@ -21,7 +22,7 @@ Ints = NDArray[np.int64]
 class CollisionChecker:
     """The hull of one boat against one harbor; poses are rows x, y [m], heading [rad].
 
-    fcl compares surfaces: a boat inside a quay, or a buoy inside the boat, is no contact. `blocked` finds these too.
+    fcl compares surfaces: a boat inside a quay, or a buoy inside the boat, is no contact; `blocked` sees it.
     """
 
     def __init__(self, harbor: Harbor, hull: Hull) -> None:
@@ -35,14 +36,16 @@ class CollisionChecker:
     def collides(self, eta: Floats) -> Bools:
         """Whether the hull's surface touches a surface of the harbor, (n, 3) to (n,)."""
         request = fcl.CollisionRequest()
-        return np.array(
-            [fcl.collide(hull, self._solids, request, fcl.CollisionResult()) > 0 for hull in self._placed(eta)], bool
-        )
+        contacts = [
+            fcl.collide(hull, self._solids, request, fcl.CollisionResult()) for hull in self._placed(eta)
+        ]
+        return np.array(contacts, dtype=np.int64) > 0
 
     def blocked(self, eta: Floats) -> Bools:
-        """Whether the hull touches the harbor, lies inside a solid, or has a solid inside itself, (n, 3) to (n,)."""
+        """Whether the hull touches the harbor, or one is inside the other, (n, 3) to (n,)."""
         poses = np.atleast_2d(eta)
-        return self.collides(poses) | (self._interior.part_at(poses) >= 0) | (self._swallowed.part_in(poses) >= 0)
+        contained = np.maximum(self._interior.part_at(poses), self._swallowed.part_in(poses))
+        return self.collides(poses) | (contained >= 0)
 
     def collided_part(self, eta: Floats) -> str | None:
         """Return the name of the part that blocks the pose (3,), or None."""
@@ -51,8 +54,8 @@ class CollisionChecker:
         if fcl.collide(hull, self._solids, fcl.CollisionRequest(enable_contact=True), result):
             part = int(self.harbor.part_of_triangle[result.contacts[0].b2])
         else:
-            poses = np.atleast_2d(eta)
-            part = int(max(self._interior.part_at(poses)[0], self._swallowed.part_in(poses)[0]))
+            pose = np.atleast_2d(eta)
+            part = int(max(self._interior.part_at(pose)[0], self._swallowed.part_in(pose)[0]))
         return self.harbor.parts[part].name if part >= 0 else None
 
     def clearance(self, eta: Floats) -> Floats:
@@ -64,8 +67,8 @@ class CollisionChecker:
     def _placed(self, eta: Floats) -> Iterator[fcl.CollisionObject]:
         """Move the one hull from pose to pose."""
         rotation = np.eye(3)
-        for x, y, heading in np.atleast_2d(eta):
-            cosine, sine = np.cos(heading), np.sin(heading)
+        for x, y, heading in np.atleast_2d(eta).tolist():
+            cosine, sine = math.cos(heading), math.sin(heading)
             rotation[0, 0], rotation[0, 1], rotation[1, 0], rotation[1, 1] = cosine, -sine, sine, cosine
             self._hull.setTransform(fcl.Transform(rotation, (x, y, 0.0)))
             yield self._hull
@@ -89,7 +92,7 @@ def _closed_bodies(harbor: Harbor) -> Iterator[tuple[int, trimesh.Trimesh]]:
 
 
 class _Interior:
-    """Which part a point at the height `z` is inside of, by winding numbers around the harbor's cut at that height."""
+    """Which part a point at the height `z` is inside of, by winding numbers in the harbor's cut there."""
 
     def __init__(self, harbor: Harbor, z: float) -> None:
         cuts, bodies, parts = [], [], []
@@ -135,7 +138,7 @@ def _cut(triangles: Floats, z: float) -> Floats:
 
 
 class _Swallowed:
-    """Which part floats inside the boat without touching it: solids small enough, judged by one of their corners."""
+    """Which part is inside the boat without touching it: solids small enough, judged by one corner."""
 
     def __init__(self, harbor: Harbor, hull: trimesh.Trimesh) -> None:
         reach = np.linalg.norm(hull.extents[:2])

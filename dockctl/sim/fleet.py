@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
-from functools import cached_property, lru_cache
+from functools import cache, cached_property
 
 import trimesh
 
@@ -59,7 +59,7 @@ class VesselModel:
         return float(self.mesh.bounds[1, 2])
 
 
-@lru_cache(maxsize=None)
+@cache
 def vessel_model(name: str) -> VesselModel:
     """Build the model called `name`, a key of `MODELS`."""
     noun, build = MODELS[name]

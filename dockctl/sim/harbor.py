@@ -20,23 +20,25 @@ from dockctl.scenarios.harbor import Basin, EndRow, HarborSpec, Marina, SideRow
 from dockctl.scenarios.vessel import Hull
 from dockctl.sim.fleet import VesselModel, vessel_model
 from dockctl.sim.hulls import hull_outline
-from dockctl.sim.meshfiles import load_mesh
+from dockctl.sim.meshfiles import load_bodies
 from dockctl.sim.outlines import outlines
 from dockctl.sim.solids import Solid, box, together, tube
 
 Floats = NDArray[np.float64]
 PartKind = Literal["quay", "finger", "pile", "vessel", "mesh"]
 Side = Literal["east", "west", "north", "south"]
+Corners = tuple[tuple[float, float], tuple[float, float]]
 
 QUAY_HEIGHT_M = 1.0
 QUAY_WIDTH_M = 12.0
+COPING_WIDTH_M = 0.6
 FINGER_HEIGHT_M = 0.5
 DEPTH_M = 1.0
 """How far quays and piles reach below the water; nothing there is seen, but hulls have a draft."""
 ELBOW_ROOM_M = 0.3
 """Least water on both sides of a moored vessel together."""
 BERTH_POSE_GAP_M = 2.5
-"""From the quay to the centre of gravity of a docked boat; (36, 0, 180 deg) at the east quay of the reference."""
+"""From the quay to a docked boat's centre of gravity; (36, 0, 180 deg) at the reference's east quay."""
 INTO_BASIN_DEG: dict[Side, int] = {"east": 180, "west": 0, "north": 270, "south": 90}
 """Heading of a boat with its stern to the quay."""
 
@@ -57,7 +59,7 @@ class Part:
 
 @dataclass(frozen=True, eq=False)
 class Berth:
-    """A place for a boat, with its stern to the quay: `pose` is x, y [m] and heading [rad] of a docked boat."""
+    """A place for a boat; `pose` is x, y [m], heading [rad] of one that is docked, its stern to the quay."""
 
     name: str
     side: Side
@@ -72,7 +74,7 @@ class Harbor:
     Attributes:
         triangles: (m, 3, 3) corners in the world frame [m], facing outwards.
         part_of_triangle: (m,) index into `parts`.
-        basin: the water between the quays, ``(x_min, y_min, x_max, y_max)`` [m]; None for a harbor of mesh files.
+        basin: the water between the quays, ``(x_min, y_min, x_max, y_max)`` [m]; None for mesh files.
         content_hash: SHA-256 over the triangles and the kinds of their parts.
     """
 
@@ -119,14 +121,14 @@ def build_harbor(spec: HarborSpec, base_dir: Path) -> Harbor:
     if isinstance(spec, Marina):
         water = spec.basin
         basin = (water.x_min_m, water.y_min_m, water.x_max_m, water.y_max_m)
-        parts += _quays(water)
+        parts += _quays(spec)
         for row in spec.rows:
             parts += _fingers(row, water)
         berths = list(_berths(spec))
         parts += _moored(spec, berths)
     for index, file in enumerate(spec.meshes):
-        mesh = load_mesh(file, base_dir, f"harbor.meshes.{index}.path")
-        parts.append(Part(Path(file.path).name, "mesh", (Solid("mesh", mesh),)))
+        bodies = load_bodies(file, base_dir, f"harbor.meshes.{index}.path")
+        parts.append(Part(Path(file.path).name, "mesh", tuple(Solid("mesh", body) for body in bodies)))
     return _assemble(spec.name, parts, berths, basin)
 
 
@@ -148,19 +150,33 @@ def _assemble(
     )
 
 
-def _quays(basin: Basin) -> Iterator[Part]:
-    """Four quays around the water; those in the north and south close the ends."""
-    x0, x1, y0, y1 = basin.x_min_m, basin.x_max_m, basin.y_min_m, basin.y_max_m
-    w = QUAY_WIDTH_M
-    corners = {
-        "east": ((x1, y0 - w), (x1 + w, y1 + w)),
-        "west": ((x0 - w, y0 - w), (x0, y1 + w)),
-        "north": ((x0, y1), (x1, y1 + w)),
-        "south": ((x0, y0 - w), (x1, y0)),
+def _quays(spec: Marina) -> Iterator[Part]:
+    """Four quays around the water, with their copings and furniture; north and south close the ends."""
+    water = spec.basin
+    x0, x1, y0, y1 = water.x_min_m, water.x_max_m, water.y_min_m, water.y_max_m
+    w, c = QUAY_WIDTH_M, COPING_WIDTH_M
+    footprints: dict[Side, tuple[Corners, Corners]] = {  # the quay, and the coping along its edge
+        "east": (((x1, y0 - w), (x1 + w, y1 + w)), ((x1, y0), (x1 + c, y1))),
+        "west": (((x0 - w, y0 - w), (x0, y1 + w)), ((x0 - c, y0), (x0, y1))),
+        "north": (((x0, y1), (x1, y1 + w)), ((x0, y1), (x1, y1 + c))),
+        "south": (((x0, y0 - w), (x1, y0)), ((x0, y0 - c), (x1, y0))),
     }
-    for side, (low, high) in corners.items():
-        solid = Solid("quay", box((*low, -DEPTH_M), (*high, QUAY_HEIGHT_M)))
-        yield Part(f"{side} quay", "quay", (solid,))
+    for side, ((low, high), (edge_low, edge_high)) in footprints.items():
+        land = Solid("quay", box((*low, -DEPTH_M), (*high, QUAY_HEIGHT_M)))
+        coping = Solid("quay", box((*edge_low, QUAY_HEIGHT_M - 0.1), (*edge_high, QUAY_HEIGHT_M + 0.06)))
+        furniture = [solid for row in spec.rows if row.side == side for solid in _furniture(row, water)]
+        yield Part(f"{side} quay", "quay", (land, coping, *furniture))
+
+
+def _furniture(row: SideRow | EndRow, basin: Basin) -> Iterator[Solid]:
+    """A supply post on the quay at every finger, and a bollard at every berth."""
+    z = QUAY_HEIGHT_M
+    post = Solid("roof", box((-1.15, -0.14, z), (-0.85, 0.14, z + 1.1)))
+    bollard = [(-0.3, 0.0, z), (-0.3, 0.0, z + 0.3), (-0.3, 0.0, z + 0.42)]
+    for at in row.fingers:
+        yield Place.of(row.side, basin, at).put(post)
+    for at in row.berths:
+        yield Place.of(row.side, basin, at).put(Solid("engine", tube(bollard, (0.1, 0.1, 0.16), sides=8)))
 
 
 def _fingers(row: SideRow | EndRow, basin: Basin) -> Iterator[Part]:
@@ -170,7 +186,12 @@ def _fingers(row: SideRow | EndRow, basin: Basin) -> Iterator[Part]:
         place = Place.of(row.side, basin, at)
         where = f"{row.side} {row.axis}={at:g}"
         deck = Solid("finger", box((0.0, -half, FINGER_HEIGHT_M - 0.3), (length, half, FINGER_HEIGHT_M)))
-        yield Part(f"finger pier {where}", "finger", (place.put(deck),))
+        cleats = [
+            Solid("rail", box((x, y - 0.04, FINGER_HEIGHT_M), (x + 0.3, y + 0.04, FINGER_HEIGHT_M + 0.1)))
+            for x in (0.3 * length, 0.78 * length)
+            for y in (half - 0.12, 0.12 - half)
+        ]
+        yield Part(f"finger pier {where}", "finger", tuple(map(place.put, (deck, *cleats))))
         piles = [pile(x, y, 1.3) for x in (0.12 * length, 0.55 * length) for y in (half - 0.14, 0.14 - half)]
         piles.append(pile(length - 0.2, 0.0, 1.9, radius=0.17))
         yield Part(f"piles of the finger pier {where}", "pile", tuple(map(place.put, piles)))
@@ -185,8 +206,8 @@ def pile(x: float, y: float, height: float, radius: float = 0.13) -> Solid:
 def _berths(spec: Marina) -> Iterator[Berth]:
     for row in spec.rows:
         for at in row.berths:
-            (x, y), heading = Place.of(row.side, spec.basin, at).origin_and_heading(BERTH_POSE_GAP_M)
-            yield Berth(f"{row.side} berth {row.axis}={at:g}", row.side, (x, y, heading), at not in row.free)
+            pose = Place.of(row.side, spec.basin, at, gap=BERTH_POSE_GAP_M).pose
+            yield Berth(f"{row.side} berth {row.axis}={at:g}", row.side, pose, at not in row.free)
 
 
 def _moored(spec: Marina, berths: Sequence[Berth]) -> Iterator[Part]:
@@ -210,7 +231,7 @@ def _moored(spec: Marina, berths: Sequence[Berth]) -> Iterator[Part]:
 
 
 def _draw(deck: list[str], names: Sequence[str], room: float, rng: np.random.Generator) -> VesselModel | None:
-    """Take the first model of the shuffled deck that is at most `room` metres wide; add a new deck when none is."""
+    """Take the first model of the shuffled deck that is at most `room` wide [m]; when none is, add a deck."""
     for _ in range(2):
         for name in deck:
             if vessel_model(name).beam <= room:
@@ -221,7 +242,7 @@ def _draw(deck: list[str], names: Sequence[str], room: float, rng: np.random.Gen
 
 
 def _room(row: SideRow | EndRow, at: float, basin: Basin) -> float:
-    """Width of the water that a berth can call its own: to the fingers, the quays, and half-way to the neighbours."""
+    """Width of a berth's own water: to the fingers, the quays, and half-way to the neighbors [m]."""
     low, high = (basin.y_min_m, basin.y_max_m) if row.axis == "y" else (basin.x_min_m, basin.x_max_m)
     to_fingers = [abs(at - finger) - row.finger_width_m / 2 for finger in row.fingers]
     to_neighbors = [abs(at - berth) / 2 for berth in row.berths if berth != at]
@@ -242,16 +263,23 @@ class Place:
         """Stand `gap` metres off the quay `side`, at the coordinate `at` along it."""
         heading = math.radians(INTO_BASIN_DEG[side])
         cosine, sine = round(math.cos(heading)), round(math.sin(heading))  # exact quarter turns
-        edge = {"east": basin.x_max_m, "west": basin.x_min_m, "north": basin.y_max_m, "south": basin.y_min_m}[side]
-        x, y = (edge, at) if side in ("east", "west") else (at, edge)
+        x, y = {
+            "east": (basin.x_max_m, at),
+            "west": (basin.x_min_m, at),
+            "north": (at, basin.y_max_m),
+            "south": (at, basin.y_min_m),
+        }[side]
         return cls(x + gap * cosine, y + gap * sine, cosine, sine)
 
-    def origin_and_heading(self, distance: float) -> tuple[tuple[float, float], float]:
-        """Return the point `distance` metres from the quay, and the heading into the basin in (-pi, pi] [rad]."""
-        return (self.x + distance * self.cosine, self.y + distance * self.sine), math.atan2(self.sine, self.cosine)
+    @property
+    def pose(self) -> tuple[float, float, float]:
+        """Origin, and heading into the basin in (-pi, pi] [rad]."""
+        return self.x, self.y, math.atan2(self.sine, self.cosine)
 
     def put(self, solid: Solid) -> Solid:
         """Move a solid from this frame to the world."""
-        turn = np.array([[self.cosine, -self.sine, 0], [self.sine, self.cosine, 0], [0, 0, 1]], dtype=np.float64)
+        turn = np.array(
+            [[self.cosine, -self.sine, 0], [self.sine, self.cosine, 0], [0, 0, 1]], dtype=np.float64
+        )
         vertices = solid.mesh.vertices @ turn.T + (self.x, self.y, 0.0)
         return Solid(solid.kind, trimesh.Trimesh(vertices, solid.mesh.faces, process=False))

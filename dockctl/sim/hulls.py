@@ -27,6 +27,6 @@ def hull_outline(hull: Hull) -> Floats:
 
 
 def hull_mesh(hull: Hull) -> trimesh.Trimesh:
-    """Return the own boat's convex, watertight hull in the body frame: z = 0 is the water, the keel lies at -draft."""
+    """Return the convex, closed hull in the body frame: z = 0 is the water, the keel lies at -draft [m]."""
     outline = hull_outline(hull)
     return loft([np.insert(outline, 2, z, axis=1) for z in (-hull.draft_m, hull.freeboard_m)])

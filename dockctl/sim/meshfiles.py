@@ -13,11 +13,11 @@ from dockctl.scenarios.harbor import MeshFile
 SUFFIXES = (".glb", ".obj", ".stl", ".ply")
 
 
-def load_mesh(file: MeshFile, base_dir: Path, field: str) -> trimesh.Trimesh:
-    """Read a mesh file into the world frame, z up [m]; every body of it in one mesh.
+def load_bodies(file: MeshFile, base_dir: Path, field: str) -> list[trimesh.Trimesh]:
+    """Read a mesh file into the world frame, z up [m], and take it apart into connected bodies.
 
     Raises:
-        InputError: the file is missing, unreadable, of another format, empty or broken; `field` says who named it.
+        InputError: the file is missing, unreadable, empty or broken; `field` says where it is named.
     """
     path = base_dir / file.path
     if flaw := _flaw_of_file(path):
@@ -25,7 +25,10 @@ def load_mesh(file: MeshFile, base_dir: Path, field: str) -> trimesh.Trimesh:
     try:
         mesh = trimesh.load_mesh(path, process=False)
     except Exception as error:  # the readers of trimesh raise whatever their parsing meets
-        raise _error(path, field, f"cannot be read as {path.suffix[1:].upper()}: {_first_line(error)}") from error
+        reason = (
+            f" ({error})" if isinstance(error, ValueError) else ""
+        )  # others speak of the reader's own trouble
+        raise _error(path, field, f"is damaged or not a {path.suffix[1:].upper()} file{reason}") from error
     if flaw := _flaw_of_mesh(mesh):
         raise _error(path, field, flaw)
     vertices = np.asarray(mesh.vertices, dtype=np.float64)
@@ -33,7 +36,27 @@ def load_mesh(file: MeshFile, base_dir: Path, field: str) -> trimesh.Trimesh:
         vertices = np.stack((vertices[:, 0], -vertices[:, 2], vertices[:, 1]), axis=1)
     merged = trimesh.Trimesh(vertices * file.scale + file.shift_m, mesh.faces, process=False)
     merged.merge_vertices(merge_tex=True, merge_norm=True)
-    return merged
+    return _bodies(merged)
+
+
+def _bodies(mesh: trimesh.Trimesh) -> list[trimesh.Trimesh]:
+    """Split a mesh where its faces share no vertices."""
+    faces = np.asarray(mesh.faces)
+    label = np.arange(len(mesh.vertices))
+    while True:
+        lowest = label.copy()
+        np.minimum.at(lowest, faces, label[faces].min(axis=1, keepdims=True))
+        lowest = lowest[lowest]  # a label is a vertex, which may have found a lower one
+        if np.array_equal(lowest, label):
+            break
+        label = lowest
+    body = label[faces[:, 0]]
+    order = np.argsort(body, kind="stable")
+    groups = np.split(faces[order], np.flatnonzero(np.diff(body[order])) + 1)
+    corners = [np.unique(group, return_inverse=True) for group in groups]
+    return [
+        trimesh.Trimesh(mesh.vertices[used], index.reshape(-1, 3), process=False) for used, index in corners
+    ]
 
 
 def _flaw_of_file(path: Path) -> str:
@@ -61,10 +84,6 @@ def _flaw_of_mesh(mesh: trimesh.Trimesh) -> str:
     if not (mesh.area_faces > 0).any():
         return "has only triangles without area"
     return ""
-
-
-def _first_line(error: Exception) -> str:
-    return (str(error).splitlines() or [type(error).__name__])[0] or type(error).__name__
 
 
 def _error(path: Path, field: str, flaw: str) -> InputError:

@@ -31,7 +31,10 @@ def skiff() -> list[Solid]:
     return [
         hull(lines, well, stations=20),
         Solid("cockpit", lines.floor(well, 0.11)),
-        *(block("seat", (x, -w, 0.27), (x + 0.26, w, 0.31)) for x, w in ((0.25, 0.52), (1.5, 0.68), (2.9, 0.68))),
+        *(
+            block("seat", (x, -w, 0.27), (x + 0.26, w, 0.31))
+            for x, w in ((0.25, 0.52), (1.5, 0.68), (2.9, 0.68))
+        ),
         block("seat", (4.1, -0.3, 0.3), (4.5, 0.3, 0.34)),
         *pair("rail", oar, (0.025, 0.025, 0.07, 0.06), 6),
         *pair("rail", lines.edge(0.05, 5.1, 0.0, -0.04, 10), 0.03, 6),
@@ -164,7 +167,9 @@ def inflatable() -> list[Solid]:
     radius, half = 0.25, 0.8
     side = np.array([(x, half, 0.42) for x in (-0.25, 0.0, 0.8, 1.6, 2.4, 3.2)])
     turn = np.radians([8, 22, 38, 55, 74])
-    bow = np.column_stack((3.2 + 1.5 * np.sin(turn), half * np.cos(turn) ** 1.1, 0.42 + 0.22 * np.sin(turn) ** 2))
+    bow = np.column_stack(
+        (3.2 + 1.5 * np.sin(turn), half * np.cos(turn) ** 1.1, 0.42 + 0.22 * np.sin(turn) ** 2)
+    )
     port = np.concatenate((side, bow))
     path = np.concatenate((port, [(4.74, 0.0, 0.645)], port[::-1] * (1, -1, 1)))
     radii = np.full(len(path), radius)

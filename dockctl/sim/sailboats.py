@@ -75,7 +75,9 @@ def sloop() -> list[Solid]:
 
 def cruiser() -> list[Solid]:
     """A cruising yacht with wheel, bimini and a broad stern."""
-    lines = Lines(9.6, 3.05, 0.7, (1.05, 1.0, 1.25), transom=0.88, stern_rake=-0.3, rake=0.35, rise=0.35, fullness=2.0)
+    lines = Lines(
+        9.6, 3.05, 0.7, (1.05, 1.0, 1.25), transom=0.88, stern_rake=-0.3, rake=0.35, rise=0.35, fullness=2.0
+    )
     well = Well(0.3, 2.9, 0.55, 0.5)
     house = House(2.95, 7.2, 1.0, 0.45, 0.95, 1.55, rake_aft=0.03, rake_fore=1.5, tumble=0.16, corners=3.5)
     hood = House(2.4, 3.7, 0.98, 0.9, 1.15, 1.95, rake_aft=0.05, rake_fore=0.7, tumble=0.22, corners=4)
@@ -98,7 +100,9 @@ def cruiser() -> list[Solid]:
 
 def catamaran() -> list[Solid]:
     """Two slender hulls, a bridge deck with its house, and a net between the bows."""
-    lines = Lines(8.6, 0.9, 0.4, (0.75, 0.95, 1.05), FLAT, transom=0.8, stern_rake=-0.5, rake=0.15, fullness=2.6)
+    lines = Lines(
+        8.6, 0.9, 0.4, (0.75, 0.95, 1.05), FLAT, transom=0.8, stern_rake=-0.5, rake=0.15, fullness=2.6
+    )
     house = House(2.2, 5.6, 1.25, 1.0, 1.1, 1.85, rake_aft=0.05, rake_fore=1.1, tumble=0.15, corners=4)
     side = 1.25
     floats = [hull(lines, stations=14), Solid("deck", lines.sheet(0.3, 8.4, 0.06))]
@@ -117,4 +121,3 @@ def catamaran() -> list[Solid]:
         *pair("rail", [(7.3, 1.42, 0.9), (7.3, 1.42, 1.6)]),
         *rig(lines, 4.6, 11.6, 3.2, 1.8, shrouds=1.45, stem=(7.65, 0.0, 1.0), backstay=False),
     ]
-

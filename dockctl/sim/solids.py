@@ -10,6 +10,8 @@ import trimesh
 from numpy.typing import ArrayLike, NDArray
 
 Floats = NDArray[np.float64]
+Points = Floats | Sequence[Sequence[float] | Floats]
+"""A row of points, (k, 3) or (k, 2)."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -21,7 +23,8 @@ class Solid:
 
     def shifted(self, by: Sequence[float]) -> Solid:
         """Return the solid moved by (x, y, z) [m]."""
-        return Solid(self.kind, trimesh.Trimesh(self.mesh.vertices + np.asarray(by), self.mesh.faces, process=False))
+        vertices = self.mesh.vertices + np.asarray(by)
+        return Solid(self.kind, trimesh.Trimesh(vertices, self.mesh.faces, process=False))
 
 
 def together(solids: Iterable[Solid]) -> trimesh.Trimesh:
@@ -33,7 +36,7 @@ def together(solids: Iterable[Solid]) -> trimesh.Trimesh:
 
 
 def loft(rings: ArrayLike) -> trimesh.Trimesh:
-    """Skin (s, k, 3) rings one after the other and cap both ends; the result is watertight and faces outwards.
+    """Skin (s, k, 3) rings one after the other and cap both ends; the result is closed and faces outwards.
 
     A cap zigzags between the points i and k - i of its ring, which is right for every convex ring
     and for every ring that is symmetric about the line through its points 0 and k / 2 and monotone along it.
@@ -62,13 +65,13 @@ def box(low: Sequence[float], high: Sequence[float]) -> trimesh.Trimesh:
     return prism([(x0, y0), (x1, y0), (x1, y1), (x0, y1)], z0, z1)
 
 
-def prism(outline: ArrayLike, z0: float, z1: float) -> trimesh.Trimesh:
+def prism(outline: Points, z0: float, z1: float) -> trimesh.Trimesh:
     """Return a (k, 2) outline, convex or symmetric as `loft` says, between two heights."""
     xy = np.asarray(outline, dtype=np.float64)
     return loft([np.column_stack((xy, np.full(len(xy), z))) for z in (z0, z1)])
 
 
-def tube(path: ArrayLike, radius: ArrayLike, sides: int = 6) -> trimesh.Trimesh:
+def tube(path: Points, radius: ArrayLike, sides: int = 6) -> trimesh.Trimesh:
     """Return a round bar along a (p, 3) path; `radius` is one number or one for each point [m]."""
     points = np.asarray(path, dtype=np.float64)
     radii = np.broadcast_to(np.asarray(radius, dtype=np.float64), len(points))
@@ -78,7 +81,7 @@ def tube(path: ArrayLike, radius: ArrayLike, sides: int = 6) -> trimesh.Trimesh:
     normal = np.eye(3)[np.argmin(np.abs(tangents[0]))]
     rings = []
     for point, tangent, r in zip(points, tangents, radii, strict=True):
-        normal = normal - (normal @ tangent) * tangent  # carried along the path, so that the rings do not twist
+        normal = normal - (normal @ tangent) * tangent  # carried along, so that the rings do not twist
         normal /= np.linalg.norm(normal)
         across = np.cross(tangent, normal)
         rings.append(point + r * (np.outer(np.cos(angles), normal) + np.outer(np.sin(angles), across)))

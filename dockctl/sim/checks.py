@@ -1,0 +1,84 @@
+"""What only the built harbor can tell about a scenario: are its poses free, and in the water?"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from dockctl.scenarios.base import Pose
+from dockctl.scenarios.schema import Scenario
+from dockctl.sim.collision import CollisionChecker
+from dockctl.sim.harbor import build_harbor
+from dockctl.sim.hulls import hull_outline
+
+Floats = NDArray[np.float64]
+
+SEARCH_RADII_M = np.arange(1, 41) * 0.25
+SEARCH_DIRECTIONS = np.array([(math.cos(a), math.sin(a), 0.0) for a in np.arange(16) * (math.pi / 8)])
+
+
+def check_poses(scenario: Scenario, base_dir: Path) -> list[tuple[str, str]]:
+    """Return (field path, message) for every start, goal and test pose at which the boat is not free.
+
+    Raises:
+        InputError: a mesh file of the harbor is missing or broken.
+        DockctlError: the harbor cannot be built.
+    """
+    harbor = build_harbor(scenario.harbor, base_dir)
+    checker = CollisionChecker(harbor, scenario.vessel.hull)
+    reach = PoseCheck(checker, harbor.basin, hull_outline(scenario.vessel.hull))
+    return [(field, flaw) for field, pose in _poses(scenario) if (flaw := reach.flaw(pose))]
+
+
+def _poses(scenario: Scenario) -> Iterator[tuple[str, Pose]]:
+    task = scenario.task
+    yield from ((f"task.initial.{i}", pose) for i, pose in enumerate(task.initial))
+    if task.intermediate is not None:
+        yield "task.intermediate", task.intermediate
+    yield "task.final", task.final
+    yield from ((f"evaluation.poses.{i}", pose) for i, pose in enumerate(scenario.evaluation.poses))
+
+
+class PoseCheck:
+    """Says in words why a pose is not free."""
+
+    def __init__(
+        self, checker: CollisionChecker, basin: tuple[float, float, float, float] | None, outline: Floats
+    ) -> None:
+        self._checker = checker
+        self._basin = basin
+        self._outline = outline
+
+    def flaw(self, pose: Pose) -> str:
+        """Return what is wrong with a pose and what would be right, or an empty string."""
+        eta = np.array([pose.x_m, pose.y_m, math.radians(pose.heading_deg)])
+        part = self._checker.collided_part(eta)
+        if part is None and self._afloat(eta):
+            return ""
+        boat = f"the boat at ({pose.x_m:g}, {pose.y_m:g}, {pose.heading_deg:g}°)"
+        trouble = f"is blocked by the {part}" if part else "is outside of the basin"
+        return f"{boat} {trouble}; {self._remedy(eta)}"
+
+    def _afloat(self, eta: Floats) -> bool:
+        """Whether the whole outline lies over the basin; mesh harbors have no known basin."""
+        if self._basin is None:
+            return True
+        x, y = self._outline.T
+        cosine, sine = np.cos(eta[2]), np.sin(eta[2])
+        points = np.stack((eta[0] + cosine * x - sine * y, eta[1] + sine * x + cosine * y), axis=1)
+        return bool(((points > self._basin[:2]) & (points < self._basin[2:])).all())
+
+    def _remedy(self, eta: Floats) -> str:
+        """Look for the nearest free place with the same heading."""
+        for radius in SEARCH_RADII_M:
+            places = eta + radius * SEARCH_DIRECTIONS
+            for place in filter(self._afloat, places[~self._checker.blocked(places)]):
+                return f"the nearest free place with this heading is about ({place[0]:.2f}, {place[1]:.2f})"
+        if self._basin is None:
+            return f"no place within {SEARCH_RADII_M[-1]:g} m is free"
+        x0, y0, x1, y1 = self._basin
+        return f"the basin is x {x0:g} to {x1:g} m, y {y0:g} to {y1:g} m"
