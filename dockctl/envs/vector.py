@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 
 from dockctl.envs.observation import View
 from dockctl.envs.spaces import ObservationEncoder, action_commands
-from dockctl.errors import DockctlError
+from dockctl.errors import DockctlError, nearest
 from dockctl.rewards.compose import RewardFunction
 from dockctl.scenarios.loader import LoadedScenario, load
 from dockctl.scenarios.schema import Scenario
@@ -25,6 +25,7 @@ from dockctl.sim.status import Bools, Floats, Ints, StepStatus
 
 Observations = NDArray[np.float32]
 Info = dict[str, Any]
+OPTIONS = ("poses", "reset_mask")
 ScenarioSource = LoadedScenario | Scenario | str | Path
 
 
@@ -112,6 +113,11 @@ class DockingVectorEnv(VectorEnv[Observations, Ints, NDArray[Any]]):
             DockctlError: a pose is not finite or lies in an obstacle, or an option has the wrong shape.
         """
         options = options or {}
+        for name in options:
+            if name not in OPTIONS:
+                raise DockctlError(
+                    f"unknown option '{name}'{nearest(name, OPTIONS)} (known: {', '.join(OPTIONS)})"
+                )
         self._reseed(seed)
         mask = np.asarray(options.get("reset_mask", np.ones(self.num_envs, bool)))
         if mask.shape != (self.num_envs,) or mask.dtype != np.bool_:

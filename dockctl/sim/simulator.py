@@ -17,7 +17,7 @@ from dockctl.scenarios.sensors import Lidar
 from dockctl.scenarios.vessel import Hull
 from dockctl.sim.collision import CollisionChecker
 from dockctl.sim.goal import TO_FINAL, measure, reached
-from dockctl.sim.harbor import Harbor, build_harbor
+from dockctl.sim.harbor import build_harbor, scene_of
 from dockctl.sim.lidar import LidarArray
 from dockctl.sim.starts import Start
 from dockctl.sim.status import Bools, Floats, Ints, StepStatus
@@ -54,7 +54,10 @@ def build_world(scenario: Scenario, base_dir: Path) -> World:
     Raises:
         DockctlError: the harbor cannot be built.
     """
-    return _build_world(scenario.harbor, scenario.vessel.hull, scenario.sensors.lidar, base_dir)
+    directory = (
+        base_dir if scenario.harbor.meshes else Path()
+    )  # else one world serves scenarios of all folders
+    return _build_world(scenario.harbor, scenario.vessel.hull, scenario.sensors.lidar, directory)
 
 
 @lru_cache(maxsize=4)
@@ -63,14 +66,8 @@ def _build_world(harbor_spec: HarborSpec, hull: Hull, lidar: Lidar, base_dir: Pa
     return World(
         obstacles=CollisionChecker(harbor, hull),
         lidar=LidarArray(lidar, harbor.triangles),
-        scene=cache(partial(_scene, harbor, hull)),
+        scene=cache(partial(scene_of, harbor, hull)),
     )
-
-
-def _scene(harbor: Harbor, hull: Hull) -> Scene:
-    from dockctl.sim.harbor import scene_of
-
-    return scene_of(harbor, hull)
 
 
 class Simulator:

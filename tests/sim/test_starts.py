@@ -75,7 +75,9 @@ def test_exploring_starts_lie_near_their_leg(seed: int) -> None:
     initial = np.array([23, -10, math.pi / 2])
     intermediate, final = start.goals
     begin, end = (initial, intermediate) if start.phase == 0 else (intermediate, final)
-    along = np.clip((start.eta - begin)[:2] @ (end - begin)[:2] / ((end - begin)[:2] @ (end - begin)[:2]), 0, 1)
+    along = np.clip(
+        (start.eta - begin)[:2] @ (end - begin)[:2] / ((end - begin)[:2] @ (end - begin)[:2]), 0, 1
+    )
     nearest = begin + along * (end - begin)
     assert (np.abs((start.eta - nearest)[:2]) <= 2.3 * math.sqrt(2)).all()
     low, high = sorted((begin[2], end[2]))

@@ -19,7 +19,13 @@ Floats = NDArray[np.float64]
 
 THESIS = load("s1").scenario.vessel
 OTHER = THESIS.model_copy(
-    update={"Y_rdot_kgm": 9.0, "N_v_kgmps": 40.0, "Y_r_kgmps": -30.0, "mass_kg": 400.0, "control_period_s": 0.3}
+    update={
+        "Y_rdot_kgm": 9.0,
+        "N_v_kgmps": 40.0,
+        "Y_r_kgmps": -30.0,
+        "mass_kg": 400.0,
+        "control_period_s": 0.3,
+    }
 )
 VESSELS = [pytest.param(THESIS, id="thesis"), pytest.param(OTHER, id="other")]
 
@@ -109,7 +115,9 @@ def test_the_water_looks_the_same_everywhere_and_in_every_direction(
     moved, velocity_moved = sail(model, rows((shift, -shift, turn)), rows(nu), rows(command), 4)
     c, s = math.cos(turn), math.sin(turn)
     x, y, heading = eta[0]
-    assert moved[0] == pytest.approx([c * x - s * y + shift, s * x + c * y - shift, heading + turn], abs=1e-12)
+    assert moved[0] == pytest.approx(
+        [c * x - s * y + shift, s * x + c * y - shift, heading + turn], abs=1e-12
+    )
     assert velocity_moved == pytest.approx(velocity, abs=1e-13)
 
 
@@ -140,7 +148,7 @@ def test_converges_to_a_reference_solver(substeps: int, tolerance: float) -> Non
 
 
 def test_one_step_for_the_whole_control_period_would_diverge() -> None:
-    """Why there are substeps: the yaw pole at -9.43 1/s is past RK4's limit at 0.5 s, and within it at 0.25 s."""
+    """The yaw pole at -9.43 1/s is past RK4's limit of 0.295 s at 0.5 s, and within it at 0.25 s."""
     spinning = rows((0, 0, 0.01))
     for substeps, stable in ((1, False), (2, True)):
         model = VesselModel(THESIS.model_copy(update={"substeps": substeps}))

@@ -12,7 +12,7 @@ Floats = NDArray[np.float64]
 
 
 class Wall:
-    """An obstacle that fills the world east of `x_m`; a boat is a point, and nothing tells surface from inside."""
+    """An obstacle that fills the world east of `x_m`; a boat is a point."""
 
     def __init__(self, x_m: float) -> None:
         self.x_m = x_m

@@ -1,0 +1,114 @@
+"""The observation by hand: order, scaling, bounds, clipping."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from dockctl.envs.observation import View
+from dockctl.envs.spaces import ObservationEncoder, action_commands
+from dockctl.errors import DockctlError
+from dockctl.scenarios.loader import load
+from dockctl.scenarios.schema import ActionGrid, ObservationPart
+
+S1, S3 = load("s1").scenario, load("s3").scenario
+VIEW = View(
+    phase=np.array([1]),
+    distance_m=np.array([16.0]),
+    heading_error_rad=np.array([-0.35]),
+    eta=np.array([[20.0, 2.0, math.pi / 2]]),
+    goal=np.array([[36.0, 2.0, math.pi]]),
+    nu=np.array([[0.2, -0.05, 0.01]]),
+    command=np.array([[-20.0, math.radians(10)]]),
+    command_limit=np.array([50.0, math.radians(30)]),
+    sector_ranges_m=np.array([[5.0, 10.0, 20.0, 21.0, 100.0, 1.0, 2.0, 3.0]]),
+)
+RANGES = [0.5, 1.0, 2.0, 2.0, 2.0, 0.1, 0.2, 0.3]
+
+
+def encoder(*parts: Any) -> ObservationEncoder:
+    return ObservationEncoder([ObservationPart.model_validate(part) for part in parts], sectors=8)
+
+
+def test_scenario_three_sees_sixteen_numbers_in_the_order_of_equation_3_12() -> None:
+    encode = ObservationEncoder(S3.observation, sectors=8)
+    observation = encode(VIEW)
+    assert observation.dtype == np.float32
+    assert observation[0] == pytest.approx([1, 1.6, -0.35, 0.5, -0.5, 0.25, -0.4, 1 / 3, *RANGES], rel=1e-6)
+    assert encode.names[:8] == ("phase", "distance", "heading_error", "u", "v", "r", "propeller", "rudder")
+    assert encode.names[8:] == tuple(f"range_{k}" for k in range(1, 9))
+
+
+def test_scenario_one_sees_fifteen() -> None:
+    encode = ObservationEncoder(S1.observation, sectors=8)
+    assert encode.names[0] == "distance"
+    assert encode.space.shape == (15,)
+
+
+def test_bounds_are_finite_and_those_of_the_data_sheet() -> None:
+    space = ObservationEncoder(S3.observation, sectors=8).space
+    pi = np.float32(math.pi)
+    assert space.low.tolist() == [0, 0, -pi, -5, -5, -5, -1, -1] + [0] * 8
+    assert space.high.tolist() == [1, 10, pi, 5, 5, 5, 1, 1] + [2] * 8
+
+
+def test_the_order_is_the_scenarios() -> None:
+    assert encoder("lidar", "phase").names == (*(f"range_{k}" for k in range(1, 9)), "phase")
+
+
+def test_parameters_scale_and_cap() -> None:
+    observation = encoder({"lidar": {"cap_m": 4, "scale_m": 2}}, {"distance": {"scale_m": 20, "cap_m": 10}})(
+        VIEW
+    )
+    assert observation[0].tolist() == [2, 2, 2, 2, 2, 0.5, 1, 1.5, 0.5]
+
+
+def test_the_bearing_points_to_the_goal_in_the_body_frame() -> None:
+    """Heading north, goal in the east: to starboard."""
+    assert encoder("bearing")(VIEW)[0] == pytest.approx([-1, 0], abs=1e-7)
+    assert encoder("bearing")(replace(VIEW, eta=np.array([[20.0, 2.0, 0.0]])))[0] == pytest.approx([0, 1])
+
+
+numbers = st.floats(-1e6, 1e6)
+
+
+@given(st.lists(numbers, min_size=15, max_size=15), st.sampled_from([0, 1]))
+def test_no_view_leaves_the_bounds(values: Sequence[float], phase: int) -> None:
+    x = np.array([values])
+    view = View(
+        phase=np.array([phase]),
+        distance_m=abs(x[:, 0]),
+        heading_error_rad=np.clip(x[:, 1], -math.pi, math.pi),
+        eta=x[:, :3],
+        goal=x[:, 3:6],
+        nu=x[:, 2:5],
+        command=x[:, 5:7],
+        command_limit=VIEW.command_limit,
+        sector_ranges_m=abs(x[:, 7:15]),
+    )
+    encode = encoder("phase", "distance", "heading_error", "velocity", "command", "lidar", "bearing")
+    assert encode.space.contains(encode(view)[0])
+
+
+def test_wrong_names_are_refused() -> None:
+    with pytest.raises(DockctlError, match="unknown observation part 'lydar'; did you mean 'lidar'"):
+        encoder("lydar")
+    with pytest.raises(DockctlError, match="'lidar' has no parameter 'cap'; did you mean 'cap_m'"):
+        encoder({"lidar": {"cap": 3}})
+
+
+def test_the_action_table_is_the_thesis() -> None:
+    table = action_commands(ActionGrid())
+    assert table.shape == (77, 2)
+    assert table[0] == pytest.approx([-50, -math.radians(30)])
+    assert table[1] == pytest.approx([-50, -math.radians(20)])
+    assert table[38] == pytest.approx([0, 0])
+    assert table[76] == pytest.approx([50, math.radians(30)])
+    assert len(np.unique(table, axis=0)) == 77

@@ -1,0 +1,153 @@
+"""The vector environment: seeds, independence of the number of boats, options, and what it refuses."""
+
+from __future__ import annotations
+
+import math
+from typing import Any
+
+import numpy as np
+import pytest
+from gymnasium.error import InvalidAction, ResetNeeded
+
+from dockctl.envs.vector import DockingVectorEnv
+from dockctl.errors import DockctlError
+from dockctl.scenarios.loader import load
+from tests.sim.worlds import walled
+
+S2, S3 = load("s2"), load("s3", overrides=["task.max_steps=40", "training.exploring_starts.steps=25"])
+
+
+def env(boats: int, *, exploring: bool = True, source: Any = S3, wall: float = 24.0) -> DockingVectorEnv:
+    return DockingVectorEnv(source, boats, exploring=exploring, world=walled(wall))
+
+
+def record(vector: DockingVectorEnv, seed: Any, actions: np.ndarray) -> list[np.ndarray]:
+    """Observations, rewards and poses of every step, through many ends of episodes."""
+    first, info = vector.reset(seed=seed)
+    steps = [first, info["pose"]]
+    for action in actions:
+        observation, reward, terminated, truncated, info = vector.step(action)
+        steps += [observation, reward, terminated, truncated, info["pose"], info["sector_ranges_m"]]
+    return steps
+
+
+@pytest.fixture(scope="module")
+def actions() -> np.ndarray:
+    return np.random.default_rng(3).integers(0, 77, (250, 8))
+
+
+def test_the_same_seed_gives_the_same_bits(actions: np.ndarray) -> None:
+    one, two = record(env(8), 11, actions), record(env(8), 11, actions)
+    assert all(np.array_equal(a, b) for a, b in zip(one, two, strict=True))
+    assert not np.array_equal(one[1], record(env(8), 12, actions[:1])[1])
+
+
+def test_a_boat_does_not_depend_on_how_many_there_are(actions: np.ndarray) -> None:
+    eight, three = record(env(8), 11, actions), record(env(3), 11, actions[:, :3])
+    assert all(np.array_equal(a[:3], b) for a, b in zip(eight, three, strict=True))
+    assert sum(steps.sum() for steps in (*three[4::6], *three[5::6])) > 20  # terminated, truncated
+
+
+def test_a_row_seeded_alone_is_the_same_boat(actions: np.ndarray) -> None:
+    seeds = list(range(20, 28))
+    eight = record(env(8), seeds, actions)
+    for row in (0, 5):
+        for alone in (
+            record(env(1), [seeds[row]], actions[:, [row]]),
+            record(env(1), seeds[row], actions[:, [row]]),
+        ):
+            assert all(np.array_equal(a[[row]], b) for a, b in zip(eight, alone, strict=True))
+
+
+def test_a_reset_without_seed_goes_on_with_the_generators() -> None:
+    vector = env(8)
+    first = vector.reset(seed=0)[1]["pose"]
+    second = vector.reset()[1]["pose"]
+    assert not np.array_equal(first, second)
+    assert np.array_equal(vector.reset(seed=0)[1]["pose"], first)
+    assert np.array_equal(vector.reset()[1]["pose"], second)
+
+
+def test_scenario_two_begins_at_all_its_poses() -> None:
+    _, info = env(40, source=S2, exploring=False).reset(seed=0)
+    assert set(info["start_index"]) == {0, 1, 2}
+    assert set(info["start_kind"]) == {"pose"}
+
+
+def test_info_tells_everything_and_belongs_to_the_reader() -> None:
+    vector = env(2, exploring=False)
+    vector.reset(seed=0)
+    _, reward, _, _, info = vector.step(np.array([73, 0]))
+    assert info["pose"].shape == info["velocity"].shape == (2, 3)
+    assert info["command"] == pytest.approx(np.array([[50, 0], [-50, -math.pi / 6]]))
+    assert info["sector_ranges_m"].shape == (2, 8)
+    assert info["distance_m"] == pytest.approx(np.hypot(info["pose"][:, 0] - 18, info["pose"][:, 1] - 3))
+    assert sum(info["reward_terms"].values()) == pytest.approx(reward)
+    kept = {key: np.copy(value) for key, value in info.items() if not isinstance(value, dict)}
+    vector.step(np.array([73, 0]))
+    assert all(np.array_equal(kept[key], info[key]) for key in kept)
+
+
+def test_poses_put_the_boats_where_they_are_asked_to_be() -> None:
+    vector = env(2)
+    poses = np.array([[20.0, 3.0, 2.5], [19.0, -1.0, 3.0]])
+    observations, info = vector.reset(options={"poses": poses})
+    assert np.array_equal(info["pose"], poses)
+    assert info["phase"].tolist() == [0, 0]
+    assert (info["start_kind"].tolist(), info["start_index"].tolist()) == (["pose", "pose"], [0, 1])
+    assert observations in vector.observation_space
+    assert (vector.simulator.max_steps == S3.scenario.task.max_steps).all()
+
+
+def test_a_mask_resets_its_rows() -> None:
+    vector = env(3, exploring=False)
+    vector.reset(seed=0)
+    _, _, _, _, before = vector.step(np.full(3, 73))
+    _, info = vector.reset(options={"reset_mask": np.array([False, True, False])})
+    assert np.array_equal(info["pose"][[0, 2]], before["pose"][[0, 2]])
+    assert info["pose"][1] == pytest.approx([23, -10, math.pi / 2])
+
+
+@pytest.mark.parametrize(
+    ("options", "complaint"),
+    [
+        ({"poses": [[20, 0, 0]]}, r"shape \(2, 3\)"),
+        ({"poses": [[20, 0, 0], [math.nan, 0, 0]]}, "finite"),
+        ({"poses": [[20, 0, 0], [25, 1, math.pi]]}, r"\(25, 1, 180°\) lies in an obstacle"),
+        ({"reset_mask": np.array([True])}, "2 booleans"),
+        ({"pose": [[20, 0, 0], [20, 0, 0]]}, "unknown option 'pose'; did you mean 'poses'"),
+    ],
+)
+def test_wrong_options_are_refused(options: dict[str, Any], complaint: str) -> None:
+    with pytest.raises(DockctlError, match=complaint):
+        env(2).reset(seed=0, options=options)
+
+
+def test_wrong_arguments_are_refused() -> None:
+    with pytest.raises(DockctlError, match="2 seeds"):
+        env(2).reset(seed=[1, 2, 3])
+    with pytest.raises(DockctlError, match="render_mode 'human'"):
+        DockingVectorEnv(S3, 1, world=walled(), render_mode="human")
+    with pytest.raises(DockctlError, match="autoreset_mode"):
+        DockingVectorEnv(S3, 1, world=walled(), autoreset_mode="NextStep")
+
+
+@pytest.mark.parametrize("actions", [[0], [0, 77], [-1, 0], [0, 0, 0]])
+def test_wrong_actions_are_refused(actions: list[int]) -> None:
+    vector = env(2)
+    vector.reset(seed=0)
+    with pytest.raises(InvalidAction):
+        vector.step(np.array(actions))
+
+
+def test_a_step_before_the_first_reset_is_refused() -> None:
+    with pytest.raises(ResetNeeded):
+        env(2).step(np.array([0, 0]))
+
+
+def test_clearance_and_random_poses() -> None:
+    vector = env(2)
+    vector.reset(options={"poses": np.array([[20.0, 3.0, 2.5], [19.0, -1.0, 3.0]])})
+    assert vector.clearance().tolist() == [4, 5]
+    assert vector.clearance(np.array([[23.0, 0, 0]])).tolist() == [1]
+    assert vector.random_poses(episodes=4, seed=1).shape == (4, 3)
