@@ -1,7 +1,8 @@
-"""A grid over the harbor's plan: how high it rises in each cell, and which triangles stand there.
+"""A grid over the harbor's plan: at which heights anything stands in each cell, and which triangles do.
 
-The grid serves the fast LiDAR scan. It answers three questions, all on the safe side: how high does anything
-rise within a radius of a point, how far is the nearest thing, and which triangles can a ray meet in a cell.
+The grid serves the fast LiDAR scan. It answers three questions, all on the safe side: at which heights is anything
+within a radius of a point, how far is the nearest thing, and which triangles can a ray meet in a cell. Heights are
+told in bands, one bit each, so that a ray passes between a deck and a boom, or under a stay.
 """
 
 from __future__ import annotations
@@ -19,39 +20,56 @@ from dockctl.sim.raycast import MISS, corner_and_edges, hit_triangle
 Floats = NDArray[np.float64]
 Singles = NDArray[np.float32]
 Ints = NDArray[np.int32]
+Bands = NDArray[np.uint32]
 
 FINEST_CELL_M = 0.1
 MOST_CELLS = 4_000_000
 SMALLEST_RADIUS_M = 0.15
 RADIUS_GROWTH = 1.4
-EMPTY = np.float32(-1.0)
 SLACK_M = 1e-5  # outweighs every rounding, in float32 too
+
+
+@njit(cache=True, nogil=True, inline="always")
+def bands_between(low: float, high: float) -> int:
+    """Return the bits of the bands of height between two heights [m]: 16 of 0.25 m, 15 of 0.75 m, and all above.
+
+    Everything under water counts as the lowest band.
+    """
+    first, last = _band(low), _band(high)
+    return (2 << last) - (1 << first)
+
+
+@njit(cache=True, nogil=True, inline="always")
+def _band(z: float) -> int:
+    if z < 4.0:
+        return int(max(z, 0.0) * 4.0)
+    return min(16 + int((z - 4.0) / 0.75), 31)
 
 
 @dataclass(frozen=True, eq=False)
 class HeightGrid:
-    """Heights, triangle lists and distances on a grid of square cells; rows run along y.
+    """Bands of height on a grid of square cells; rows run along y.
 
     Attributes:
         frame: (3,) x and y of the lower corner, and the cell's side [m].
-        heights: (ny, nx) highest point in each cell [m], -1 where empty.
+        bands: (ny, nx) bits of the bands in which anything stands in each cell.
         starts, members: triangles of cell ``iy * nx + ix`` are ``members[starts[cell]:starts[cell + 1]]``.
         triangles: (m, 9) as `hit_triangle` takes them.
         distances: (ny, nx) from anywhere in a cell to the nearest cell that is not empty, at least [m].
         radii: (levels,) [m].
         level_shape: (levels, 4) offset into `dilated`, nx, ny and stride in cells of each level.
-        dilated: levels end to end: highest point within the level's radius of anywhere in a cell [m].
+        dilated: levels end to end: the bands within the level's radius of anywhere in a cell.
     """
 
     frame: Floats
-    heights: Singles
+    bands: Bands
     starts: Ints
     members: Ints
     triangles: Floats
     distances: Singles
     radii: Floats
     level_shape: Ints
-    dilated: Singles
+    dilated: Bands
 
     @classmethod
     def over(cls, triangles: Floats, largest_radius_m: float) -> HeightGrid:
@@ -66,19 +84,19 @@ class HeightGrid:
         nx, ny = (math.ceil(side / cell) for side in high - low)
         frame = np.array([low[0], low[1], cell])
         counts = np.zeros(nx * ny + 1, np.int32)
-        heights = np.full((ny, nx), EMPTY, np.float32)
-        _lay(above, frame, heights, counts, np.empty(0, np.int32))
+        bands = np.zeros((ny, nx), np.uint32)
+        _lay(above, frame, bands, counts, np.empty(0, np.int32))
         starts = np.concatenate([[0], np.cumsum(counts[:-1])]).astype(np.int32)
         members = np.empty(starts[-1], np.int32)
-        _lay(above, frame, heights, starts[:-1].copy(), members)
-        shapes, dilated = _dilate_levels(heights, radii, cell)
+        _lay(above, frame, bands, starts[:-1].copy(), members)
+        shapes, dilated = _dilate_levels(bands, radii, cell)
         return cls(
             frame=frame,
-            heights=heights,
+            bands=bands,
             starts=starts,
             members=members,
             triangles=corner_and_edges(above),
-            distances=_distances(heights, cell),
+            distances=_distances(bands, cell),
             radii=radii,
             level_shape=shapes,
             dilated=dilated,
@@ -93,7 +111,7 @@ class HeightGrid:
         """What the compiled scan takes, in its order."""
         return (
             self.frame,
-            self.heights,
+            self.bands,
             self.starts,
             self.members,
             self.triangles,
@@ -104,98 +122,97 @@ class HeightGrid:
 
 
 @njit(cache=True)
-def _lay(triangles: Floats, frame: Floats, heights: Singles, places: Ints, members: Ints) -> None:
-    """Enter each triangle in the cells that its plan touches: count where `members` is empty, else fill.
+def _lay(triangles: Floats, frame: Floats, bands: Bands, places: Ints, members: Ints) -> None:
+    """Enter each triangle in the cells that its plan touches, with the heights at which it passes there.
 
-    A cell's height is the lower of two bounds of the triangle there: its highest corner, and its plane.
+    Triangles are only counted in `places` where `members` is empty; otherwise they are filled in from `places` on.
     """
-    ny, nx = heights.shape
+    ny, nx = bands.shape
     x0, y0, cell = frame
+    polygon, scratch = np.empty((8, 3)), np.empty((8, 3))
     for index in range(len(triangles)):
         t = triangles[index]
         low_x, high_x = t[:, 0].min() - SLACK_M, t[:, 0].max() + SLACK_M
         low_y, high_y = t[:, 1].min() - SLACK_M, t[:, 1].max() + SLACK_M
-        top = t[:, 2].max()
-        ux, uy, uz = t[1] - t[0]
-        vx, vy, vz = t[2] - t[0]
-        area = ux * vy - uy * vx  # twice the plan's, signed
-        steep = abs(area) < 1e-9
-        slope_x = 0.0 if steep else (uz * vy - vz * uy) / area
-        slope_y = 0.0 if steep else (vz * ux - uz * vx) / area
         for iy in range(max(0, int((low_y - y0) / cell)), min(ny - 1, int((high_y - y0) / cell)) + 1):
             for ix in range(max(0, int((low_x - x0) / cell)), min(nx - 1, int((high_x - x0) / cell)) + 1):
-                cx, cy = x0 + (ix + 0.5) * cell, y0 + (iy + 0.5) * cell
-                if _outside(t, cx, cy, cell / 2 + SLACK_M):
+                polygon[:3] = t
+                corners = 3
+                left, lower = x0 + ix * cell, y0 + iy * cell
+                corners = _cut(polygon, scratch, corners, 0, 1.0, left - SLACK_M)
+                corners = _cut(scratch, polygon, corners, 0, -1.0, -(left + cell + SLACK_M))
+                corners = _cut(polygon, scratch, corners, 1, 1.0, lower - SLACK_M)
+                corners = _cut(scratch, polygon, corners, 1, -1.0, -(lower + cell + SLACK_M))
+                if corners == 0:
                     continue
                 place = iy * nx + ix
                 if len(members) > 0:
                     members[places[place]] = index
                 places[place] += 1
-                height = top
-                if not steep:
-                    plane = t[0, 2] + slope_x * (cx - t[0, 0]) + slope_y * (cy - t[0, 1])
-                    height = min(top, plane + (abs(slope_x) + abs(slope_y)) * (cell / 2 + SLACK_M))
-                if height + SLACK_M > heights[iy, ix]:
-                    heights[iy, ix] = max(height, 0.0) + SLACK_M
+                z = polygon[:corners, 2]
+                if z.max() + SLACK_M >= 0.0:
+                    bands[iy, ix] |= np.uint32(bands_between(z.min() - SLACK_M, z.max() + SLACK_M))
 
 
 @njit(cache=True)
-def _outside(t: Floats, cx: float, cy: float, half: float) -> bool:
-    """Tell whether one of the triangle's edges separates its plan from the square around (cx, cy)."""
-    for i in range(3):
-        j, k = (i + 1) % 3, (i + 2) % 3
-        nx, ny = t[j, 1] - t[i, 1], t[i, 0] - t[j, 0]
-        other = nx * (t[k, 0] - t[i, 0]) + ny * (t[k, 1] - t[i, 1])
-        if other > 0:
-            nx, ny, other = -nx, -ny, -other
-        # Now the triangle lies where the normal's value is between `other` and 0.
-        centre = nx * (cx - t[i, 0]) + ny * (cy - t[i, 1])
-        reach = (abs(nx) + abs(ny)) * half
-        if centre - reach > 0.0 or centre + reach < other:
-            return True
-    return False
+def _cut(polygon: Floats, out: Floats, corners: int, axis: int, sign: float, bound: float) -> int:
+    """Cut a convex polygon by ``sign * p[axis] >= bound`` into `out`, and return the corners left.
+
+    Sutherland and Hodgman, "Reentrant polygon clipping", 1974.
+    """
+    kept = 0
+    for i in range(corners):
+        j = (i + 1) % corners
+        a, b = sign * polygon[i, axis] - bound, sign * polygon[j, axis] - bound
+        if a >= 0.0:
+            out[kept] = polygon[i]
+            kept += 1
+        if (a >= 0.0) != (b >= 0.0):
+            out[kept] = polygon[i] + (polygon[j] - polygon[i]) * (a / (a - b))
+            kept += 1
+    return kept
 
 
-def _dilate_levels(heights: Singles, radii: Floats, cell: float) -> tuple[Ints, Singles]:
+def _dilate_levels(bands: Bands, radii: Floats, cell: float) -> tuple[Ints, Bands]:
     """Return `level_shape` and `dilated` for the radii; a wide radius needs no fine cells."""
     shapes, parts, offset = [], [], 0
     for radius in radii:
         stride = max(1, 2 ** int(math.log2(max(1.0, radius / cell / 3))))
-        coarse = _block_maximum(heights, stride)
-        level = _window_maximum(coarse, math.ceil(radius / (cell * stride)))
+        level = _window_union(_block_union(bands, stride), math.ceil(radius / (cell * stride)))
         shapes.append((offset, level.shape[1], level.shape[0], stride))
         parts.append(level.ravel())
         offset += level.size
     return np.array(shapes, np.int32), np.concatenate(parts)
 
 
-def _block_maximum(heights: Singles, stride: int) -> Singles:
-    ny, nx = heights.shape
-    padded = np.pad(heights, ((0, -ny % stride), (0, -nx % stride)), constant_values=EMPTY)
+def _block_union(bands: Bands, stride: int) -> Bands:
+    """Return the bands of each block of `stride` by `stride` cells."""
+    ny, nx = bands.shape
+    padded = np.pad(bands, ((0, -ny % stride), (0, -nx % stride)))
     blocks = padded.reshape(padded.shape[0] // stride, stride, padded.shape[1] // stride, stride)
-    return np.asarray(blocks.max(axis=(1, 3)), np.float32)
+    return np.bitwise_or.reduce(np.bitwise_or.reduce(blocks, axis=3), axis=1)
 
 
-def _window_maximum(heights: Singles, reach: int) -> Singles:
-    """Return the maximum over the square window of `reach` cells to every side."""
+def _window_union(bands: Bands, reach: int) -> Bands:
+    """Return the bands in the square window of `reach` cells to every side."""
     for axis in (0, 1):
         pad = [(0, 0), (0, 0)]
         pad[axis] = (reach, reach)
-        padded = np.pad(heights, pad, constant_values=EMPTY)
-        heights = np.lib.stride_tricks.sliding_window_view(padded, 2 * reach + 1, axis).max(axis=-1)
-    return np.ascontiguousarray(heights, np.float32)
+        windows = np.lib.stride_tricks.sliding_window_view(np.pad(bands, pad), 2 * reach + 1, axis)
+        bands = np.bitwise_or.reduce(windows, axis=-1)
+    return np.ascontiguousarray(bands)
 
 
 @njit(cache=True)
-def _distances(heights: Singles, cell: float) -> Singles:
+def _distances(bands: Bands, cell: float) -> Singles:
     """Return a lower bound of the distance to the nearest cell that is not empty.
 
     Exact squared distances between cell centres by lower envelopes of parabolas (Felzenszwalb and
     Huttenlocher, "Distance transforms of sampled functions", 2012), less a cell's diagonal.
     """
-    ny, nx = heights.shape
+    ny, nx = bands.shape
     far = 1e12
-    squared = np.where(heights >= 0.0, 0.0, far)
+    squared = np.where(bands > 0, 0.0, far)
     longest = max(nx, ny)
     vertex = np.empty(longest, np.int64)
     border = np.empty(longest + 1)
@@ -241,7 +258,7 @@ def first_hit(
     begin: float,
     end: float,
     frame: Floats,
-    heights: Singles,
+    bands: Bands,
     starts: Ints,
     members: Ints,
     triangles: Floats,
@@ -249,14 +266,14 @@ def first_hit(
     """Walk a ray between two of its parameters, cell by cell, to its closest hit there or infinity.
 
     As in Amanatides and Woo, "A fast voxel traversal algorithm for ray tracing", 1987; a cell that the ray
-    passes above is skipped. A hit on a triangle of a visited cell also counts just past `end`.
+    passes above or below all that stands there is skipped. A hit on a triangle of a visited cell also counts just past `end`.
 
     Args:
         ox, oy, oz, dx, dy, dz: origin [m] and direction in the world frame.
         begin, end: ray parameters.
-        frame, heights, starts, members, triangles: of the `HeightGrid`.
+        frame, bands, starts, members, triangles: of the `HeightGrid`.
     """
-    ny, nx = heights.shape
+    ny, nx = bands.shape
     cell = frame[2]
     # Into cell coordinates, and cut to the grid.
     px, py, vx, vy = (ox - frame[0]) / cell, (oy - frame[1]) / cell, dx / cell, dy / cell
@@ -283,8 +300,8 @@ def first_hit(
     entry = begin
     while True:
         leave = min(next_x, next_y)
-        lowest = oz + dz * (min(leave, end) if dz < 0.0 else entry)
-        if lowest <= heights[iy, ix]:
+        here, there = oz + dz * entry, oz + dz * min(leave, end)
+        if bands[iy, ix] & bands_between(min(here, there), max(here, there)):
             place = iy * nx + ix
             for slot in range(starts[place], starts[place + 1]):
                 t = hit_triangle(triangles[members[slot]], ox, oy, oz, dx, dy, dz)

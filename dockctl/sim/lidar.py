@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 from dockctl.scenarios.sensors import Lidar, LidarMount
 from dockctl.sim.heightgrid import HeightGrid
 from dockctl.sim.raycast import BoundingVolumes, closest_hits
-from dockctl.sim.scan import ShellTable, sector_of, sector_ranges
+from dockctl.sim.scan import CORE_REACH_M, ShellTable, sector_of, sector_ranges
 
 Floats = NDArray[np.float64]
 Ints = NDArray[np.int32]
@@ -106,10 +106,10 @@ class LidarArray:
         shells = ShellTable.of(
             rays.origins, rays.directions, rays.reach, rays.channel, self.spec.sectors, self.spec.range_m
         )
-        core = shells.radii[:1]
-        grid = HeightGrid.over(self.triangles, max(core[0], shells.half_diagonals.max()))
-        levels = grid.levels_for(np.concatenate([core, shells.half_diagonals]))
-        return (*shells.arrays, *grid.arrays, int(levels[0]), levels[1:])
+        radii = np.concatenate([[shells.radii[0], CORE_REACH_M], shells.half_diagonals])
+        grid = HeightGrid.over(self.triangles, radii.max())
+        levels = grid.levels_for(radii)
+        return (*shells.arrays, *grid.arrays, int(levels[0]), int(levels[1]), levels[2:])
 
     def prepare(self) -> None:
         """Build the tables of the fast scan now, rather than at the first scan."""

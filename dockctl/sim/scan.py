@@ -3,9 +3,8 @@
 Only the nearest return of each sector matters, so the scan looks outwards from the boat, ring by ring (shells
 of growing radius cut into narrow bins of azimuth), and stops in a sector once its nearest return is nearer
 than the ring. A table in the body frame, made once for a set of sensors, tells which rays cross a cell of the
-rings and how low the lowest of them is there; a cell where nothing of the harbor rises to that height is left
-out, and so are stretches of open water. In the cells that remain, each ray is walked through the fine grid of
-the harbor; a ray that hits something nearer than the sector's best is walked again from its origin, because
+rings and in which bands of height; rays that pass above or below all of the harbor near a cell are left out
+there, and so are stretches of open water. The rays that remain are walked through the fine grid of the harbor; a ray that hits something nearer than the sector's best is walked again from its origin, because
 something else may stop it first.
 
 A hit is found by the same `hit_triangle` as in the plain tracer: the ranges equal the oracle's bit for bit.
@@ -21,7 +20,7 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
-from dockctl.sim.heightgrid import SLACK_M, first_hit
+from dockctl.sim.heightgrid import SLACK_M, Bands, bands_between, first_hit
 from dockctl.sim.raycast import MISS
 
 Floats = NDArray[np.float64]
@@ -30,6 +29,10 @@ Singles = NDArray[np.float32]
 
 BINS_PER_SECTOR = 32
 SHELL_GROWTH = 1.05
+CORE_CELL_M = 0.25
+CORE_STEP_M = 0.05
+# From the middle of a core's cell to the rays that are entered there by a point every step.
+CORE_REACH_M = CORE_CELL_M / math.sqrt(2) + CORE_STEP_M
 
 
 @njit(cache=True, nogil=True)
@@ -44,15 +47,16 @@ class ShellTable:
 
     Shell k lies between ``radii[k]`` and ``radii[k + 1]``; within ``radii[0]`` lies the core, around all the
     sensors, where rays need not run outwards. Cell ``k * bins + bin`` has the runs
-    ``starts[cell]:starts[cell + 1]``, lowest first; a run is a row of neighbouring rays.
+    ``starts[cell]:starts[cell + 1]``; a run is a row of neighbouring rays. The core's cells are squares, and come
+    after those of the shells.
 
     Attributes:
         rays: (k, 10) origin, direction, reach, and the coefficients of rho(t)^2 = h2 t^2 + 2 b t + c.
         radii: (shells + 1,) [m].
         bins: (bins, 2) cosine and sine of the middle azimuth of each bin.
         half_diagonals: (shells,) from a cell's middle to its farthest corner [m].
-        starts, first, count, lowest: the runs, with the lowest z of each in its cell [m].
-        core: the rays, lowest first, and the lowest z of each within the core [m].
+        starts, first, count, bands: the runs, with the bands of height that each passes in its cell.
+        core: (cells, 2) middles of the core's cells [m].
     """
 
     rays: Floats
@@ -62,8 +66,8 @@ class ShellTable:
     starts: Ints
     first: Ints
     count: Ints
-    lowest: Singles
-    core: tuple[Ints, Singles]
+    bands: Bands
+    core: Floats
 
     @classmethod
     def of(
@@ -81,18 +85,16 @@ class ShellTable:
         xy, d = origins[:, :2], directions[:, :2]
         quadratic = [np.sum(d * d, axis=1), np.sum(xy * d, axis=1), np.sum(xy * xy, axis=1)]
         rays = np.column_stack([origins, directions, reach, *quadratic])
-        counts = np.zeros(shells * count + 1, np.int32)
+        side = math.ceil(inner / CORE_CELL_M)
+        places = (np.arange(2 * side) + 0.5 - side) * CORE_CELL_M
+        core = np.stack(np.meshgrid(places, places), axis=-1).reshape(-1, 2)
+        counts = np.zeros(shells * count + len(core) + 1, np.int32)
         nothing = np.empty(0, np.int32)
-        _gather(rays, channel, radii, count, counts, nothing, nothing, np.empty(0, np.float32))
+        _gather(rays, channel, radii, count, side, counts, nothing, nothing, np.empty(0, np.uint32))
         starts = np.concatenate([[0], np.cumsum(counts[:-1])]).astype(np.int32)
         first, length = np.empty(starts[-1], np.int32), np.zeros(starts[-1], np.int32)
-        lowest = np.empty(starts[-1], np.float32)
-        _gather(rays, channel, radii, count, starts[:-1].copy(), first, length, lowest)
-        _sort_runs(starts, first, length, lowest)
-        core_z = np.minimum(origins[:, 2], _height_at(rays, radii[0])).astype(np.float32) - np.float32(
-            SLACK_M
-        )
-        order = np.argsort(core_z, kind="stable").astype(np.int32)
+        bands = np.zeros(starts[-1], np.uint32)
+        _gather(rays, channel, radii, count, side, starts[:-1].copy(), first, length, bands)
         return cls(
             rays=rays,
             radii=radii,
@@ -101,24 +103,15 @@ class ShellTable:
             starts=starts,
             first=first,
             count=length,
-            lowest=lowest,
-            core=(order, core_z[order]),
+            bands=bands,
+            core=core,
         )
 
     @property
     def arrays(self) -> tuple[NDArray[Any], ...]:
         """What the compiled scan takes, in its order."""
-        runs = (self.starts, self.first, self.count, self.lowest)
-        return (self.rays, self.radii, self.bins, *runs, *self.core)
-
-
-def _height_at(rays: Floats, radius: float) -> Floats:
-    """Return the (k,) z of each ray where it leaves the circle of `radius`, or where it ends [m]."""
-    h2, b, c = rays[:, 7], rays[:, 8], rays[:, 9]
-    level = h2 > 1e-12
-    root = np.sqrt(np.maximum(b * b - h2 * (c - radius * radius), 0.0))
-    t = np.divide(root - b, h2, out=np.full(len(rays), np.inf), where=level)
-    return np.asarray(rays[:, 2] + rays[:, 5] * np.minimum(t, rays[:, 6]))
+        runs = (self.starts, self.first, self.count, self.bands)
+        return (self.rays, self.radii, self.bins, *runs, self.core)
 
 
 @njit(cache=True)
@@ -127,60 +120,88 @@ def _gather(
     channel: Ints,
     radii: Floats,
     bins: int,
+    core_side: int,
     places: Ints,
     first: Ints,
     count: Ints,
-    lowest: Singles,
+    bands: Bands,
 ) -> None:
     """Enter every ray in the cells that it crosses, growing runs of neighbours.
 
     Runs are only counted in `places` where `first` is empty; otherwise they are filled in from `places` on.
     """
     shells = len(radii) - 1
-    filling = len(first) > 0
-    last = np.full(shells * bins, -2, np.int32)  # the last ray entered in a cell
+    last = np.full(len(places), -2, np.int32)  # the last ray entered in a cell
     width = 2 * math.pi / bins
     for ray in range(len(rays)):
         ox, oy, oz, dx, dy, dz, reach, h2, b, c = rays[ray]
-        if h2 < 1e-12:
-            continue
-        t = (math.sqrt(b * b - h2 * (c - radii[0] ** 2)) - b) / h2
+        joined = ray > 0 and channel[ray - 1] == channel[ray]
+        t = min(_leaves(rays[ray], radii[0]), reach)
+        steps = math.ceil(t / CORE_STEP_M) + 1
+        for step in range(steps):
+            here, there = t * step / steps, t * (step + 1) / steps
+            middle = (here + there) / 2
+            ix = min(int((ox + middle * dx) / CORE_CELL_M + core_side), 2 * core_side - 1)
+            iy = min(int((oy + middle * dy) / CORE_CELL_M + core_side), 2 * core_side - 1)
+            cell = shells * bins + iy * 2 * core_side + ix
+            passed = _passed(oz + dz * here, oz + dz * there)
+            _enter(ray, cell, joined, passed, last, places, first, count, bands)
         theta = math.atan2(oy + t * dy, ox + t * dx)
         for shell in range(shells):
             if t >= reach:
                 break
-            t_out = min((math.sqrt(b * b - h2 * (c - radii[shell + 1] ** 2)) - b) / h2, reach)
+            t_out = min(_leaves(rays[ray], radii[shell + 1]), reach)
             theta_out = math.atan2(oy + t_out * dy, ox + t_out * dx)
             turn = theta_out - theta
             turn -= 2 * math.pi * math.floor(turn / (2 * math.pi) + 0.5)
             low = min(theta, theta + turn) - 1e-7
             high = max(theta, theta + turn) + 1e-7
-            z = min(oz + dz * t, oz + dz * t_out) - SLACK_M
+            passed = _passed(oz + dz * t, oz + dz * t_out)
             for index in range(math.floor((low + math.pi) / width), math.floor((high + math.pi) / width) + 1):
                 cell = shell * bins + index % bins
-                joins = last[cell] == ray - 1 and channel[ray - 1] == channel[ray]
-                last[cell] = ray
-                if not joins:
-                    places[cell] += 1
-                if filling:
-                    run = places[cell] - 1
-                    if not joins:
-                        first[run] = ray
-                        lowest[run] = z
-                    count[run] += 1
-                    lowest[run] = min(lowest[run], z)
+                _enter(ray, cell, joined, passed, last, places, first, count, bands)
             t, theta = t_out, theta_out
 
 
+@njit(cache=True, inline="always")
+def _passed(z: float, z_out: float) -> int:
+    return bands_between(min(z, z_out) - SLACK_M, max(z, z_out) + SLACK_M)
+
+
 @njit(cache=True)
-def _sort_runs(starts: Ints, first: Ints, count: Ints, lowest: Singles) -> None:
-    """Sort the runs of each cell by their lowest z."""
-    for cell in range(len(starts) - 1):
-        begin, end = starts[cell], starts[cell + 1]
-        order = np.argsort(lowest[begin:end])
-        first[begin:end] = first[begin:end][order]
-        count[begin:end] = count[begin:end][order]
-        lowest[begin:end] = lowest[begin:end][order]
+def _enter(
+    ray: int,
+    cell: int,
+    joined: bool,
+    passed: int,
+    last: Ints,
+    places: Ints,
+    first: Ints,
+    count: Ints,
+    bands: Bands,
+) -> None:
+    """Enter one ray in one cell; it lengthens the cell's last run if it is `joined` to that run's last ray."""
+    same, joins = last[cell] == ray, joined and last[cell] == ray - 1
+    last[cell] = ray
+    if not (same or joins):
+        places[cell] += 1
+    if len(first) == 0:
+        return
+    run = places[cell] - 1
+    if not (same or joins):
+        first[run] = ray
+    if not same:
+        count[run] += 1
+    bands[run] |= np.uint32(passed)
+
+
+@njit(cache=True, nogil=True, inline="always")
+def _leaves(ray: Floats, radius: float) -> float:
+    """Return the ray parameter where a ray that begins within `radius` of the body's origin leaves that circle."""
+    h2, b, c = ray[7], ray[8], ray[9]
+    if h2 < 1e-12:
+        return MISS
+    return (math.sqrt(b * b - h2 * (c - radius * radius)) - b) / h2
 
 
 @njit(cache=True, nogil=True)
@@ -194,17 +215,17 @@ def sector_ranges(
     run_starts: Ints,
     run_first: Ints,
     run_count: Ints,
-    run_lowest: Singles,
-    core_rays: Ints,
-    core_lowest: Singles,
+    run_bands: Bands,
+    core: Floats,
     frame: Floats,
-    heights: Singles,
+    bands: Bands,
     starts: Ints,
     members: Ints,
     triangles: Floats,
     distances: Singles,
     level_shape: Ints,
-    dilated: Singles,
+    dilated: Bands,
+    whole_core_level: int,
     core_level: int,
     shell_levels: Ints,
 ) -> None:
@@ -221,11 +242,19 @@ def sector_ranges(
         best = out[row]
         best[:] = range_m
         skip_below[:] = 0.0
-        height = _height_near(x, y, core_level, frame, level_shape, dilated)
-        for slot in range(len(core_rays)):
-            if core_lowest[slot] > height:
-                break
-            _settle(rays[core_rays[slot]], MISS, x, y, c, s, best, frame, heights, starts, members, triangles)
+        crowded = _bands_near(x, y, whole_core_level, frame, level_shape, dilated) > 0
+        for index in range(len(core) if crowded else 0):
+            wx = x + (c * core[index, 0] - s * core[index, 1])
+            wy = y + (s * core[index, 0] + c * core[index, 1])
+            near = _bands_near(wx, wy, core_level, frame, level_shape, dilated)
+            cell = shells * bin_count + index
+            for run in range(run_starts[cell], run_starts[cell + 1]):
+                if run_bands[run] & near:
+                    for ray in range(run_first[run], run_first[run] + run_count[run]):
+                        _visit(
+                            rays[ray], 0.0, radii[0],
+                            x, y, c, s, best, frame, bands, starts, members, triangles,
+                        )  # fmt: skip
         for shell in range(shells):
             inner, outer = radii[shell], radii[shell + 1]
             middle = (inner + outer) / 2
@@ -238,33 +267,33 @@ def sector_ranges(
                     if skip_below[index] >= outer:
                         continue
                     cell = shell * bin_count + index
-                    run, end = run_starts[cell], run_starts[cell + 1]
                     wx = x + middle * (c * bins[index, 0] - s * bins[index, 1])
                     wy = y + middle * (s * bins[index, 0] + c * bins[index, 1])
-                    height = _height_near(wx, wy, shell_levels[shell], frame, level_shape, dilated)
-                    if height < 0.0:
+                    near = _bands_near(wx, wy, shell_levels[shell], frame, level_shape, dilated)
+                    if near == 0:
                         skip_below[index] = (_distance_at(wx, wy, frame, distances) + middle) / widening
                         continue
-                    while run < end and run_lowest[run] <= height:
+                    for run in range(run_starts[cell], run_starts[cell + 1]):
+                        if run_bands[run] & near == 0:
+                            continue
                         for ray in range(run_first[run], run_first[run] + run_count[run]):
                             _visit(
-                                rays[ray], inner, min(outer, best[sector]), height,
-                                x, y, c, s, best, frame, heights, starts, members, triangles,
+                                rays[ray], inner, min(outer, best[sector]),
+                                x, y, c, s, best, frame, bands, starts, members, triangles,
                             )  # fmt: skip
-                        run += 1
             if not looking:
                 break
 
 
 @njit(cache=True, nogil=True, inline="always")
-def _height_near(x: float, y: float, level: int, frame: Floats, level_shape: Ints, dilated: Singles) -> float:
-    """Return how high anything rises within the level's radius of (x, y) [m]; negative where nothing is."""
+def _bands_near(x: float, y: float, level: int, frame: Floats, level_shape: Ints, dilated: Bands) -> int:
+    """Return the bands of height in which anything stands within the level's radius of (x, y)."""
     offset, nx, ny, stride = level_shape[level]
     ix = math.floor((x - frame[0]) / (frame[2] * stride))
     iy = math.floor((y - frame[1]) / (frame[2] * stride))
     if ix < 0 or iy < 0 or ix >= nx or iy >= ny:
-        return -1.0  # the grid's margin is wider than every radius
-    return float(dilated[offset + iy * nx + ix])
+        return 0  # the grid's margin is wider than every radius
+    return int(dilated[offset + iy * nx + ix])
 
 
 @njit(cache=True, nogil=True, inline="always")
@@ -285,31 +314,29 @@ def _visit(
     ray: Floats,
     inner: float,
     outer: float,
-    height: float,
     x: float,
     y: float,
     c: float,
     s: float,
     best: Floats,
     frame: Floats,
-    heights: Singles,
+    bands: Bands,
     starts: Ints,
     members: Ints,
     triangles: Floats,
 ) -> None:
     """Walk one ray between two radii, and settle its range if it hits something there."""
-    h2, b, rest = ray[7], ray[8], ray[9]
-    begin = (math.sqrt(b * b - h2 * (rest - inner * inner)) - b) / h2 - 1e-7
-    end = min((math.sqrt(b * b - h2 * (rest - outer * outer)) - b) / h2 + 1e-7, ray[6])
-    if begin > end or ray[2] + ray[5] * (end if ray[5] < 0.0 else begin) > height:
+    begin = _leaves(ray, inner) - 1e-7 if inner > 0.0 else 0.0
+    end = min(_leaves(ray, outer) + 1e-7, ray[6])
+    if begin > end:
         return
     found = first_hit(
         x + (c * ray[0] - s * ray[1]), y + (s * ray[0] + c * ray[1]), ray[2],
         c * ray[3] - s * ray[4], s * ray[3] + c * ray[4], ray[5],
-        begin, end, frame, heights, starts, members, triangles,
+        begin, end, frame, bands, starts, members, triangles,
     )  # fmt: skip
     if found <= ray[6] and _improves(ray, found, best):
-        _settle(ray, found, x, y, c, s, best, frame, heights, starts, members, triangles)
+        _settle(ray, found, x, y, c, s, best, frame, bands, starts, members, triangles)
 
 
 @njit(cache=True, nogil=True)
@@ -322,7 +349,7 @@ def _settle(
     s: float,
     best: Floats,
     frame: Floats,
-    heights: Singles,
+    bands: Bands,
     starts: Ints,
     members: Ints,
     triangles: Floats,
@@ -331,7 +358,7 @@ def _settle(
     t = first_hit(
         x + (c * ray[0] - s * ray[1]), y + (s * ray[0] + c * ray[1]), ray[2],
         c * ray[3] - s * ray[4], s * ray[3] + c * ray[4], ray[5],
-        0.0, min(limit, ray[6]), frame, heights, starts, members, triangles,
+        0.0, min(limit, ray[6]), frame, bands, starts, members, triangles,
     )  # fmt: skip
     if t <= ray[6]:
         px, py = ray[0] + t * ray[3], ray[1] + t * ray[4]

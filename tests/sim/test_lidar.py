@@ -12,7 +12,7 @@ from hypothesis import strategies as st
 
 from dockctl.scenarios.sensors import Lidar, LidarMount
 from dockctl.sim import lidar as lidar_module
-from dockctl.sim.heightgrid import HeightGrid
+from dockctl.sim.heightgrid import HeightGrid, bands_between
 from dockctl.sim.lidar import LidarArray, Rays, rotation
 from dockctl.sim.raycast import BoundingVolumes, closest_hits
 
@@ -90,7 +90,7 @@ def test_a_wall_ahead_is_seen_at_its_distance() -> None:
 def test_a_near_wall_hides_a_far_one() -> None:
     both = np.concatenate([wall(7.0, 40.0), wall(12.0, 80.0)])
     points, _ = LidarArray(Lidar(), both).points(np.zeros(3))
-    assert points[:, 0].max() < 8.1
+    assert points[points[:, 0] > 8.01, 2].min() > 40.0
 
 
 @pytest.mark.parametrize("heading", [0.0, 45.0, 90.0, 180.0, 270.0])
@@ -195,19 +195,33 @@ def test_ranges_do_not_depend_on_the_batch_or_the_threads(monkeypatch: pytest.Mo
     np.testing.assert_array_equal(together, array.sector_ranges(poses))
 
 
-def test_grid_bounds_are_safe() -> None:
-    """Dilated heights are never below, distances never above, what the triangles' own corners show."""
+def test_grid_is_on_the_safe_side() -> None:
+    """Bands never miss, and distances never exceed, what points sampled on the triangles show."""
     triangles = clutter(5)
-    grid = HeightGrid.over(triangles, 2.0)
-    corners = triangles.reshape(-1, 3)
-    corners = corners[corners[:, 2] >= 0]
-    x0, y0, cell = grid.frame
-    ny, nx = grid.heights.shape
     rng = np.random.default_rng(0)
-    for x, y in rng.uniform([x0, y0], [x0 + nx * cell, y0 + ny * cell], (500, 2)):
-        away = np.hypot(corners[:, 0] - x, corners[:, 1] - y)
+    weights = rng.dirichlet([1, 1, 1], (len(triangles), 8))
+    points = np.einsum("tki,tij->tkj", weights, triangles).reshape(-1, 3)
+    points = points[points[:, 2] >= 0]
+    grid = HeightGrid.over(triangles, 2.0)
+    x0, y0, cell = grid.frame
+    ny, nx = grid.bands.shape
+    columns, rows = ((points[:, :2] - [x0, y0]) / cell).astype(int).T
+    bits = np.array([bands_between(z, z) for z in points[:, 2]])
+    assert np.all(grid.bands[rows, columns] & bits)
+    for x, y in rng.uniform([x0, y0], [x0 + nx * cell, y0 + ny * cell], (300, 2)):
+        away = np.hypot(points[:, 0] - x, points[:, 1] - y)
         assert grid.distances[int((y - y0) / cell), int((x - x0) / cell)] <= away.min()
         for (offset, width, _, stride), radius in zip(grid.level_shape, grid.radii, strict=True):
-            near = corners[away <= radius, 2]
+            expected = np.bitwise_or.reduce(bits[away <= radius], initial=0)
             iy, ix = int((y - y0) / (cell * stride)), int((x - x0) / (cell * stride))
-            assert grid.dilated[offset + iy * width + ix] >= near.max(initial=-1.0) - 1e-6
+            assert int(grid.dilated[offset + iy * width + ix]) & expected == expected
+
+
+@given(low=st.floats(-2, 30), size=st.floats(0, 30))
+def test_bands_are_a_row_of_bits_that_grows_with_the_interval(low: float, size: float) -> None:
+    bands = bands_between(low, low + size)
+    assert bands & bands_between(low, low)
+    assert bands & bands_between(low + size, low + size)
+    assert bands_between(low, low + 2 * size) & bands == bands
+    lowest_bit = bands & -bands
+    assert (bands + lowest_bit) & bands == 0  # no gap
