@@ -1,4 +1,7 @@
-"""The environments' names in Gymnasium, for its plugin entry point and for importing `dockctl.envs`."""
+"""The environments' names in Gymnasium, known once `dockctl.envs` is imported.
+
+Gymnasium has no entry point for plugins: import the package, or make "dockctl.envs:dockctl/S3-v0".
+"""
 
 from __future__ import annotations
 

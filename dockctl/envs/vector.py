@@ -15,12 +15,13 @@ from numpy.typing import NDArray
 
 from dockctl.envs.observation import View
 from dockctl.envs.spaces import ObservationEncoder, action_commands
-from dockctl.errors import DockctlError, nearest
+from dockctl.errors import DockctlError, InputError, nearest
 from dockctl.rewards.compose import RewardFunction
 from dockctl.scenarios.loader import LoadedScenario, load
 from dockctl.scenarios.schema import Scenario
+from dockctl.sim.checks import check_poses
 from dockctl.sim.simulator import Simulator, World, build_world
-from dockctl.sim.starts import Start, StartSampler, given_start, random_poses
+from dockctl.sim.starts import Start, StartSampler, given_start
 from dockctl.sim.status import Bools, Floats, Ints, StepStatus
 
 Observations = NDArray[np.float32]
@@ -156,10 +157,6 @@ class DockingVectorEnv(VectorEnv[Observations, Ints, NDArray[Any]]):
         """Return the least distance (k,) [m] between the harbor and hulls at `eta` (k, 3), or the boats."""
         return self.world.obstacles.clearance(self.simulator.eta if eta is None else eta)
 
-    def random_poses(self, *, episodes: int, seed: int) -> Floats:
-        """Draw free starts (episodes, 3) [m, m, rad] around the initial poses, for `options["poses"]`."""
-        return random_poses(self.scenario, self.world.obstacles.blocked, episodes=episodes, seed=seed)
-
     def render(self) -> tuple[NDArray[np.uint8], ...] | None:
         """Return a picture (height, width, 3) of the harbor from above for each boat, if there is a mode."""
         if self.render_mode is None:
@@ -270,7 +267,11 @@ class DockingVectorEnv(VectorEnv[Observations, Ints, NDArray[Any]]):
 def _resolve(scenario: ScenarioSource, base_dir: Path | None) -> tuple[Scenario, Path]:
     if isinstance(scenario, Scenario):
         return scenario, base_dir or Path.cwd()
-    loaded = scenario if isinstance(scenario, LoadedScenario) else load(scenario)
+    if isinstance(scenario, LoadedScenario):
+        return scenario.scenario, scenario.base_dir
+    loaded = load(scenario)
+    if flaws := check_poses(loaded.scenario, loaded.base_dir):
+        raise InputError(loaded.problem(path, message) for path, message in flaws)
     return loaded.scenario, loaded.base_dir
 
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -123,6 +124,14 @@ def test_wrong_options_are_refused(options: dict[str, Any], complaint: str) -> N
         env(2).reset(seed=0, options=options)
 
 
+def test_a_scenario_whose_boat_starts_in_a_quay_is_refused(tmp_path: Path) -> None:
+    (tmp_path / "ashore.yaml").write_text(
+        "extends: s1\ntask: {initial: [{x_m: 45, y_m: 0, heading_deg: 0}]}\n"
+    )
+    with pytest.raises(DockctlError, match=r"ashore\.yaml:2:.*task\.initial\.0: the boat at \(45, 0, 0°\)"):
+        DockingVectorEnv(tmp_path / "ashore.yaml")
+
+
 def test_wrong_arguments_are_refused() -> None:
     with pytest.raises(DockctlError, match="2 seeds"):
         env(2).reset(seed=[1, 2, 3])
@@ -145,9 +154,8 @@ def test_a_step_before_the_first_reset_is_refused() -> None:
         env(2).step(np.array([0, 0]))
 
 
-def test_clearance_and_random_poses() -> None:
+def test_clearance_of_the_boats_and_of_given_poses() -> None:
     vector = env(2)
     vector.reset(options={"poses": np.array([[20.0, 3.0, 2.5], [19.0, -1.0, 3.0]])})
     assert vector.clearance().tolist() == [4, 5]
     assert vector.clearance(np.array([[23.0, 0, 0]])).tolist() == [1]
-    assert vector.random_poses(episodes=4, seed=1).shape == (4, 3)
