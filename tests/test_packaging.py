@@ -19,6 +19,7 @@ from pydantic import BaseModel
 
 import dockctl
 from dockctl.cli import app
+from dockctl.scenarios.loader import load
 from dockctl.scenarios.schema import Scenario
 from dockctl.scenarios.training import THESIS
 
@@ -160,6 +161,18 @@ class TestDocuments:
         targets = re.findall(r"\]\(([^)#\s]+)[^)]*\)", document.read_text())
         local = [target for target in targets if "://" not in target]
         assert [target for target in local if not (document.parent / target).exists()] == []
+
+    @pytest.mark.usefixtures("own_registries")
+    @pytest.mark.parametrize("document", ["plugins.md", "scenario.md"])
+    def test_the_files_that_they_print_work(self, document: str, tmp_path: Path) -> None:
+        text = (ROOT / "docs" / document).read_text()
+        files = dict(re.findall(r"^```\w+\n# (\S+)\n(.*?)^```", text, re.M | re.S))
+        for name, content in files.items():
+            (tmp_path / name).write_text(content)
+        scenarios = [name for name, content in files.items() if re.search(r"^extends: s\d", content, re.M)]
+        assert scenarios
+        for name in scenarios:
+            assert load(tmp_path / name).scenario.name == Path(name).stem
 
     @pytest.mark.parametrize("model", sorted(models(Scenario), key=str), ids=lambda model: model.__name__)
     def test_every_key_of_a_scenario_is_explained_with_its_default(self, model: type[BaseModel]) -> None:
