@@ -121,8 +121,8 @@ class DockingVectorEnv(VectorEnv[Observations, Ints, NDArray[Any]]):
                 )
         self._reseed(seed)
         mask = np.asarray(options.get("reset_mask", np.ones(self.num_envs, bool)))
-        if mask.shape != (self.num_envs,) or mask.dtype != np.bool_:
-            raise DockctlError(f"options['reset_mask'] must be {self.num_envs} booleans")
+        if mask.shape != (self.num_envs,) or mask.dtype != np.bool_ or not mask.any():
+            raise DockctlError(f"options['reset_mask'] must be {self.num_envs} booleans, one of them true")
         rows = np.flatnonzero(mask)
         poses = options.get("poses")
         starts = self._draw(rows) if poses is None else self._given(rows, np.asarray(poses, float))

@@ -54,9 +54,8 @@ def build_world(scenario: Scenario, base_dir: Path) -> World:
     Raises:
         DockctlError: the harbor cannot be built.
     """
-    directory = (
-        base_dir if scenario.harbor.meshes else Path()
-    )  # else one world serves scenarios of all folders
+    # Without mesh files the folder does not matter, and one world serves the scenarios of all folders.
+    directory = base_dir if scenario.harbor.meshes else Path()
     return _build_world(scenario.harbor, scenario.vessel.hull, scenario.sensors.lidar, directory)
 
 
