@@ -12,6 +12,8 @@ import importlib
 import importlib.util
 import sys
 import traceback
+from collections.abc import Iterator
+from contextlib import contextmanager
 from functools import cache, partial
 from importlib.metadata import EntryPoint, entry_points
 from importlib.resources import files
@@ -85,13 +87,12 @@ def load_file(path: Path) -> None:
     if digest in _loaded:
         return
     origin = f"file {path}"
-    _forget(origin)
-    with contributing(origin):
-        try:
-            _run(f"_dockctl_plugin_{digest[:16]}", path, content)
-        except (Exception, SystemExit) as error:  # a plugin may raise anything while it is imported
-            _forget(origin)
-            raise _failure(f"plugin {path}", error, path) from error
+    with contributing(origin), _all_or_nothing(f"plugin {path}", path):
+        for registry in GROUPS.values():
+            registry.withdraw(origin)
+        _run(f"_dockctl_plugin_{digest[:16]}", path, content)
+    for known in [known for known, bringer in _loaded.items() if bringer == origin]:
+        del _loaded[known]
     _loaded[digest] = origin
 
 
@@ -102,11 +103,32 @@ def _run(name: str, path: Path, content: bytes) -> None:
     exec(compile(content, path, "exec"), module.__dict__)
 
 
-def _forget(origin: str) -> None:
-    for registry in GROUPS.values():
-        registry.withdraw(origin)
-    for digest in [digest for digest, known in _loaded.items() if known == origin]:
-        del _loaded[digest]
+@contextmanager
+def _all_or_nothing(who: str, path: Path | None = None) -> Iterator[None]:
+    """Undo what a plugin registered if it fails, and say which plugin failed, why, and in which line."""
+    saved = [(registry, registry.save()) for registry in GROUPS.values()]
+    try:
+        yield
+    except (Exception, SystemExit) as error:  # a plugin may raise anything while it is imported
+        for registry, state in saved:
+            registry.restore(state)
+        if isinstance(error, DockctlError):
+            raise
+        reason = f"{type(error).__name__}: {getattr(error, 'msg', error)}"
+        raise PluginError(f"{who} fails to import: {reason}{_place(error, path)}") from error
+
+
+def _place(error: BaseException, path: Path | None) -> str:
+    """Return where a plugin failed: in the file `path`, else in the last module that is not Python's own."""
+    if isinstance(error, SyntaxError):
+        return f" ({error.filename}:{error.lineno})"
+    frames = [
+        frame
+        for frame in traceback.extract_tb(error.__traceback__)
+        if "importlib" not in frame.filename and frame.filename != __file__
+    ]
+    own = [frame for frame in frames if frame.filename == str(path)] or frames
+    return f" ({own[-1].filename}:{own[-1].lineno})" if own else ""
 
 
 def _origin(point: EntryPoint) -> str:
@@ -115,8 +137,9 @@ def _origin(point: EntryPoint) -> str:
 
 def _registered_already(point: EntryPoint, registry: Registry[Any]) -> bool:
     """Whether the object of `point` registered itself because somebody imported its module before us."""
-    value = getattr(sys.modules.get(point.module), point.attr, None)
-    return any(entry.name == point.name and entry.value is value for entry in registry)
+    module, _, name = point.value.partition(":")
+    value = getattr(sys.modules.get(module), name, None)
+    return value is not None and any(entry.name == point.name and entry.value is value for entry in registry)
 
 
 def _load_function(point: EntryPoint, registry: Registry[Any]) -> None:
@@ -131,32 +154,13 @@ def _load_data(point: EntryPoint, registry: Registry[Path]) -> None:
     if isinstance(value, ModuleType):
         value = Path(str(files(value) / f"{point.name}.yaml"))
     elif callable(value):
-        value = value()
+        with _all_or_nothing(_origin(point)):
+            value = value()
     if not isinstance(value, str | Path):
         raise PluginError(f"{_origin(point)}: {point.value} is not the path of a YAML file")
     registry.register(point.name, Path(value))
 
 
 def _import(point: EntryPoint) -> Any:
-    before = set(sys.modules)
-    try:
+    with _all_or_nothing(_origin(point)):
         return point.load()
-    except (Exception, SystemExit) as error:  # a plugin may raise anything while it is imported
-        for name in set(sys.modules) - before:
-            if name == point.module:
-                del sys.modules[name]
-        _forget(_origin(point))
-        raise _failure(_origin(point), error, None) from error
-
-
-def _failure(who: str, error: BaseException, path: Path | None) -> DockctlError:
-    """Name the plugin, the reason, and the line of the plugin's own code."""
-    if isinstance(error, DockctlError):
-        return error
-    if isinstance(error, SyntaxError):
-        line, reason = error.lineno, f"SyntaxError: {error.msg}"
-    else:
-        frames = [f for f in traceback.extract_tb(error.__traceback__) if f.filename == str(path)]
-        line, reason = (frames[-1].lineno if frames else None), f"{type(error).__name__}: {error}"
-    place = f" (line {line})" if line else ""
-    return PluginError(f"{who} fails to import: {reason}{place}")

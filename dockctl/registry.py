@@ -82,7 +82,9 @@ class Entry(Generic[T]):
         for name in given:
             if name not in known:
                 listed = ", ".join(known) or "none"
-                raise DockctlError(f"'{self.name}' has no parameter '{name}'{nearest(name, known)} (known: {listed})")
+                raise DockctlError(
+                    f"'{self.name}' has no parameter '{name}'{nearest(name, known)} (known: {listed})"
+                )
         for name, default in known.items():
             if default is inspect.Parameter.empty and name not in given:
                 raise DockctlError(f"'{self.name}' needs the parameter '{name}'")
@@ -129,6 +131,14 @@ class Registry(Generic[T]):
     def withdraw(self, origin: str) -> None:
         """Forget every entry that `origin` registered."""
         self._entries = {name: entry for name, entry in self._entries.items() if entry.origin != origin}
+
+    def save(self) -> tuple[dict[str, Entry[T]], dict[str, Offer]]:
+        """Return the present state, for `restore`."""
+        return dict(self._entries), dict(self._offers)
+
+    def restore(self, state: tuple[dict[str, Entry[T]], dict[str, Offer]]) -> None:
+        """Go back to a state that `save` gave."""
+        self._entries, self._offers = dict(state[0]), dict(state[1])
 
     def remove(self, name: str) -> None:
         """Forget `name`; a name that is not there is left alone."""

@@ -38,11 +38,12 @@ def validate(
     for path in plugin or ():
         plugins.load_file(path)
     failures = 0
-    for source in files or SCENARIOS.names():
+    for source in files or sorted(SCENARIOS.names()):
         try:
             loaded = load_checked(source, overrides=set_ or (), plugin_files=plugin or ())
         except DockctlError as error:
             failures += 1
+            typer.echo(f"{typer.style('failed', fg='red')} {source}")
             for line in str(error).splitlines():
                 typer.secho(f"error: {line}", fg="red", err=True)
         else:

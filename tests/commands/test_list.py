@@ -1,0 +1,99 @@
+"""`dockctl list`: every registered thing with its origin; plain when piped, a table in a terminal."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import pytest
+from typer.testing import CliRunner
+
+from dockctl import plugins
+from dockctl.cli import app
+from dockctl.commands import list as command
+from dockctl.errors import DockctlError
+from dockctl.registry import REWARD_TERMS, VESSELS
+from dockctl.scenarios import catalog
+
+GENTLE = Path(__file__).parent.parent.parent / "examples/local-term/gentle.py"
+runner = CliRunner()
+
+
+def rows(*arguments: object) -> dict[str, list[str]]:
+    result = runner.invoke(app, ["list", *map(str, arguments)])
+    assert result.exit_code == 0, result.output
+    head, *lines = [line.split("\t") for line in result.stdout.splitlines()]
+    assert head == ["name", "kind", "source", "parameters", "origin"]
+    assert all(len(line) == 5 for line in lines)
+    return {line[0]: line[1:] for line in lines}
+
+
+def test_rewards() -> None:
+    found = rows("rewards")
+    assert {"collision", "intermediate", "final", "distance", "orientation", "speed", "progress"} <= set(
+        found
+    )
+    assert found["speed"] == ["dense", "eqs. 3.10, 3.13", "distance_unit_m=1.0, floor=0.02", "dockctl"]
+
+
+def test_observations() -> None:
+    assert rows("observations")["phase"] == ["observation", "eq. 3.12", "", "dockctl"]
+
+
+def test_scenarios_are_the_default() -> None:
+    found = rows()
+    assert list(found)[:2] == ["s1", "s2"]
+    assert found == rows("scenarios")
+    assert found["s3"][0] == "two phases"
+
+
+def test_vessels_and_harbors() -> None:
+    assert rows("vessels")["eilbrecht"][2:] == ["3 x 1 m, 150 kg", "dockctl"]
+    assert rows("harbors")["reference"][0] == "marina"
+
+
+@pytest.fixture
+def _clean(monkeypatch: pytest.MonkeyPatch) -> None:
+    catalog.fill()
+    for registry in (REWARD_TERMS, VESSELS):
+        monkeypatch.setattr(registry, "_entries", dict(registry._entries))
+        monkeypatch.setattr(registry, "_offers", dict(registry._offers))
+    monkeypatch.setattr(plugins, "_loaded", {})
+
+
+@pytest.mark.usefixtures("_clean")
+def test_a_local_file_is_listed_with_its_path() -> None:
+    found = rows("rewards", "--plugin", GENTLE)
+    assert found["gentle_turns"] == ["dense", "examples/local-term", "limit_radps=0.03", f"file {GENTLE}"]
+
+
+@pytest.mark.usefixtures("_clean")
+def test_a_broken_one_is_listed_as_broken(tmp_path: Path) -> None:
+    def fail() -> None:
+        raise DockctlError("no luck")
+
+    REWARD_TERMS.offer("unlucky", "package p 1", fail)
+    VESSELS.register("sunk", tmp_path / "sunk.yaml")
+    assert rows("rewards")["unlucky"] == ["broken", "", "no luck", "package p 1"]
+    assert rows("vessels")["sunk"][0] == "broken"
+    (tmp_path / "bad.py").write_text("1 / 0\n")
+    result = runner.invoke(app, ["list", "rewards", "--plugin", str(tmp_path / "bad.py")])
+    assert result.exit_code == 2
+    assert "collision" in result.stdout
+    assert "ZeroDivisionError" in result.stderr
+
+
+def test_an_unknown_sort_lists_what_there_is() -> None:
+    result = runner.invoke(app, ["list", "boats"])
+    assert result.exit_code == 2
+    assert "rewards" in result.stderr
+
+
+def test_a_table_in_a_terminal(monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]) -> None:
+    monkeypatch.setattr(command.sys.stdout, "isatty", lambda: True, raising=False)
+    monkeypatch.setenv("COLUMNS", "160")
+    command._print(
+        "rewards", [("speed", "dense", "eq. 3.10", "floor=0.02 [m]", "dockctl"), ("x", "broken", "", "", "")]
+    )
+    out = capsys.readouterr().out
+    assert "─" in out
+    assert "floor=0.02 [m]" in out

@@ -1,0 +1,90 @@
+"""`dockctl validate`: all files, all errors, the harbor's word on the poses."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import pytest
+from typer.testing import CliRunner
+
+from dockctl.cli import app
+
+ROOT = Path(__file__).parent.parent.parent
+runner = CliRunner()
+
+
+def validate(*arguments: object) -> tuple[int, list[str], list[str]]:
+    result = runner.invoke(app, ["validate", *map(str, arguments)])
+    return result.exit_code, result.stdout.splitlines(), result.stderr.splitlines()
+
+
+def test_every_known_scenario_holds() -> None:
+    code, out, err = validate()
+    assert (code, err) == (0, [])
+    assert {line.split(":")[0] for line in out} >= {
+        "ok s1",
+        "ok s2",
+        "ok s3",
+        "ok s3-opposite",
+        "ok s3-appendix-b",
+    }
+    assert out[0].startswith(
+        "ok s1: one phase, 1 start, 5 observation parts, 5 reward terms; eilbrecht in reference"
+    )
+
+
+def test_the_examples_hold() -> None:
+    files = [
+        ROOT / "examples" / name for name in ("local-term/s1-gentle.yaml", "custom-harbor/s1-pontoon.yaml")
+    ]
+    code, out, err = validate(*files)
+    assert (code, err, len(out)) == (0, [], 2)
+
+
+def test_all_errors_of_all_files(tmp_path: Path) -> None:
+    for name in "ab":
+        (tmp_path / f"{name}.yaml").write_text("extends: s1\ntask: {max_steps: 0}\ntitel: x\n")
+    code, out, err = validate(tmp_path / "a.yaml", "s1", tmp_path / "b.yaml")
+    assert code == 2
+    assert [line.split()[0] for line in out] == ["failed", "ok", "failed"]
+    assert [line.partition(": found")[0].partition(" (known")[0] for line in err] == [
+        f"error: {tmp_path}/{name}.yaml:{rest}"
+        for name in "ab"
+        for rest in ("2:19: task.max_steps", "3:1: titel: unknown key 'titel'; did you mean 'title'?")
+    ]
+
+
+def test_poses_inside_an_obstacle_have_their_place(tmp_path: Path) -> None:
+    path = tmp_path / "x.yaml"
+    path.write_text(
+        "extends: s2\ntask:\n  initial:\n    - {x_m: 20, y_m: 0, heading_deg: 0}\n"
+        "    - {x_m: 34, y_m: -2.5, heading_deg: 0}\n  final: {x_m: 60, y_m: 0, heading_deg: 0}\n"
+    )
+    code, _, err = validate(path)
+    assert code == 2
+    assert len(err) == 2
+    assert err[0].startswith(f"error: {path}:5:7: task.initial.1: the boat at (34, -2.5, 0°) is")
+    assert "finger" in err[0]
+    assert err[1].startswith(f"error: {path}:6:10: task.final: the boat at (60, 0, 0°)")
+
+
+def test_a_missing_mesh_has_its_place(tmp_path: Path) -> None:
+    path = tmp_path / "x.yaml"
+    path.write_text("extends: s1\nharbor: {kind: meshes, meshes: [{path: gone.stl}]}\n")
+    code, _, err = validate(path)
+    assert code == 2
+    assert err == [f"error: {path}:2:40: harbor.meshes.0.path: {tmp_path}/gone.stl mesh file not found"]
+
+
+def test_overrides_and_plugins(tmp_path: Path) -> None:
+    plugin = ROOT / "examples/local-term/gentle.py"
+    assert validate("s1", "--set", "reward.terms.gentle_turns=-1", "--plugin", plugin)[0] == 0
+    code, _, err = validate("s1", "--set", "task.final.x_m=60")
+    assert code == 2
+    assert err[0].startswith("error: --set task.final.x_m: task.final: the boat at (60, 0, 180°)")
+    assert validate("s1", "--plugin", tmp_path / "gone.py")[0] == 2
+
+
+@pytest.mark.parametrize("source", ["nothing", "nothing.yaml", "scenarios"])
+def test_what_is_not_there(source: str) -> None:
+    assert validate(source)[0] == 2

@@ -1,0 +1,94 @@
+"""The command line as a user meets it: help at once, errors in a line, exit codes."""
+
+from __future__ import annotations
+
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+import typer
+from typer.testing import CliRunner
+
+from dockctl import __version__, cli
+from dockctl.errors import DockctlError
+
+HEAVY = (
+    "torch",
+    "trimesh",
+    "numba",
+    "fcl",
+    "matplotlib",
+    "gymnasium",
+    "numpy",
+    "pandas",
+    "pydantic",
+    "yaml",
+    "scipy",
+)
+
+runner = CliRunner()
+
+
+def test_help_imports_nothing_heavy() -> None:
+    script = (
+        "import sys\nsys.argv = ['dockctl', '--help']\nfrom dockctl.cli import main\n"
+        "try:\n    main()\nexcept SystemExit as end:\n    assert not end.code\n"
+        f"print('heavy:', *[name for name in {HEAVY} if name in sys.modules])"
+    )
+    done = subprocess.run([sys.executable, "-c", script], capture_output=True, text=True, timeout=60)
+    assert done.returncode == 0, done.stderr
+    assert done.stdout.strip().splitlines()[-1] == "heavy:"
+
+
+def test_version() -> None:
+    result = runner.invoke(cli.app, ["--version"])
+    assert (result.exit_code, result.output) == (0, f"dockctl {__version__}\n")
+
+
+def test_no_argument_shows_the_help() -> None:
+    assert "validate" in runner.invoke(cli.app, []).output
+
+
+@pytest.mark.parametrize("command", sorted(cli.COMMANDS))
+def test_every_command_has_a_help_with_an_example(command: str) -> None:
+    result = runner.invoke(cli.app, [command, "--help"])
+    assert result.exit_code == 0, result.output
+    assert f"dockctl {command}" in result.output
+
+
+def invoke(error: BaseException) -> tuple[int, str]:
+    app = typer.Typer(cls=cli._Commands)
+
+    @app.callback()
+    def group() -> None:
+        pass
+
+    @app.command()
+    def fail() -> None:
+        raise error
+
+    result = runner.invoke(app, ["fail"])
+    assert result.stdout == ""
+    return result.exit_code, result.stderr
+
+
+def test_an_error_of_the_user_is_told_without_a_traceback() -> None:
+    assert invoke(DockctlError("no such boat\nno such berth")) == (
+        2,
+        "error: no such boat\nerror: no such berth\n",
+    )
+
+
+def test_an_interruption_exits_130() -> None:
+    assert invoke(KeyboardInterrupt()) == (130, "")
+
+
+def test_an_unknown_option_exits_2() -> None:
+    assert runner.invoke(cli.app, ["validate", "--nothing-like-it"]).exit_code == 2
+
+
+def test_works_from_any_folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.chdir(tmp_path)
+    result = runner.invoke(cli.app, ["validate", "s1"])
+    assert (result.exit_code, result.output[:6]) == (0, "ok s1:")

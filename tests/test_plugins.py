@@ -1,0 +1,295 @@
+"""Local files and installed packages: what they bring, and how they fail."""
+
+from __future__ import annotations
+
+import os
+import shutil
+import subprocess
+import sys
+from collections.abc import Callable, Iterator
+from importlib.metadata import EntryPoint
+from pathlib import Path
+
+import pytest
+
+from dockctl import plugins
+from dockctl.errors import DockctlError, InputError
+from dockctl.plugins import PluginError
+from dockctl.registry import HARBORS, REWARD_TERMS, VESSELS, DuplicateNameError
+from dockctl.scenarios import catalog, loader
+
+ROOT = Path(__file__).parent.parent
+TERM = """
+from dockctl.rewards.terms import reward_term
+
+@reward_term("{name}", kind="dense", source="here")
+def term(status, *, floor: float = 0.1, sizes: tuple[int, ...] = (), needed: bool):
+    return status.distance_m
+"""
+
+
+@pytest.fixture(autouse=True)
+def _clean_registries(monkeypatch: pytest.MonkeyPatch) -> Iterator[None]:
+    catalog.fill()
+    monkeypatch.setattr(plugins, "_loaded", {})
+    saved = [(registry, registry.save()) for registry in plugins.GROUPS.values()]
+    yield
+    for registry, state in saved:
+        registry.restore(state)
+
+
+@pytest.fixture
+def write(tmp_path: Path) -> Callable[[str, str], Path]:
+    def write(name: str, text: str) -> Path:
+        path = tmp_path / name
+        path.write_text(text)
+        return path
+
+    return write
+
+
+Write = Callable[[str, str], Path]
+
+
+def test_a_local_file_brings_a_term_with_its_origin(write: Write) -> None:
+    path = write("mine.py", TERM.format(name="mine"))
+    plugins.load_file(path)
+    plugins.load_file(path)
+    assert REWARD_TERMS.get("mine").origin == f"file {path}"
+    assert REWARD_TERMS.get("mine").value.__module__.startswith("_dockctl_plugin_")
+
+
+def test_the_same_content_elsewhere_is_the_same_plugin(write: Write) -> None:
+    plugins.load_file(write("mine.py", TERM.format(name="mine")))
+    plugins.load_file(write("copy.py", TERM.format(name="mine")))
+    assert REWARD_TERMS.origin("mine").endswith("mine.py")
+
+
+def test_an_edited_file_replaces_itself(write: Write) -> None:
+    first = TERM.format(name="mine")
+    for text, names in ((first, {"mine"}), (TERM.format(name="other"), {"other"}), (first, {"mine"})):
+        plugins.load_file(write("mine.py", text))
+        assert {"mine", "other"} & set(REWARD_TERMS.names()) == names
+
+
+def test_a_local_file_may_not_take_a_known_name(write: Write) -> None:
+    path = write("mine.py", TERM.format(name="first") + TERM.format(name="distance"))
+    with pytest.raises(
+        DuplicateNameError, match=rf"'distance' is registered twice: by dockctl and by file {path}"
+    ):
+        plugins.load_file(path)
+    assert "first" not in REWARD_TERMS
+    assert REWARD_TERMS.get("distance").origin == "dockctl"
+
+
+@pytest.mark.parametrize(
+    ("name", "text", "message"),
+    [
+        ("mine.py", "import nothing_of_this_name\n", r"ModuleNotFoundError: No module named.*mine\.py:1\)"),
+        ("mine.py", "x = 1\ny = 1 / 0\n", r"ZeroDivisionError: division by zero \(.*mine\.py:2\)"),
+        ("mine.py", "def f(:\n", r"SyntaxError: invalid syntax \(.*mine\.py:1\)"),
+        ("mine.py", "x = 1\nraise SystemExit(3)\n", r"SystemExit: 3 \(.*mine\.py:2\)"),
+        ("mine.txt", "x = 1\n", r"mine\.txt is not a \.py file"),
+    ],
+)
+def test_a_broken_file_says_why(write: Write, name: str, text: str, message: str) -> None:
+    path = write(name, text)
+    for _ in range(2):
+        with pytest.raises(PluginError, match=message):
+            plugins.load_file(path)
+
+
+def test_a_missing_file(tmp_path: Path) -> None:
+    with pytest.raises(PluginError, match=r"gone\.py cannot be read: No such file or directory"):
+        plugins.load_file(tmp_path / "gone.py")
+
+
+def test_a_scenario_names_its_files_and_every_failure_has_its_place(write: Write) -> None:
+    write("mine.py", TERM.format(name="mine"))
+    write("bad.py", "1 / 0\n")
+    scenario = write(
+        "x.yaml",
+        "extends: s1\nplugins:\n  - mine.py\n  - bad.py\n  - gone.py\n"
+        "reward:\n  terms:\n    mine: {weight: 1, params: {floor: high, sizes: [1, 2.5]}}\n",
+    )
+    with pytest.raises(InputError) as caught:
+        loader.load(scenario)
+    found = [(p.line, p.column, p.field, p.message.partition(" (")[0]) for p in caught.value.problems]
+    folder = scenario.parent
+    assert found == [
+        (4, 5, "plugins.1", f"plugin {folder}/bad.py fails to import: ZeroDivisionError: division by zero"),
+        (5, 5, "plugins.2", f"plugin {folder}/gone.py cannot be read: No such file or directory"),
+        (8, 5, "reward.terms.mine", "the reward term 'mine' needs the parameter 'needed'"),
+        (8, 39, "reward.terms.mine.params.floor", "found the text 'high', expected a number"),
+        (8, 52, "reward.terms.mine.params.sizes", "found 2.5, expected a whole number"),
+    ]
+
+
+def test_the_files_of_scenario_and_command_line_are_kept(write: Write) -> None:
+    mine, more = write("mine.py", TERM.format(name="mine")), write("more.py", TERM.format(name="more"))
+    params = "{weight: 1, params: {needed: true}}"
+    scenario = write(
+        "x.yaml", f"extends: s1\nplugins: [mine.py]\nreward: {{terms: {{more: {params}, mine: {params}}}}}"
+    )
+    loaded = loader.load(scenario, plugin_files=[more])
+    assert loaded.plugin_files == (more, mine)
+    assert loaded.scenario.plugins == (str(more), str(mine))
+    assert loader.load(write("y.yaml", loader.dump(loaded.scenario))).scenario == loaded.scenario.model_copy(
+        update={"name": loaded.scenario.name}
+    )
+
+
+class FakePoint(EntryPoint):
+    """An entry point of a package that need not be installed."""
+
+    dist = None
+
+
+def offer(monkeypatch: pytest.MonkeyPatch, *points: tuple[str, str, str]) -> None:
+    """Offer (group, name, value) as if a package were installed."""
+    listed = [FakePoint(name, value, group) for group, name, value in points]
+    monkeypatch.setattr(plugins, "entry_points", lambda *, group: [p for p in listed if p.group == group])
+    plugins.discover.__wrapped__()
+
+
+def test_installed_names_are_known_before_their_code_is_imported(
+    write: Write, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.syspath_prepend(write("lazy_terms.py", TERM.format(name="lazy")).parent)
+    offer(monkeypatch, ("dockctl.rewards", "lazy", "lazy_terms:term"))
+    assert "lazy" in REWARD_TERMS.names()
+    assert "lazy_terms" not in sys.modules
+    assert REWARD_TERMS.get("lazy").origin == "entry point lazy_terms:term"
+    monkeypatch.delitem(sys.modules, "lazy_terms")
+
+
+def test_a_module_imported_before_is_not_a_duplicate(write: Write, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.syspath_prepend(write("eager_terms.py", TERM.format(name="eager")).parent)
+    __import__("eager_terms")
+    offer(monkeypatch, ("dockctl.rewards", "eager", "eager_terms:term"))
+    assert REWARD_TERMS.get("eager").origin == "module eager_terms"
+    monkeypatch.delitem(sys.modules, "eager_terms")
+
+
+def test_a_broken_package_does_not_break_the_others(write: Write, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.syspath_prepend(write("good_terms.py", TERM.format(name="good")).parent)
+    write("broken_terms.py", TERM.format(name="half") + "\nraise RuntimeError('no luck')\n")
+    offer(
+        monkeypatch,
+        ("dockctl.rewards", "half", "broken_terms:term"),
+        ("dockctl.rewards", "good", "good_terms:term"),
+        ("dockctl.rewards", "absent", "good_terms:nothing"),
+        ("dockctl.rewards", "other", "good_terms:term"),
+        ("dockctl.rewards", "garbled", "good terms"),
+    )
+    assert REWARD_TERMS.get("good").kind == "dense"
+    for name, message in {
+        "half": r"broken_terms:term fails to import: RuntimeError: no luck \(.*broken_terms\.py:8\)",
+        "absent": "good_terms:nothing fails to import: AttributeError",
+        "other": "good_terms:term does not register the reward term 'other'",
+        "garbled": "entry point good terms fails to import",
+    }.items():
+        for _ in range(2):
+            with pytest.raises(PluginError, match=message):
+                REWARD_TERMS.get(name)
+    assert loader.load("s1").scenario.name == "s1"
+    monkeypatch.delitem(sys.modules, "good_terms")
+
+
+def test_two_packages_with_the_same_name(monkeypatch: pytest.MonkeyPatch) -> None:
+    offer(monkeypatch, ("dockctl.rewards", "same", "a:f"), ("dockctl.rewards", "same", "b:f"))
+    with pytest.raises(DuplicateNameError, match="twice: by entry point a:f and by entry point b:f"):
+        REWARD_TERMS.get("same")
+
+
+def test_data_is_a_path_a_function_or_a_package(write: Write, monkeypatch: pytest.MonkeyPatch) -> None:
+    folder = write("boat.yaml", "extends: eilbrecht\nmass_kg: 200\n").parent
+    (folder / "boats").mkdir()
+    write(
+        "boats/__init__.py",
+        "FILE = __file__.replace('__init__.py', 'tug.yaml')\ndef path():\n    return FILE\nTEN = 10\n",
+    )
+    write("boats/tug.yaml", "extends: eilbrecht\nmass_kg: 300\n")
+    monkeypatch.syspath_prepend(folder)
+    offer(
+        monkeypatch,
+        ("dockctl.vessels", "tug", "boats"),
+        ("dockctl.vessels", "tug-path", "boats:FILE"),
+        ("dockctl.vessels", "tug-function", "boats:path"),
+        ("dockctl.vessels", "tug-number", "boats:TEN"),
+        ("dockctl.vessels", "gone", "boats"),
+    )
+    for name in ("tug", "tug-path", "tug-function"):
+        assert loader.load_vessel(name).mass_kg == 300
+        assert VESSELS.get(name).origin.startswith("entry point boats")
+    with pytest.raises(PluginError, match="boats:TEN is not the path of a YAML file"):
+        loader.load_vessel("tug-number")
+    with pytest.raises(InputError, match=r"gone\.yaml: cannot be read: No such file"):
+        loader.load_vessel("gone")
+    monkeypatch.delitem(sys.modules, "boats")
+
+
+def test_a_local_file_may_bring_a_harbor(write: Write) -> None:
+    write("canal.yaml", "extends: reference\nname: canal\n")
+    path = write(
+        "mine.py",
+        "from pathlib import Path\nfrom dockctl.registry import HARBORS\n"
+        "HARBORS.register('canal', Path(__file__).parent / 'canal.yaml')\n",
+    )
+    scenario = write("x.yaml", "extends: s1\nharbor: canal\n")
+    assert loader.load(scenario, plugin_files=[path]).scenario.harbor.name == "canal"
+    assert HARBORS.origin("canal") == f"file {path}"
+
+
+def test_the_local_example() -> None:
+    loaded = loader.load(ROOT / "examples/local-term/s1-gentle.yaml")
+    assert loaded.plugin_files == (ROOT / "examples/local-term/gentle.py",)
+    with pytest.raises(DockctlError, match="unknown reward term 'gentle_turn'; did you mean 'gentle_turns'"):
+        loader.load(ROOT / "examples/local-term/s1-gentle.yaml", overrides=["reward.terms.gentle_turn=1"])
+
+
+def test_the_example_package_is_installed_and_used(tmp_path: Path) -> None:
+    """The whole way of a third party, in processes of their own: pip, list, load, and one reward."""
+    source = tmp_path / "source"
+    shutil.copytree(ROOT / "examples/dockctl-smooth", source)
+    site = tmp_path / "site"
+    pip = [
+        sys.executable,
+        "-m",
+        "pip",
+        "install",
+        "--quiet",
+        "--no-index",
+        "--no-deps",
+        "--no-build-isolation",
+    ]
+    subprocess.run(
+        [*pip, "--disable-pip-version-check", "--target", str(site), str(source)], check=True, timeout=120
+    )
+    script = """
+import sys
+from dockctl.registry import REWARD_TERMS
+from dockctl.scenarios import catalog, loader
+catalog.fill()
+assert {"smooth_rudder", "smooth_propeller"} <= set(REWARD_TERMS.names())
+assert not any(name.startswith("dockctl_smooth") for name in sys.modules)
+scenario = loader.load("s1-smooth").scenario
+assert scenario.vessel.mass_kg == 300
+assert scenario.observation[-1].part == "nearest_obstacle"
+from types import SimpleNamespace
+import numpy as np
+status = SimpleNamespace(command=np.radians([[0, 30.0]]), previous_command=np.radians([[0, -30.0]]))
+assert np.allclose(REWARD_TERMS.get("smooth_rudder").value(status), 1.0)
+print(REWARD_TERMS.get("smooth_rudder").origin)
+"""
+    environment = {**os.environ, "PYTHONPATH": os.pathsep.join([str(site), str(ROOT)])}
+    done = subprocess.run(
+        [sys.executable, "-c", script],
+        env=environment,
+        cwd=tmp_path,
+        capture_output=True,
+        text=True,
+        timeout=120,
+    )
+    assert done.returncode == 0, done.stderr
+    assert done.stdout.strip() == "package dockctl-smooth 1.0"
