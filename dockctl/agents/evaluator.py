@@ -16,7 +16,7 @@ from dockctl.agents.policy import Policy
 from dockctl.runs.tables import Value
 
 Floats = NDArray[np.float64]
-Clearance = Callable[[Floats], Floats]
+LeastClearance = Callable[[Floats], float]
 
 RECORDED = ("pose", "velocity", "command", "distance_m", "heading_error_rad", "phase", "sector_ranges_m")
 READ = (*RECORDED, "outcome", "collided_with")
@@ -85,7 +85,7 @@ def play(
     env: VectorEnv[Any, Any, Any],
     policy: Policy,
     poses: Floats,
-    clearance: Clearance | None = None,
+    clearance: LeastClearance | None = None,
     *,
     seed: int = 0,
 ) -> list[Episode]:
@@ -95,7 +95,7 @@ def play(
         env: same-step autoreset; takes ``reset(options={"poses": (n, 3), "reset_mask": (n,)})``.
         policy: from observations to actions.
         poses: (k, 3) x [m], y [m], heading [rad], any k.
-        clearance: (m, 3) poses -> (m,) distance between hull and harbor [m].
+        clearance: the least distance between hull and harbor [m] over the poses (m, 3) of a way.
         seed: of the environment.
 
     Returns:
@@ -136,7 +136,7 @@ class _Course:
             record.append(info[key][boat])
         self._rewards.append(reward)
 
-    def episode(self, info: Info, boat: int, start: Floats, clearance: Clearance | None) -> Episode:
+    def episode(self, info: Info, boat: int, start: Floats, clearance: LeastClearance | None) -> Episode:
         course = {key: np.stack(record) for key, record in self._records.items()}
         return Episode(
             start=start,
@@ -145,7 +145,7 @@ class _Course:
             phase=int(course["phase"][-1]),
             total_reward=sum(self._rewards),
             course={**course, "reward": np.array(self._rewards)},
-            clearance_m=math.nan if clearance is None else float(clearance(course["pose"]).min()),
+            clearance_m=math.nan if clearance is None else clearance(course["pose"]),
         )
 
 

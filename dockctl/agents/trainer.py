@@ -66,7 +66,6 @@ class Trainer:
         on_progress: Callable[[Progress], None] = lambda progress: None,
         interrupted: Callable[[], bool] = lambda: False,
     ) -> None:
-        torch.set_num_threads(1)  # sums in one order, and the other cores are the simulator's
         space, actions = environment.single_observation_space, environment.single_action_space
         assert isinstance(space, Box)
         assert isinstance(actions, Discrete)

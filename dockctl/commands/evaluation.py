@@ -179,10 +179,10 @@ def show(result: Result) -> None:
 
 def _episode_table(episodes: Sequence[Episode], control_period_s: float) -> Table:
     table = Table(title="Test poses", title_justify="left", header_style="bold", box=box.SIMPLE_HEAD)
-    table.add_column("start\n[dim]x, y m, heading °", no_wrap=True)
-    table.add_column("ending", overflow="fold")
+    table.add_column("start\n[dim]x m, y m, °", no_wrap=True)
+    table.add_column("ending", overflow="fold", min_width=10)
     for name, unit in (
-        ("time", "s"), ("δd", "m"), ("δψ", "°"), ("speed", "m/s"), ("path", "m"), ("clear", "m"), ("changes", ""),
+        ("time", "s"), ("δd", "m"), ("δψ", "°"), ("speed", "m/s"), ("path", "m"), ("gap", "m"), ("turns", ""),
     ):  # fmt: skip
         table.add_column(f"{name}\n[dim]{unit}", justify="right", no_wrap=True)
     for episode in episodes:

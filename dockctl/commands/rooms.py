@@ -33,10 +33,16 @@ def player(
     """Return a function that plays one episode from each pose."""
     from dockctl.agents.evaluator import play
     from dockctl.envs.vector import DockingVectorEnv
+    from dockctl.sim.clearance import hull_reach_m, least_clearance
 
     boats = min(BOATS_SIDE_BY_SIDE, max(1, len(poses)))
     env = DockingVectorEnv(loaded, boats, world=world)
-    return lambda policy: play(env, policy, poses, world.obstacles.clearance)
+    reach_m = hull_reach_m(loaded.scenario.vessel.hull)
+
+    def clearance(way: NDArray[np.float64]) -> float:
+        return least_clearance(way, world.obstacles.clearance, reach_m)
+
+    return lambda policy: play(env, policy, poses, clearance)
 
 
 def trajectory_rows(episodes: Sequence[Episode], control_period_s: float) -> Iterator[dict[str, Value]]:

@@ -1,0 +1,131 @@
+"""Targets, loss, clipping, optimizers and target copies of the double DQN."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+import torch
+from torch import Tensor
+
+from dockctl.agents.dqn import Batch, DoubleDQN, td_loss, td_target
+from dockctl.agents.network import DuelingQNetwork
+from dockctl.agents.replay import Transitions
+from dockctl.agents.schedules import epsilon, learning_rate, updates_due
+from dockctl.scenarios.training import Training
+
+CPU = torch.device("cpu")
+
+
+def batch(seed: int = 0, size: int = 32, reward: float = 1.0) -> Transitions:
+    rng = np.random.default_rng(seed)
+    return Transitions(
+        rng.normal(size=(size, 4)).astype(np.float32),
+        rng.integers(3, size=size),
+        (reward * rng.normal(size=size)).astype(np.float32),
+        rng.choice(np.array([0.0, 0.99], np.float32), size=size),
+        rng.normal(size=(size, 4)).astype(np.float32),
+    )
+
+
+def learner(**training: object) -> DoubleDQN:
+    network = DuelingQNetwork(4, 3, (16, 8), torch.Generator().manual_seed(0))
+    return DoubleDQN(network, Training(**{"target_update_interval": 3, **training}))
+
+
+def test_double_and_plain_targets_differ_where_the_networks_disagree() -> None:
+    """Online prefers action 0, target values it 1 and its own favourite, action 1, 5."""
+    one = torch.zeros(1, 4)
+    steps = Batch(one, torch.tensor([0]), torch.tensor([2.0]), torch.tensor([0.9]), one)
+
+    def online(observation: Tensor) -> Tensor:
+        return torch.tensor([[3.0, 2.0, 0.0]])
+
+    def target(observation: Tensor) -> Tensor:
+        return torch.tensor([[1.0, 5.0, 0.0]])
+
+    assert td_target(steps, online, target).tolist() == pytest.approx([2 + 0.9 * 1])
+    plain = steps.reward + steps.discount * target(one).max(dim=1).values
+    assert plain.tolist() == pytest.approx([2 + 0.9 * 5])
+
+
+def test_a_terminal_transition_is_worth_its_reward() -> None:
+    one = torch.zeros(1, 4)
+    steps = Batch(one, torch.tensor([0]), torch.tensor([-3.0]), torch.tensor([0.0]), one)
+    network = DuelingQNetwork(4, 3, (8,))
+    assert td_target(steps, network, network).tolist() == [-3.0]
+
+
+def test_losses_by_hand() -> None:
+    q, target = torch.tensor([0.0, 0.0]), torch.tensor([1.0, 4.0])
+    assert td_loss(q, target, None).item() == pytest.approx((1 + 16) / 2)
+    assert td_loss(q, target, 2.0).item() == pytest.approx((0.5 + 2 * (4 - 1)) / 2)
+
+
+def test_the_target_network_is_copied_at_its_interval() -> None:
+    dqn = learner()
+    for update in range(1, 7):
+        dqn.update(batch(update), 1e-2)
+        assert bool((dqn.target.flat == dqn.online.flat).all()) is (update % 3 == 0)
+
+
+def test_the_gradient_is_clipped_to_the_norm_and_its_own_norm_is_told() -> None:
+    dqn = learner(gradient_clip=0.5, huber_delta=None)
+    metrics = dqn.update(batch(reward=100.0), 1e-3)
+    assert metrics.gradient_norm > 0.5
+    assert dqn.online.flat.grad is not None
+    assert dqn.online.flat.grad.norm().item() == pytest.approx(0.5, rel=1e-4)
+    free = learner(gradient_clip=None, huber_delta=None)
+    assert free.update(batch(reward=100.0), 1e-3).gradient_norm == metrics.gradient_norm
+    assert free.online.flat.grad is not None
+    assert free.online.flat.grad.norm().item() == pytest.approx(metrics.gradient_norm, rel=1e-5)
+
+
+@pytest.mark.parametrize("optimizer", ["adam", "rmsprop"])
+def test_one_vector_is_optimized_as_separate_parameters_are(optimizer: str) -> None:
+    dqn = learner(optimizer=optimizer, gradient_clip=None, huber_delta=1.0, target_update_interval=1000)
+    plain = DuelingQNetwork(4, 3, (16, 8), torch.Generator().manual_seed(0))
+    target = DuelingQNetwork(4, 3, (16, 8), torch.Generator().manual_seed(0))
+    peer: torch.optim.Optimizer
+    if optimizer == "adam":
+        peer = torch.optim.Adam(plain.parameters(), lr=1e-3)
+    else:
+        peer = torch.optim.RMSprop(plain.parameters(), lr=1e-3, alpha=0.9, eps=1e-7)
+    for number in range(20):
+        dqn.update(batch(number), 1e-3)
+        tensors = Batch.of(batch(number), CPU)
+        q = plain(tensors.observation)[torch.arange(32), tensors.action]
+        peer.zero_grad(set_to_none=False)
+        td_loss(q, td_target(tensors, plain, target), 1.0).backward()
+        peer.step()
+    torch.testing.assert_close(dqn.online.flat, plain.flat, rtol=1e-4, atol=1e-6)
+
+
+def test_keras_rmsprop_by_hand() -> None:
+    """First step: v = 0.1 g^2, so every weight moves by lr * g / (sqrt(0.1) |g| + 1e-7)."""
+    dqn = learner(optimizer="rmsprop", gradient_clip=None)
+    before = dqn.online.flat.clone()
+    dqn.update(batch(), 1e-4)
+    assert dqn.online.flat.grad is not None
+    gradient = dqn.online.flat.grad.double()
+    expected = -1e-4 * gradient / ((0.1 * gradient**2).sqrt() + 1e-7)
+    torch.testing.assert_close((dqn.online.flat - before).double(), expected, rtol=1e-2, atol=2e-8)
+
+
+@pytest.mark.parametrize("optimizer", ["adam", "rmsprop"])
+def test_a_restored_learner_goes_on_as_the_old_one(optimizer: str) -> None:
+    old, new = learner(optimizer=optimizer), learner(optimizer=optimizer)
+    for number in range(5):
+        old.update(batch(number), 1e-3)
+    state = {name: value.copy() for name, value in old.state().items()}
+    new.online.flat.copy_(old.online.flat)
+    new.load(state, old.updates)
+    for number in range(5, 9):
+        assert old.update(batch(number), 1e-3) == new.update(batch(number), 1e-3)
+    assert (old.online.flat == new.online.flat).all()
+
+
+def test_schedules() -> None:
+    training = Training(total_steps=1000, epsilon={"start": 1.0, "end": 0.1, "decay_steps": 500})
+    assert [epsilon(training, t) for t in (0, 250, 500, 900)] == pytest.approx([1, 0.55, 0.1, 0.1])
+    assert [learning_rate(training, t) for t in (0, 500, 1000)] == pytest.approx([5e-4, 2.75e-4, 5e-5])
+    assert [updates_due(training, t) for t in (4999, 5000, 5015, 5016)] == [0, 1, 1, 2]
