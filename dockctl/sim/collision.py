@@ -28,7 +28,7 @@ class CollisionChecker:
     def __init__(self, harbor: Harbor, hull: Hull) -> None:
         self.harbor = harbor
         boat = hull_mesh(hull)
-        self._hull = fcl.CollisionObject(_bvh(boat.triangles))
+        self._hull = _bvh(boat.triangles)
         self._solids = fcl.CollisionObject(_bvh(harbor.triangles))
         self._interior = _Interior(harbor, (hull.freeboard_m - hull.draft_m) / 2)
         self._swallowed = _Swallowed(harbor, boat)
@@ -65,13 +65,14 @@ class CollisionChecker:
         return np.maximum(np.array(gaps, dtype=np.float64), 0.0)
 
     def _placed(self, eta: Floats) -> Iterator[fcl.CollisionObject]:
-        """Move the one hull from pose to pose."""
+        """Move one hull, this call's own, from pose to pose: threads may share the checker."""
+        hull = fcl.CollisionObject(self._hull)
         rotation = np.eye(3)
         for x, y, heading in np.atleast_2d(eta).tolist():
             cosine, sine = math.cos(heading), math.sin(heading)
             rotation[0, 0], rotation[0, 1], rotation[1, 0], rotation[1, 1] = cosine, -sine, sine, cosine
-            self._hull.setTransform(fcl.Transform(rotation, (x, y, 0.0)))
-            yield self._hull
+            hull.setTransform(fcl.Transform(rotation, (x, y, 0.0)))
+            yield hull
 
 
 def _bvh(triangles: Floats) -> fcl.BVHModel:

@@ -129,12 +129,16 @@ def build_harbor(spec: HarborSpec, base_dir: Path) -> Harbor:
     for index, file in enumerate(spec.meshes):
         bodies = load_bodies(file, base_dir, f"harbor.meshes.{index}.path")
         parts.append(Part(Path(file.path).name, "mesh", tuple(Solid("mesh", body) for body in bodies)))
-    return _assemble(spec.name, parts, berths, basin)
+    return assemble(spec.name, parts, berths, basin)
 
 
-def _assemble(
-    name: str, parts: Sequence[Part], berths: Sequence[Berth], basin: tuple[float, float, float, float] | None
+def assemble(
+    name: str,
+    parts: Sequence[Part],
+    berths: Sequence[Berth] = (),
+    basin: tuple[float, float, float, float] | None = None,
 ) -> Harbor:
+    """Put a harbor together from its parts."""
     triangles = np.concatenate([part.mesh.vertices[part.mesh.faces] for part in parts]).astype(np.float64)
     counts = [len(part.mesh.faces) for part in parts]
     digest = hashlib.sha256(triangles.tobytes())

@@ -28,7 +28,7 @@ def load_bodies(file: MeshFile, base_dir: Path, field: str) -> list[trimesh.Trim
         reason = (
             f" ({error})" if isinstance(error, ValueError) else ""
         )  # others speak of the reader's own trouble
-        raise _error(path, field, f"is damaged or not a {path.suffix[1:].upper()} file{reason}") from error
+        raise _error(path, field, f"is damaged or is no {path.suffix[1:].upper()} file{reason}") from error
     if flaw := _flaw_of_mesh(mesh):
         raise _error(path, field, flaw)
     vertices = np.asarray(mesh.vertices, dtype=np.float64)

@@ -94,7 +94,7 @@ def cruiser() -> list[Solid]:
         *lifelines(lines, 0.2, 8.0, posts=5),
         *pulpit(lines, 8.0),
         *fenders(lines, (2.4, 4.2, 6.0)),
-        *rig(lines, 5.5, 12.0, 3.6, 1.56),
+        *rig(lines, 5.5, 11.9, 3.6, 1.56),
     ]
 
 
