@@ -65,13 +65,7 @@ def _main(
 
 
 for _name, _function in COMMANDS.items():
-    try:
-        _module = importlib.import_module(f"dockctl.commands.{_name}")
-    except ModuleNotFoundError as _error:
-        if _error.name != f"dockctl.commands.{_name}":
-            raise
-        continue
-    app.command(_name)(getattr(_module, _function))
+    app.command(_name)(getattr(importlib.import_module(f"dockctl.commands.{_name}"), _function))
 
 
 def main() -> None:

@@ -47,7 +47,8 @@ def validate(
             for line in str(error).splitlines():
                 typer.secho(f"error: {line}", fg="red", err=True)
         else:
-            typer.echo(f"{typer.style('ok', fg='green')} {source}: {phases(loaded.scenario)}, {summary(loaded.scenario)}")
+            told = f"{phases(loaded.scenario)}, {summary(loaded.scenario)}"
+            typer.echo(f"{typer.style('ok', fg='green')} {source}: {told}")
     if failures:
         raise typer.Exit(DockctlError.exit_code)
 
@@ -62,8 +63,8 @@ def summary(scenario: Scenario) -> str:
     starts = _count(len(scenario.task.initial), "start")
     parts = _count(len(scenario.observation), "observation part")
     terms = _count(len(scenario.reward.terms), "reward term")
-    boats = f"{scenario.vessel.name} in {scenario.harbor.name}, {_count(scenario.training.boats, 'boat')} in training"
-    return f"{starts}, {parts}, {terms}; {boats}"
+    where = f"{scenario.vessel.name} in {scenario.harbor.name}"
+    return f"{starts}, {parts}, {terms}; {where}, {_count(scenario.training.boats, 'boat')} in training"
 
 
 def _count(number: int, noun: str) -> str:
