@@ -104,7 +104,7 @@ def measure(
     """
     file = find_policy(RunDirectory.latest(RUNS).path if ckpt is None else ckpt)
     network, card = load_policy(file)
-    run = _run_of(file)
+    run = RunDirectory.holding(file)
     for path in outputs:
         if not path.absolute().parent.is_dir() or path.is_dir():
             raise DockctlError(f"{path}: cannot be written: not a file name in an existing folder")
@@ -133,13 +133,6 @@ def measure(
         from_test_poses=played[: len(tests)],
         from_random_starts=played[len(tests) :],
     )
-
-
-def _run_of(policy: Path) -> RunDirectory | None:
-    """The run folder of ``<run>/checkpoints/<name>/policy.json``."""
-    parents = policy.absolute().parents
-    is_run = len(parents) > 2 and (parents[2] / SCENARIO).is_file()
-    return RunDirectory(parents[2]) if is_run else None
 
 
 def store(result: Result, json_file: Path | None, csv_file: Path | None) -> None:

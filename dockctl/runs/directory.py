@@ -12,7 +12,7 @@ from pathlib import Path
 from typing import Any
 
 from dockctl.errors import DockctlError
-from dockctl.runs.tables import Table, read_table, to_csv
+from dockctl.runs.tables import Table, cut_table
 
 SCENARIO = "scenario.yaml"
 PROVENANCE = "provenance.json"
@@ -89,6 +89,12 @@ class RunDirectory:
             raise DockctlError(f"{root}: no runs here yet; train one with: dockctl train")
         return cls(max(runs, key=lambda path: (path.name, path.stat().st_mtime_ns)))
 
+    @classmethod
+    def holding(cls, checkpoint: Path) -> RunDirectory | None:
+        """The run of the file ``<run>/checkpoints/<name>/<file>``, or None where it lies elsewhere."""
+        path = checkpoint.absolute().parent.parent.parent
+        return cls(path) if (path / SCENARIO).is_file() else None
+
     def checkpoint(self, name: str) -> Path:
         """Folder of the checkpoint `name`, ``best`` or ``last``, whether it exists or not."""
         return self.path / "checkpoints" / name
@@ -98,13 +104,8 @@ class RunDirectory:
 
     def cut_table(self, name: str, env_steps: int) -> None:
         """Drop the rows of a table that were written after `env_steps`, when a run is taken up from there."""
-        path = self.path / name
-        if not path.exists():
-            return
-        rows = read_table(path)
-        kept = [row for row in rows if int(row["env_steps"]) <= env_steps]
-        if len(kept) < len(rows):
-            self.write_text(name, to_csv(kept, rows[0]))
+        if (self.path / name).exists():
+            self.write_text(name, cut_table(self.path / name, env_steps))
 
     def write_text(self, name: str, text: str) -> Path:
         """Write a file of the run whole."""

@@ -53,23 +53,28 @@ class Table:
     def __init__(self, path: Path, columns: Iterable[str]) -> None:
         self._path = path
         self._columns = list(columns)
-        if path.exists() and (header := path.read_text(encoding="utf-8").partition("\n")[0]):
-            self._columns = header.split(",")
-            self._started = True
-        else:
-            self._started = False
+        self._has_header = False
 
     def append(self, rows: Iterable[Mapping[str, Value]]) -> None:
         """Append rows in one write, so that a reader never sees part of one."""
         rows = list(rows)
         if not rows:
             return
-        if not self._started:
+        if not self._has_header and (header := _header(self._path)):
+            self._columns, self._has_header = header, True
+        if not self._has_header:
             self._columns += [key for key in rows[0] if key not in self._columns]
-        text = to_csv(rows, self._columns, header=not self._started)
-        self._started = True
+        text = to_csv(rows, self._columns, header=not self._has_header)
         with self._path.open("a", encoding="utf-8", newline="") as file:
             file.write(text)
+        self._has_header = True
+
+
+def _header(path: Path) -> list[str]:
+    if not path.exists():
+        return []
+    with path.open(encoding="utf-8") as file:
+        return next(csv.reader(file), [])
 
 
 def to_csv(rows: Iterable[Mapping[str, Value]], columns: Iterable[str], *, header: bool = True) -> str:
@@ -97,9 +102,24 @@ def read_table(path: Path) -> list[dict[str, str]]:
     Raises:
         DockctlError: the file cannot be read.
     """
+    return list(csv.DictReader(io.StringIO(_whole_lines(path))))
+
+
+def cut_table(path: Path, env_steps: int) -> str:
+    """Return the text of a table without what was written after `env_steps`.
+
+    Raises:
+        DockctlError: the file cannot be read.
+    """
+    rows = csv.DictReader(io.StringIO(_whole_lines(path)))
+    if rows.fieldnames is None:
+        return ""
+    return to_csv([row for row in rows if int(row["env_steps"]) <= env_steps], rows.fieldnames)
+
+
+def _whole_lines(path: Path) -> str:
     try:
         text = path.read_text(encoding="utf-8")
     except (OSError, UnicodeDecodeError) as error:
         raise DockctlError(f"{path}: cannot be read: {error}") from None
-    whole = text[: text.rfind("\n") + 1]
-    return list(csv.DictReader(io.StringIO(whole)))
+    return text[: text.rfind("\n") + 1]

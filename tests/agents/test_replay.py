@@ -42,7 +42,7 @@ episode = st.tuples(
 @settings(max_examples=60, deadline=None)
 @given(boats=st.lists(st.lists(episode, min_size=1, max_size=4), min_size=1, max_size=3), n=st.integers(1, 5))
 def test_transitions_are_those_of_whole_episodes(boats: list[list[tuple[list[float], str]]], n: int) -> None:
-    """Boats with episodes of different lengths side by side; an observation names its boat, episode and step."""
+    """Boats with episodes of different lengths; an observation names its boat, episode and step."""
     length = min(sum(len(rewards) for rewards, _ in episodes) for episodes in boats)
     steps: list[list[tuple[tuple[int, int, int], float, bool, bool]]] = []
     expected: Counter[tuple[object, ...]] = Counter()

@@ -1,0 +1,119 @@
+"""Run folders: never overwritten, written atomically, found again."""
+
+from __future__ import annotations
+
+import hashlib
+import os
+from datetime import datetime
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from dockctl.errors import DockctlError
+from dockctl.runs import directory
+from dockctl.runs.directory import RunDirectory, replace_folder, require_writable, write_atomically
+
+
+def names(folder: Path) -> list[str]:
+    return [path.name for path in folder.iterdir()]
+
+
+@pytest.fixture
+def frozen_clock(monkeypatch: pytest.MonkeyPatch) -> None:
+    class Clock(datetime):
+        @classmethod
+        def now(cls, tz: Any = None) -> datetime:
+            return datetime(2025, 3, 1, 12, 30, 59)
+
+    monkeypatch.setattr(directory, "datetime", Clock)
+
+
+@pytest.mark.usefixtures("frozen_clock")
+def test_runs_of_the_same_second_get_folders_of_their_own(tmp_path: Path) -> None:
+    made = [RunDirectory.create(tmp_path, "s1", 4).path.relative_to(tmp_path).as_posix() for _ in range(3)]
+    assert made == [f"s1/20250301-123059-seed4{suffix}" for suffix in ("", "-2", "-3")]
+
+
+def test_the_latest_run_is_found_over_all_scenarios(tmp_path: Path) -> None:
+    with pytest.raises(DockctlError, match="no runs here yet"):
+        RunDirectory.latest(tmp_path)
+    for name in ("s1/20250101-000000-seed0", "s2/20250301-000000-seed0", "s3/20250201-000000-seed9"):
+        (tmp_path / name).mkdir(parents=True)
+        (tmp_path / name / "scenario.yaml").touch()
+    (tmp_path / "s3" / "20260101-000000-seed0").mkdir()  # empty: not a run
+    assert RunDirectory.latest(tmp_path).path.parent.name == "s2"
+
+
+def test_a_run_is_opened_and_anything_else_is_refused(tmp_path: Path) -> None:
+    run = RunDirectory.create(tmp_path, "s1", 0)
+    with pytest.raises(DockctlError, match="not a run folder"):
+        RunDirectory.open(run.path)
+    run.write_text("scenario.yaml", "name: s1\n")
+    assert RunDirectory.open(run.path).path == run.path
+    with pytest.raises(DockctlError, match="no such run folder"):
+        RunDirectory.open(tmp_path / "nowhere")
+    run.write_text("provenance.json", "{")
+    with pytest.raises(DockctlError, match=r"provenance\.json: cannot be read"):
+        run.read_json("provenance.json")
+
+
+def test_the_run_that_holds_a_checkpoint(tmp_path: Path) -> None:
+    run = RunDirectory.create(tmp_path, "s1", 0)
+    file = run.checkpoint("best") / "policy.json"
+    assert RunDirectory.holding(file) is None
+    run.write_text("scenario.yaml", "")
+    holding = RunDirectory.holding(file)
+    assert holding is not None
+    assert holding.path == run.path
+
+
+def test_a_failed_write_leaves_the_old_file_whole(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    path = write_atomically(tmp_path / "a.txt", b"old")
+
+    def full(self: Path, target: Path) -> Path:
+        raise OSError(28, "No space left on device")
+
+    monkeypatch.setattr(Path, "replace", full)
+    with pytest.raises(DockctlError, match="No space left"):
+        write_atomically(path, b"new")
+    assert path.read_bytes() == b"old"
+    assert names(tmp_path) == ["a.txt"]
+
+
+def test_a_folder_takes_the_place_of_another(tmp_path: Path) -> None:
+    for generation in ("one", "two"):
+        new = tmp_path / "new"
+        new.mkdir()
+        (new / generation).touch()
+        replace_folder(new, tmp_path / "best")
+        assert names(tmp_path) == ["best"]
+        assert names(tmp_path / "best") == [generation]
+
+
+def test_unwritable_places_are_told_before_any_work(tmp_path: Path) -> None:
+    require_writable(tmp_path / "new" / "deep")
+    assert names(tmp_path) == []
+    (tmp_path / "file").touch()
+    for call in (require_writable, lambda root: RunDirectory.create(root, "s1", 0)):
+        with pytest.raises(DockctlError, match="cannot write run folders here"):
+            call(tmp_path / "file" / "runs")
+
+
+@pytest.mark.skipif(os.geteuid() == 0, reason="root may write everywhere")
+def test_a_folder_without_the_right_to_write(tmp_path: Path) -> None:
+    tmp_path.chmod(0o500)
+    with pytest.raises(DockctlError, match="no right to write"):
+        require_writable(tmp_path / "runs")
+    tmp_path.chmod(0o700)
+
+
+def test_plugins_are_copied_with_their_hashes(tmp_path: Path) -> None:
+    for folder in ("a", "b"):
+        (tmp_path / folder).mkdir()
+        (tmp_path / folder / "mine.py").write_text(f"# {folder}\n")
+    run = RunDirectory.create(tmp_path / "runs", "s1", 0)
+    hashes = run.copy_plugins([tmp_path / "a" / "mine.py", tmp_path / "b" / "mine.py"])
+    assert list(hashes) == ["plugins/00-mine.py", "plugins/01-mine.py"]
+    assert hashes["plugins/01-mine.py"] == hashlib.sha256(b"# b\n").hexdigest()
+    assert (run.path / "plugins" / "00-mine.py").read_text() == "# a\n"
