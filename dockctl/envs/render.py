@@ -1,4 +1,4 @@
-"""Pictures of the marina from above for ``render_mode="rgb_array"``: the harbor once, boat and path in every frame."""
+"""Pictures from above for ``render_mode="rgb_array"``: the harbor once, boat and path in every frame."""
 
 from __future__ import annotations
 
@@ -40,7 +40,7 @@ class Canvas:
         return cls(x_min - MARGIN_M, y_max + MARGIN_M, scale, width, height)
 
     def pixels(self, xy: Floats) -> Floats:
-        """World (k, 2) [m] to (k, 2) columns and rows, y upwards in the world and downwards on the picture."""
+        """World (k, 2) [m] to (k, 2) columns and rows; rows count downwards."""
         return np.asarray(np.stack([xy[:, 0] - self.left, self.top - xy[:, 1]], axis=1) * self.scale)
 
 
@@ -79,7 +79,9 @@ def draw_frame(scene: Scene, eta: Floats, goal: Floats, trail: Floats, *, longes
     pen.polygon(fine(berth), fill=_with_alpha(palette.GOAL, 70))
     pen.line([*fine(berth), *fine(berth)[:2]], fill=palette.GOAL, width=thin, joint="curve")
     if len(path) > 1:
-        pen.line(fine(path), fill=_with_alpha(palette.BLUE, 210), width=max(1, round(0.16 * metre)), joint="curve")
+        pen.line(
+            fine(path), fill=_with_alpha(palette.BLUE, 210), width=max(1, round(0.16 * metre)), joint="curve"
+        )
     pen.polygon(fine(boat), fill=palette.OWN_HULL)
     pen.line([*fine(boat), *fine(boat)[:2]], fill=palette.INK, width=thin, joint="curve")
     bow = canvas.pixels(boat_outline(np.array([[0.0, 0.0], [0.8 * scene.hull[:, 0].max(), 0.0]]), eta))
@@ -105,5 +107,5 @@ def _harbor(scene: Scene, longest_px: int) -> Image.Image:
     return picture.reduce(FINER)
 
 
-def _with_alpha(colour: str, alpha: int) -> tuple[int, ...]:
-    return (*ImageColor.getrgb(colour)[:3], alpha)
+def _with_alpha(color: str, alpha: int) -> tuple[int, ...]:
+    return (*ImageColor.getrgb(color)[:3], alpha)

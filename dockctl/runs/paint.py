@@ -1,8 +1,7 @@
-"""What to paint, in which order, to draw a scene from above; shared by the figures and the environment's frames."""
+"""What to paint, in which order, to draw a scene from above, in figures and in the environment's frames."""
 
 from __future__ import annotations
 
-import zlib
 from collections.abc import Iterator
 from dataclasses import dataclass
 
@@ -34,12 +33,9 @@ def strokes(scene: Scene) -> Iterator[Stroke]:
         if polygon.kind in SHADED:
             yield Stroke(polygon.xy + min(polygon.height_m, 2.0) * SHADOW_M_PER_M, palette.WATER_SHADE, None)
     for polygon in scene.polygons:
-        kind = polygon.kind if polygon.kind in palette.FILL else "mesh"
-        fill = palette.FILL[kind]
-        if kind == "hull":
-            fill = palette.HULLS[zlib.crc32(polygon.name.encode()) % len(palette.HULLS)]
-        yield Stroke(polygon.xy, fill, palette.EDGE[kind])
-        if kind == "finger" and len(polygon.xy) == 4:
+        edge = palette.EDGE.get(polygon.kind, palette.EDGE["mesh"])
+        yield Stroke(polygon.xy, palette.solid_color(polygon.kind, polygon.name), edge)
+        if polygon.kind == "finger" and len(polygon.xy) == 4:
             yield from _planks(polygon)
 
 

@@ -1,6 +1,8 @@
-"""The colours of every drawing, so that a frame of the environment and a figure show the same marina."""
+"""The colors of every drawing, so that a frame of the environment and a figure show the same marina."""
 
 from __future__ import annotations
+
+import zlib
 
 # Type and rules
 INK = "#1B2A38"
@@ -9,7 +11,7 @@ RULE = "#A9B4BD"
 GRID = "#E6EBEE"
 
 # Series: the thesis names its five test poses red, green, blue, purple, yellow (Table 4.3).
-# These are tones of those hues that stay apart for colour-blind readers and stand out on water and on white.
+# These are tones of those hues that stay apart for color-blind readers and stand out on water and on white.
 RED, GREEN, BLUE, PURPLE, YELLOW = "#D1383F", "#1E8A4C", "#2F6DB5", "#8E3A8C", "#C99700"
 SERIES = (RED, GREEN, BLUE, PURPLE, YELLOW)
 
@@ -24,6 +26,7 @@ OUTCOMES = {"docked": DOCKED, "timeout": TIMEOUT, "collision": COLLISION}
 # Marina
 WATER, WATER_SHADE, WATER_DEEP = "#D9EAF1", "#B9D3DF", "#8FB6C8"
 LAND = "#EDE8DD"
+NIGHT_WATER, NIGHT_LAND, NIGHT_RULE = "#12293A", "#1D3B4F", "#3E6379"  # behind the point cloud
 GOAL = "#E4572E"
 OWN_HULL = "#D1383F"
 FILL = {
@@ -40,10 +43,12 @@ FILL = {
     "roof": "#E4E8EA",
     "canvas": "#34587D",
     "engine": "#39444D",
+    "fender": "#EDEDE6",
     "rail": "#9AA7B0",
     "mast": "#55646F",
     "sail": "#2A4B6C",
     "mesh": "#BFC4C6",
+    "own": OWN_HULL,
 }
 EDGE = {
     "quay": "#A39B8B",
@@ -59,11 +64,30 @@ EDGE = {
     "roof": "#AEB8BE",
     "canvas": "#27425E",
     "engine": "#262E35",
+    "fender": "#7D8890",
     "rail": "#9AA7B0",
     "mast": "#3E4C58",
     "sail": "#1C3650",
     "mesh": "#8C9396",
 }
 PLANK = "#C4A678"
-# Moored hulls: mostly white, a few in colour, as in any marina
-HULLS = ("#FBFAF6", "#FBFAF6", "#F3EFE4", "#24405E", "#FBFAF6", "#DDE5EA", "#7A2E33", "#FBFAF6", "#F7F3E8", "#2F5D5A")
+# Moored hulls: mostly white, a few in color, as in any marina
+HULLS = (
+    "#FBFAF6",
+    "#FBFAF6",
+    "#F3EFE4",
+    "#24405E",
+    "#FBFAF6",
+    "#DDE5EA",
+    "#7A2E33",
+    "#FBFAF6",
+    "#F7F3E8",
+    "#2F5D5A",
+)
+
+
+def solid_color(kind: str, name: str) -> str:
+    """Color of a solid of a kind that belongs to the thing called `name`; hulls differ from boat to boat."""
+    if kind == "hull":
+        return HULLS[zlib.crc32(name.encode()) % len(HULLS)]
+    return FILL.get(kind, FILL["mesh"])

@@ -1,0 +1,84 @@
+"""Scan from a pose and draw a scenario."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+from rich import box
+from rich.console import Console
+from rich.table import Table
+
+from dockctl.commands.inputs import load_checked
+from dockctl.errors import DockctlError
+from dockctl.reports.show import Scan, figures
+from dockctl.reports.style import house_style, save
+from dockctl.reports.view3d import Body
+from dockctl.scenarios.schema import Scenario
+from dockctl.sim.collision import CollisionChecker
+from dockctl.sim.harbor import build_harbor, scene_of
+from dockctl.sim.hulls import hull_mesh
+from dockctl.sim.lidar import LidarArray
+
+
+def show(source: str, pose: str | None, out: Path | None, plugin_files: Sequence[Path]) -> None:
+    """Draw the scenario called `source` and print what the LiDARs see from `pose`.
+
+    Raises:
+        DockctlError: the scenario or the pose is wrong, or the drawings cannot be written.
+    """
+    loaded = load_checked(source, plugin_files=plugin_files)
+    scenario = loaded.scenario
+    harbor = build_harbor(scenario.harbor, loaded.base_dir)
+    place = _pose(pose, scenario)
+    if CollisionChecker(harbor, scenario.vessel.hull).blocked(place[None])[0]:
+        raise DockctlError(f"--pose {pose}: the boat lies in an obstacle there")
+    lidar = LidarArray(scenario.sensors.lidar, harbor.triangles)
+    points, _ = lidar.points(place)
+    ranges = lidar.sector_ranges(place[None])[0]
+    scan = Scan(place, points, ranges, scenario.sensors.lidar.range_m)
+    bodies = [
+        Body(part.name, solid.kind, np.array(solid.mesh.triangles))
+        for part in harbor.parts
+        for solid in part.solids
+    ]
+    own = Body("own boat", "own", np.array(hull_mesh(scenario.vessel.hull).triangles))
+    with house_style():
+        drawn = figures(scene_of(harbor, scenario.vessel.hull), scenario, bodies, own, scan)
+        written = save(drawn, out or Path("figures") / scenario.name)
+    console = Console()
+    console.print(f"{len(scan.points):,} LiDAR points from {scan.label}", soft_wrap=True, highlight=False)
+    console.print(sector_table(scan))
+    for path in written:
+        console.print(str(path), soft_wrap=True, highlight=False)
+
+
+def sector_table(scan: Scan) -> Table:
+    """The distances of a scan, sector by sector."""
+    table = Table(box=box.SIMPLE_HEAD)
+    for name in ("sector", "from", "to", "nearest"):
+        table.add_column(name, justify="right")
+    edges = np.linspace(-180.0, 180.0, len(scan.ranges_m) + 1)
+    for i, distance in enumerate(scan.ranges_m):
+        seen = f"{distance:.3f} m" if distance < scan.range_m else f"nothing within {scan.range_m:g} m"
+        table.add_row(f"d{i + 1}", f"{edges[i]:g}°", f"{edges[i + 1]:g}°", seen)
+    return table
+
+
+def _pose(text: str | None, scenario: Scenario) -> NDArray[np.float64]:
+    """Read ``x,y,heading`` [m, m, degrees] as x, y [m] and heading [rad]."""
+    if text is None:
+        first = scenario.task.initial[0]
+        return np.array([first.x_m, first.y_m, math.radians(first.heading_deg)])
+    try:
+        x, y, heading = (float(part) for part in text.split(","))
+    except ValueError:
+        raise DockctlError(
+            f"--pose '{text}': give three numbers, x,y,heading in m, m and degrees, like 20,2,160"
+        ) from None
+    if not all(map(math.isfinite, (x, y, heading))):
+        raise DockctlError(f"--pose '{text}': the numbers must be finite")
+    return np.array([x, y, math.radians(heading)])

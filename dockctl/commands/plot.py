@@ -1,0 +1,43 @@
+"""``dockctl plot``: the figures of a run."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from dockctl.errors import DockctlError
+
+RUNS = Path("runs")
+
+
+def plot(
+    run: Annotated[
+        Path | None, typer.Argument(help="Run folder; the latest in ./runs if none is given.")
+    ] = None,
+    out: Annotated[Path | None, typer.Option(help="Folder of the figures; <run>/figures by default.")] = None,
+) -> None:
+    """Draw how a run learned and how its best policy docks, as PNG and SVG; reads only the run folder.
+
+    Example: dockctl plot runs/s3/20250101-120000-seed0
+    """
+    from dockctl.reports.book import figures
+    from dockctl.reports.run import read_run
+    from dockctl.reports.style import house_style, save
+    from dockctl.runs.directory import RunDirectory
+
+    folder = RunDirectory.latest(RUNS).path if run is None else run
+    if not folder.is_dir():
+        raise DockctlError(f"{folder}: no such run folder")
+    with house_style():
+        data = read_run(folder)
+        written = save(dict(figures(data)), out or folder / "figures")
+    for name in data.missing:
+        typer.secho(
+            f"note: {folder / name} is missing or has no rows; its figures are left out",
+            fg="yellow",
+            err=True,
+        )
+    for path in written:
+        typer.echo(path)

@@ -1,0 +1,173 @@
+"""Time the parts of a decision along greedy episodes."""
+
+from __future__ import annotations
+
+import json
+import math
+from dataclasses import dataclass
+from pathlib import Path
+from time import perf_counter
+
+import numpy as np
+import pandas as pd
+from rich import box
+from rich.console import Console
+from rich.table import Table
+
+from dockctl.agents.checkpoint import find_policy, load_policy, require_shape
+from dockctl.agents.network import DuelingQNetwork
+from dockctl.agents.policy import GreedyPolicy, Policy
+from dockctl.commands.inputs import load_checked
+from dockctl.commands.rooms import test_poses
+from dockctl.envs.observation import View
+from dockctl.envs.spaces import ObservationEncoder
+from dockctl.envs.vector import DockingVectorEnv
+from dockctl.errors import DockctlError
+from dockctl.reports.latency import PARTS, STATISTICS, THESIS_FORWARD_MS, latency_figure, summarize
+from dockctl.reports.style import house_style, save
+from dockctl.runs.directory import SCENARIO, RunDirectory, write_atomically
+from dockctl.runs.provenance import hardware
+from dockctl.sim.simulator import Simulator
+
+RUNS = Path("runs")
+DEFAULT_SCENARIO = "s3"
+WARM_UP = 20  # decisions that are not counted: compilation, tables, caches
+
+
+@dataclass(frozen=True)
+class Subject:
+    """What is timed: a policy in an environment of one boat, and where the results go by default."""
+
+    name: str
+    policy: Policy
+    env: DockingVectorEnv
+    folder: Path
+
+
+def latency(ckpt: Path | None, source: str | None, decisions: int, out: Path | None) -> None:
+    """Time `decisions` decisions or a few more, print a table and write histogram, samples and summary.
+
+    Raises:
+        DockctlError: no such policy or scenario, they do not fit, or `out` cannot be written.
+    """
+    console = Console()
+    subject = _subject(ckpt, source)
+    console.print(f"Timing {subject.name}", soft_wrap=True, highlight=False)
+    samples = time_decisions(subject.env, subject.policy, decisions)
+    period_ms = 1000 * subject.env.scenario.vessel.control_period_s
+    summary = summarize(samples)
+    folder = out or subject.folder
+    with house_style():
+        written = save(
+            {"latency": latency_figure(samples, f"{subject.name}; {len(samples):,} decisions", period_ms)},
+            folder,
+        )
+    facts = {
+        "subject": subject.name,
+        "decisions": len(samples),
+        "milliseconds": {name: summary[part] for part, name in PARTS.items()},
+        "thesis_forward_ms": THESIS_FORWARD_MS,
+        "control_period_ms": period_ms,
+        "hardware": hardware(),
+    }
+    csv = samples.to_csv(index_label="decision", float_format="%.6g", lineterminator="\n")
+    written.append(write_atomically(folder / "latency.csv", csv.encode()))
+    written.append(write_atomically(folder / "latency.json", (json.dumps(facts, indent=2) + "\n").encode()))
+    console.print(_table(summary))
+    console.print(verdict(summary, period_ms), soft_wrap=True, highlight=False)
+    for path in written:
+        console.print(str(path), soft_wrap=True, highlight=False)
+
+
+def time_decisions(env: DockingVectorEnv, policy: Policy, decisions: int) -> pd.DataFrame:
+    """Play greedy episodes of one boat from the test poses, whole ones, until at least `decisions` are timed.
+
+    Each decision is timed where the boat is: scan, state, forward pass with the choice of the action.
+
+    Returns:
+        a row a decision, columns `dockctl.reports.latency.PARTS` [ms].
+    """
+    scenario, simulator = env.scenario, env.simulator
+    encoder = ObservationEncoder(scenario.observation, scenario.sensors.lidar.sectors)
+    limit = np.array([scenario.vessel.max_propeller_n, math.radians(scenario.vessel.max_rudder_deg)])
+    poses = test_poses(scenario)
+    rows: list[tuple[float, ...]] = []
+    episode, ended = 0, True
+    while len(rows) < WARM_UP + decisions or not ended:
+        if ended:
+            env.reset(seed=0, options={"poses": poses[[episode % len(poses)]]})
+            episode += 1
+        begin = perf_counter()
+        ranges = env.world.lidar.sector_ranges(simulator.eta)
+        scanned = perf_counter()
+        observation = encoder(_view(simulator, limit, ranges))
+        seen = perf_counter()
+        action = policy(observation)
+        done = perf_counter()
+        rows.append((scanned - begin, seen - scanned, done - seen, done - begin))
+        _, _, terminated, truncated, _ = env.step(action)
+        ended = bool(terminated[0] or truncated[0])
+    return pd.DataFrame(1000 * np.array(rows[WARM_UP:]), columns=list(PARTS))
+
+
+def verdict(summary: dict[str, dict[str, float]], control_period_ms: float) -> str:
+    """How the times compare with the thesis' forward pass and with the control period, in two lines."""
+    forward, decision = summary["forward_ms"]["p50"], summary["decision_ms"]["max"]
+    return (
+        f"Forward pass: {forward:.3g} ms at the median, {THESIS_FORWARD_MS / forward:.1f} times as fast as"
+        f" the thesis' {THESIS_FORWARD_MS:g} ms (another machine).\n"
+        f"Slowest whole decision: {decision:.3g} ms, {decision / control_period_ms:.1%} of the control period"
+        f" of {control_period_ms:g} ms."
+    )
+
+
+def _subject(ckpt: Path | None, source: str | None) -> Subject:
+    """The policy that was asked for, that of the latest run, or a new network where there is neither."""
+    if ckpt is None and source is None:
+        try:
+            ckpt = RunDirectory.latest(RUNS).path
+            find_policy(ckpt)
+        except DockctlError:
+            ckpt = None
+    if ckpt is None:
+        loaded = load_checked(source or DEFAULT_SCENARIO)
+        env = DockingVectorEnv(loaded, 1)
+        sizes = loaded.scenario.training.hidden_sizes
+        network = DuelingQNetwork(len(env.observation_names), len(env.action_commands), sizes)
+        name = f"a new network with random weights, on scenario {loaded.scenario.name}"
+        return Subject(name, GreedyPolicy(network), env, Path("figures") / "latency")
+    file = find_policy(ckpt)
+    network, card = load_policy(file)
+    parents = file.absolute().parents
+    run = parents[2] if len(parents) > 2 and (parents[2] / SCENARIO).is_file() else None
+    loaded = load_checked(source or (str(run / SCENARIO) if run else card.scenario))
+    env = DockingVectorEnv(loaded, 1)
+    scenario = loaded.scenario.name
+    require_shape(card, len(env.observation_names), len(env.action_commands), where=file, scenario=scenario)
+    folder = ckpt / "figures" if run and ckpt.absolute() == run else Path("figures") / "latency"
+    name = f"the policy trained on {card.scenario} (seed {card.seed}), on scenario {scenario}"
+    return Subject(name, GreedyPolicy(network), env, folder)
+
+
+def _view(simulator: Simulator, command_limit: np.ndarray, ranges_m: np.ndarray) -> View:
+    return View(
+        phase=simulator.phase,
+        distance_m=simulator.distance_m,
+        heading_error_rad=simulator.heading_error_rad,
+        eta=simulator.eta,
+        goal=simulator.goal,
+        nu=simulator.nu,
+        command=simulator.command,
+        command_limit=command_limit,
+        sector_ranges_m=ranges_m,
+    )
+
+
+def _table(summary: dict[str, dict[str, float]]) -> Table:
+    table = Table(header_style="bold", box=box.SIMPLE_HEAD)
+    table.add_column("ms")
+    for name in STATISTICS:
+        table.add_column(name, justify="right")
+    for part, row in summary.items():
+        table.add_row(PARTS[part], *(f"{row[name]:.3f}" for name in STATISTICS))
+    return table

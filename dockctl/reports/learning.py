@@ -1,0 +1,201 @@
+"""How a run learned: reward, duration, epsilon, phase, outcomes (thesis Figs. 4.1-4.3, 4.21-4.23)."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+import pandas as pd
+from matplotlib.axes import Axes
+from matplotlib.colors import to_rgba
+from matplotlib.ticker import PercentFormatter
+
+from dockctl.reports.style import key, thousands
+from dockctl.runs import palette
+
+TERM_COLORS = {
+    "collision": palette.COLLISION,
+    "final": palette.DOCKED,
+    "intermediate": "#8CCBB6",
+    "distance": palette.BLUE,
+    "orientation": palette.PURPLE,
+    "speed": palette.TIMEOUT,
+    "progress": "#3AA6B9",
+}
+OTHER_TERMS = ("#8A6E5A", "#7B8794", "#D98BB4", "#5D6BB0")
+
+
+def window_of(table: pd.DataFrame) -> int:
+    """Episodes that the dark lines are a mean of: about a fortieth of the run, 10 to 100."""
+    return int(np.clip(len(table) // 40, 10, 100))
+
+
+def smooth(values: pd.Series, window: int) -> pd.Series:
+    """Mean of each value and those before it, `window` in all; fewer at the beginning."""
+    return values.rolling(window, min_periods=1).mean()
+
+
+def from_the_start(episodes: pd.DataFrame) -> pd.DataFrame:
+    """Leave out the episodes that began somewhere on the way; keep them where there are no others."""
+    ours = episodes[episodes["start_kind"] != "exploring"]
+    return ours if len(ours) else episodes
+
+
+def draw_reward(ax: Axes, episodes: pd.DataFrame) -> None:
+    """Return of every episode, and its mean (Fig. 4.1)."""
+    _dots_and_means(ax, episodes, "return")
+    ax.set_ylabel("Total reward of the episode")
+    thousands(ax, "y")
+
+
+def draw_duration(ax: Axes, episodes: pd.DataFrame) -> None:
+    """Control steps of every episode, and their mean (Fig. 4.2)."""
+    _dots_and_means(ax, episodes, "steps")
+    ax.set_ylabel("Duration [control steps]")
+    ax.set_ylim(bottom=0)
+
+
+def draw_epsilon(ax: Axes, episodes: pd.DataFrame) -> None:
+    """Probability of a random action at the end of every episode (Fig. 4.3)."""
+    ax.plot(episodes["episode"], episodes["epsilon"], color=palette.MEAN)
+    ax.fill_between(episodes["episode"], episodes["epsilon"], color=palette.RAW, alpha=0.35, lw=0)
+    last = episodes.iloc[-1]
+    ax.annotate(
+        f"{last['epsilon']:.2g}",
+        (last["episode"], last["epsilon"]),
+        xytext=(-2, 6),
+        textcoords="offset points",
+        ha="right",
+        color=palette.MEAN,
+    )
+    ax.set_ylabel("ε, share of random actions")
+    ax.set_ylim(0, 1.03)
+    _episode_axis(ax, episodes)
+
+
+def draw_phase(ax: Axes, episodes: pd.DataFrame) -> None:
+    """Phase at the end of the episodes that began at an initial pose, and the share in phase 1 (4.23)."""
+    ours = from_the_start(episodes)
+    window = window_of(ours)
+    rng = np.random.default_rng(0)  # spreads the dots, which would otherwise hide each other
+    ax.plot(
+        ours["episode"],
+        ours["phase"] + rng.uniform(-0.035, 0.035, len(ours)),
+        ".",
+        ms=2.6,
+        color=palette.RAW,
+        rasterized=True,
+        label="episodes",
+    )
+    ax.plot(
+        ours["episode"], smooth(ours["phase"], window), color=palette.MEAN, label=f"mean of {window} episodes"
+    )
+    ax.set_yticks([0, 0.25, 0.5, 0.75, 1], ["0  aligning", "25 %", "50 %", "75 %", "1  docking"])
+    ax.set_ylim(-0.08, 1.08)
+    ax.set_ylabel("Task at the end of the episode")
+    key(ax, [("episode", palette.RAW), (f"share past the intermediate pose, of {window}", palette.MEAN)])
+    _episode_axis(ax, episodes)
+
+
+def draw_outcomes(ax: Axes, episodes: pd.DataFrame) -> None:
+    """How the last episodes ended: docked, ran out of time, or hit something."""
+    window = window_of(episodes)
+    shares = [smooth((episodes["outcome"] == outcome).astype(float), window) for outcome in palette.OUTCOMES]
+    colors = [to_rgba(color, 0.85) for color in palette.OUTCOMES.values()]
+    ax.stackplot(episodes["episode"], *shares, colors=colors, edgecolor="white", lw=0.6)
+    ax.set_ylim(0, 1)
+    ax.yaxis.set_major_formatter(PercentFormatter(1, symbol=" %"))
+    ax.set_ylabel(f"Share of the last {window} episodes")
+    ax.grid(False)
+    key(ax, list(palette.OUTCOMES.items()))
+    _episode_axis(ax, episodes)
+
+
+def term_columns(episodes: pd.DataFrame) -> list[str]:
+    """Columns that hold the sums of the reward terms."""
+    return [str(column) for column in episodes if str(column).startswith("reward_")]
+
+
+def draw_terms(ax: Axes, episodes: pd.DataFrame) -> None:
+    """What every reward term paid or cost an episode, as a mean; gains stack up, costs stack down."""
+    columns = term_columns(episodes)
+    window = window_of(episodes)
+    others = iter(OTHER_TERMS * (1 + len(columns) // len(OTHER_TERMS)))
+    top, bottom = np.zeros(len(episodes)), np.zeros(len(episodes))
+    entries = []
+    for column in columns:
+        name = column.removeprefix("reward_")
+        color = TERM_COLORS.get(name) or next(others)
+        mean = smooth(episodes[column], window).to_numpy()
+        for base, part in ((top, mean.clip(min=0)), (bottom, mean.clip(max=0))):
+            if part.any():
+                ax.fill_between(episodes["episode"], base, base + part, color=color, alpha=0.85, lw=0)
+                base += part
+        entries.append((name, color))
+    ax.plot(episodes["episode"], smooth(episodes["return"], window), color=palette.INK, lw=1.6)
+    ax.axhline(0, color=palette.INK_SOFT, lw=0.8)
+    ax.set_ylabel(f"Reward an episode, mean of {window}")
+    thousands(ax, "y")
+    key(ax, [*entries, ("total", palette.INK)], columns=7)
+    _episode_axis(ax, episodes)
+
+
+def draw_evaluations(ax: Axes, evaluations: pd.DataFrame, names: Sequence[str]) -> None:
+    """How the greedy policy ended from each test pose at every evaluation; a star marks the best so far."""
+    steps = sorted(evaluations["env_steps"].unique())
+    poses = sorted(evaluations["pose"].unique())
+    width = float(np.min(np.diff(steps))) if len(steps) > 1 else max(float(steps[0]), 1.0)
+    for outcome, color in palette.OUTCOMES.items():
+        rows = evaluations[evaluations["outcome"] == outcome]
+        heights = [poses.index(pose) for pose in rows["pose"]]
+        ax.barh(heights, width * 0.9, left=rows["env_steps"] - width * 0.45, height=0.82, color=color, lw=0)
+    best = evaluations[evaluations["best"].astype(int) == 1]
+    stars = sorted(best["env_steps"].unique())
+    ax.plot(stars, np.full(len(stars), len(poses) - 0.25), "*", color=palette.INK, ms=6, clip_on=False)
+    ax.set_yticks(
+        range(len(poses)), [names[pose] if 0 <= pose < len(names) else f"pose {pose}" for pose in poses]
+    )
+    ax.set_ylim(-0.5, len(poses) + 0.1)
+    ax.set_xlim(min(steps) - width / 2, max(steps) + width / 2)
+    ax.set_xlabel("Environment steps   (★ best policy so far)")
+    ax.invert_yaxis()
+    ax.grid(False)
+    thousands(ax)
+    key(ax, list(palette.OUTCOMES.items()))
+
+
+def _dots_and_means(ax: Axes, episodes: pd.DataFrame, column: str) -> None:
+    """Every episode as a light dot and the running mean as a dark line, apart for the two kinds of start."""
+    exploring = episodes["start_kind"] == "exploring"
+    groups = [
+        ("from an initial pose", episodes[~exploring], palette.RAW, palette.MEAN),
+        ("exploring start", episodes[exploring], palette.SECOND_RAW, palette.SECOND_MEAN),
+    ]
+    groups = [group for group in groups if len(group[1])]
+    for name, table, light, _ in groups:
+        ax.plot(
+            table["episode"],
+            table[column],
+            ".",
+            ms=2.6,
+            color=light,
+            rasterized=True,
+            label=f"{name}, episodes",
+        )
+    window = window_of(groups[0][1])
+    for name, table, _, dark in groups:
+        ax.plot(
+            table["episode"], smooth(table[column], window), color=dark, label=f"{name}, mean of {window}"
+        )
+    if len(groups) > 1:
+        key(ax, [(f"{name}, mean of {window}", dark) for name, _, _, dark in groups])
+    else:
+        key(ax, [("episode", groups[0][2]), (f"mean of {window}", groups[0][3])])
+    _episode_axis(ax, episodes)
+
+
+def _episode_axis(ax: Axes, episodes: pd.DataFrame) -> None:
+    first, last = episodes["episode"].min(), episodes["episode"].max()
+    ax.set_xlim(first, max(last, first + 1))
+    ax.set_xlabel("Episode")
+    thousands(ax)

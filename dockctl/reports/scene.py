@@ -1,0 +1,276 @@
+"""The harbor from above, with poses, boats and paths on it (thesis Figs. 3.13-3.15, 4.4, 4.14, 4.24)."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterable, Sequence
+
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.collections import PolyCollection
+from matplotlib.patches import Circle, FancyArrowPatch, FancyBboxPatch, Polygon, Rectangle
+from numpy.typing import NDArray
+
+from dockctl.reports.style import HALO, key
+from dockctl.reports.trajectory import Track, pose_label
+from dockctl.runs import palette
+from dockctl.runs.paint import boat_outline, strokes
+from dockctl.runs.scene import Scene
+from dockctl.scenarios.base import Pose
+from dockctl.scenarios.schema import Task
+
+Floats = NDArray[np.float64]
+Bounds = tuple[float, float, float, float]
+
+INTERVALS_S = (1.0, 2.0, 5.0, 10.0, 20.0, 50.0, 100.0)
+OUTLINES = 12  # boats drawn along the longest path, at most
+QUAY_M = 3.0  # strip of land shown around the water
+SCALE_BARS_M = (1.0, 2.0, 5.0, 10.0, 20.0, 50.0)
+
+
+def draw_harbor(ax: Axes, scene: Scene, view: Bounds) -> None:
+    """Draw the marina on tinted water within `view`, (x_min, y_min, x_max, y_max) [m]."""
+    drawn = [stroke for stroke in strokes(scene) if _overlaps(stroke.xy, view)]
+    ax.add_collection(
+        PolyCollection(
+            [stroke.xy for stroke in drawn],
+            facecolors=[stroke.fill or "none" for stroke in drawn],
+            edgecolors=[stroke.edge or "none" for stroke in drawn],
+            linewidths=0.35,
+            zorder=1,
+        )
+    )
+    ax.set_facecolor(palette.WATER)
+    ax.set_aspect("equal")
+    ax.set_xlim(view[0], view[2])
+    ax.set_ylim(view[1], view[3])
+    ax.set_xlabel("x [m]")
+    ax.set_ylabel("y [m]")
+    ax.grid(False)
+    ax.spines[:].set_visible(True)
+    ax.tick_params(length=3.0)
+
+
+def draw_compass(ax: Axes, view: Bounds) -> None:
+    """Put a scale bar and an arrow to +y (north) on a pale plate in the lower right corner."""
+    width, height = view[2] - view[0], view[3] - view[1]
+    length = max((bar for bar in SCALE_BARS_M if bar <= 0.2 * width), default=SCALE_BARS_M[0])
+    unit = 0.01 * max(width, height)  # the arrow and the thickness of the bar grow with the view
+    right, bottom = view[2] - 2.5 * unit, view[1] + 2.5 * unit
+    left = right - length
+    plate = FancyBboxPatch(
+        (left - 5.5 * unit, bottom - 0.5 * unit),
+        length + 6 * unit,
+        5 * unit,
+        boxstyle=f"round,pad={unit},rounding_size={unit}",
+        fc="white",
+        ec="none",
+        alpha=0.8,
+        zorder=8,
+    )
+    ax.add_patch(plate)
+    for part, color in ((0, palette.INK), (1, "white")):
+        half = Rectangle(
+            (left + part * length / 2, bottom), length / 2, 0.8 * unit, fc=color, ec=palette.INK, lw=0.6
+        )
+        half.set_zorder(9)
+        ax.add_patch(half)
+    ax.text(
+        (left + right) / 2,
+        bottom + 1.6 * unit,
+        f"{length:g} m",
+        ha="center",
+        va="bottom",
+        fontsize=7.5,
+        zorder=9,
+    )
+    foot, tip = (left - 3.5 * unit, bottom), (left - 3.5 * unit, bottom + 3 * unit)
+    ax.add_patch(_arrow(foot, tip, palette.INK, size=9.0, zorder=9))
+    ax.text(*tip, "N", ha="center", va="bottom", fontsize=7.5, zorder=9)
+
+
+def draw_boat(
+    ax: Axes,
+    hull: Floats,
+    pose: Floats,
+    color: str,
+    *,
+    fill: float = 0.0,
+    dashed: bool = False,
+    lw: float = 1.1,
+) -> None:
+    """Outline of the own boat at a pose (x [m], y [m], heading [rad]), filled to the given opacity."""
+    outline = boat_outline(hull, pose)
+    if fill:
+        ax.add_patch(Polygon(outline, fc=color, ec="none", alpha=fill, zorder=4))
+    ax.add_patch(
+        Polygon(
+            outline,
+            fc="none",
+            ec=color,
+            lw=lw,
+            ls=(0, (2.2, 1.4)) if dashed else "-",
+            zorder=5,
+            joinstyle="round",
+        )
+    )
+
+
+def draw_heading(ax: Axes, hull: Floats, pose: Floats, color: str) -> None:
+    """Arrow from amidships to a little before the bow."""
+    reach = hull[:, 0].max() + 0.9
+    head = (pose[0] + reach * math.cos(pose[2]), pose[1] + reach * math.sin(pose[2]))
+    ax.add_patch(_arrow((pose[0], pose[1]), head, color, size=8.0, zorder=6))
+
+
+def _arrow(
+    foot: tuple[float, float], head: tuple[float, float], color: str, size: float, zorder: float
+) -> FancyArrowPatch:
+    return FancyArrowPatch(
+        foot,
+        head,
+        arrowstyle="-|>",
+        mutation_scale=size,
+        lw=1.2,
+        color=color,
+        zorder=zorder,
+        shrinkA=0,
+        shrinkB=0,
+    )
+
+
+def draw_goals(ax: Axes, hull: Floats, task: Task, *, named: bool = True) -> None:
+    """The pose to dock at and the intermediate pose, if there is one, each with its circle of tolerance."""
+    goals = [("berth", task.final, task.final_tolerance)]
+    if task.intermediate is not None:
+        goals.append(("intermediate pose", task.intermediate, task.intermediate_tolerance))
+    for name, pose, tolerance in goals:
+        place = as_array(pose)
+        circle = {"radius": tolerance.distance_m, "lw": 0.9, "zorder": 3}
+        ax.add_patch(Circle((pose.x_m, pose.y_m), fc=palette.GOAL, ec="none", alpha=0.16, **circle))
+        ax.add_patch(Circle((pose.x_m, pose.y_m), fc="none", ec=palette.GOAL, ls=(0, (1, 1.6)), **circle))
+        draw_boat(ax, hull, place, palette.GOAL, dashed=True, lw=1.3)
+        draw_heading(ax, hull, place, palette.GOAL)
+        if named:
+            label(ax, hull, place, name, palette.GOAL, apart_m=tolerance.distance_m)
+
+
+def label(
+    ax: Axes,
+    hull: Floats,
+    pose: Floats,
+    text: str,
+    color: str,
+    *,
+    below: bool = False,
+    apart_m: float = 0.0,
+) -> None:
+    """Write a name above or below a boat, at least `apart_m` from its centre."""
+    ys = np.array([*boat_outline(hull, pose)[:, 1], pose[1] - apart_m, pose[1] + apart_m])
+    ax.annotate(
+        text,
+        (pose[0], ys.min() if below else ys.max()),
+        xytext=(0, -5 if below else 5),
+        textcoords="offset points",
+        ha="center",
+        va="top" if below else "bottom",
+        fontsize=8,
+        fontweight="bold",
+        color=color,
+        path_effects=HALO,
+        zorder=10,
+        annotation_clip=True,
+    )
+
+
+def draw_paths(ax: Axes, scene: Scene, tracks: Sequence[Track], task: Task) -> float:
+    """Paths with the boat's outline at equal intervals of time (Fig. 4.4); return the interval [s]."""
+    interval = outline_interval(tracks)
+    draw_goals(ax, scene.hull, task)
+    for track in tracks:
+        table = track.table
+        poses = np.column_stack([table["x_m"], table["y_m"], np.radians(table["heading_deg"])])
+        ax.plot(
+            poses[:, 0],
+            poses[:, 1],
+            color=track.color,
+            lw=1.6,
+            zorder=6,
+            label=track.label,
+            path_effects=HALO,
+        )
+        time = table["time_s"].to_numpy(float) - table["time_s"].iloc[0]
+        rows = np.searchsorted(time, np.arange(0, time[-1] + 1e-9, interval) - 1e-9)
+        for row in rows[1:]:
+            draw_boat(ax, scene.hull, poses[row], track.color, fill=0.08 if len(tracks) > 1 else 0.14, lw=0.7)
+        draw_boat(ax, scene.hull, poses[0], track.color, fill=0.35, lw=1.4)
+        draw_heading(ax, scene.hull, poses[0], track.color)
+        draw_boat(ax, scene.hull, poses[-1], track.color, fill=0.55, lw=1.4)
+    if len(tracks) == 1:
+        label(ax, scene.hull, poses[0], f"start {tracks[0].label}", tracks[0].color, below=True)
+    key(ax, [(track.label, track.color) for track in tracks])
+    return interval
+
+
+def outline_interval(tracks: Iterable[Track]) -> float:
+    """Round number of seconds between outlines that leaves at most `OUTLINES` on the longest track."""
+    longest = max(float(track.table["time_s"].iloc[-1] - track.table["time_s"].iloc[0]) for track in tracks)
+    return next((seconds for seconds in INTERVALS_S if longest / seconds <= OUTLINES), INTERVALS_S[-1])
+
+
+def draw_poses(ax: Axes, scene: Scene, task: Task, tests: Sequence[Pose], *, named: bool = True) -> None:
+    """The poses of a scenario: where episodes begin, pass and end, and where else it is tested from."""
+    draw_goals(ax, scene.hull, task, named=named)
+    starts = {(pose.x_m, pose.y_m, pose.heading_deg) for pose in task.initial}
+    others = [pose for pose in tests if (pose.x_m, pose.y_m, pose.heading_deg) not in starts]
+    for poses, color, fill in ((others, palette.PURPLE, 0.10), (task.initial, palette.BLUE, 0.40)):
+        for pose in poses:
+            draw_boat(ax, scene.hull, as_array(pose), color, fill=fill)
+            draw_heading(ax, scene.hull, as_array(pose), color)
+    if not named:
+        return
+    lowest = as_array(min(task.initial, key=lambda pose: pose.y_m))
+    label(ax, scene.hull, lowest, "start" if len(task.initial) == 1 else "starts", palette.BLUE, below=True)
+    if others:
+        label(ax, scene.hull, as_array(max(others, key=lambda pose: pose.y_m)), "test poses", palette.PURPLE)
+
+
+def as_array(pose: Pose) -> Floats:
+    """A pose as x [m], y [m], heading [rad]."""
+    return np.array([pose.x_m, pose.y_m, math.radians(pose.heading_deg)])
+
+
+def whole_view(scene: Scene) -> Bounds:
+    """The water and a strip of the quays around it."""
+    x_min, y_min, x_max, y_max = scene.bounds
+    return x_min - QUAY_M, y_min - QUAY_M, x_max + QUAY_M, y_max + QUAY_M
+
+
+def close_view(
+    scene: Scene, points: Floats, margin_m: float = 4.5, aspect: tuple[float, float] = (0.85, 1.75)
+) -> Bounds:
+    """Return a view around `points` (k, 2), within the harbor, whose width by height lies within `aspect`."""
+    low, high = points.min(axis=0) - margin_m, points.max(axis=0) + margin_m
+    width, height = high - low
+    centre = (low + high) / 2
+    size = np.array([max(width, aspect[0] * height), max(height, width / aspect[1])])
+    whole = np.array(whole_view(scene))
+    size = np.minimum(size, whole[2:] - whole[:2])
+    low = np.clip(centre - size / 2, whole[:2], whole[2:] - size)
+    return float(low[0]), float(low[1]), float(low[0] + size[0]), float(low[1] + size[1])
+
+
+def task_points(task: Task, tests: Sequence[Pose] = ()) -> Floats:
+    """Positions of the poses of a task and its tests, (k, 2) [m]."""
+    poses = [*task.initial, *tests, task.final, *([task.intermediate] if task.intermediate else [])]
+    return np.array([[pose.x_m, pose.y_m] for pose in poses])
+
+
+def pose_names(poses: Sequence[Pose]) -> str:
+    """Poses in print: ``(20, 2, 160°), (20, 0, 180°)``."""
+    return ", ".join(pose_label(pose.x_m, pose.y_m, pose.heading_deg) for pose in poses)
+
+
+def _overlaps(xy: Floats, view: Bounds) -> bool:
+    low, high = xy.min(axis=0), xy.max(axis=0)
+    return bool((high >= view[:2]).all() and (low <= view[2:]).all())

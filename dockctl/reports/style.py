@@ -1,0 +1,139 @@
+"""The one look of every figure: type, lines, colors, titles, and files that repeat byte for byte."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
+from pathlib import Path
+from typing import Any
+
+import matplotlib as mpl
+from cycler import cycler
+from matplotlib.axes import Axes
+from matplotlib.backends.backend_agg import FigureCanvasAgg
+from matplotlib.figure import Figure
+from matplotlib.layout_engine import ConstrainedLayoutEngine
+from matplotlib.lines import Line2D
+from matplotlib.patheffects import withStroke
+from matplotlib.ticker import FuncFormatter
+
+from dockctl.errors import DockctlError
+from dockctl.runs import palette
+
+DPI = 200
+HALO = [withStroke(linewidth=2.6, foreground="white", alpha=0.85)]
+"""Around text and lines that must read on anything."""
+STYLE: dict[Any, Any] = {
+    "font.family": "DejaVu Sans",  # travels with matplotlib, so a figure looks the same on every machine
+    "font.size": 9.5,
+    "text.color": palette.INK,
+    "axes.edgecolor": palette.RULE,
+    "axes.labelcolor": palette.INK_SOFT,
+    "axes.labelsize": 9.5,
+    "axes.labelpad": 6.0,
+    "axes.linewidth": 0.8,
+    "axes.grid": True,
+    "axes.axisbelow": True,
+    "axes.spines.top": False,
+    "axes.spines.right": False,
+    "axes.xmargin": 0.0,
+    "axes.prop_cycle": cycler(color=palette.SERIES),
+    "grid.color": palette.GRID,
+    "grid.linewidth": 0.6,
+    "xtick.color": palette.RULE,
+    "ytick.color": palette.RULE,
+    "xtick.labelcolor": palette.INK_SOFT,
+    "ytick.labelcolor": palette.INK_SOFT,
+    "xtick.labelsize": 8.5,
+    "ytick.labelsize": 8.5,
+    "xtick.major.size": 3.0,
+    "ytick.major.size": 0.0,
+    "lines.linewidth": 1.8,
+    "lines.solid_capstyle": "round",
+    "lines.solid_joinstyle": "round",
+    "legend.frameon": False,
+    "legend.fontsize": 8.5,
+    "figure.facecolor": "white",
+    "axes.facecolor": "white",
+    "svg.hashsalt": "dockctl",  # element ids that do not change from one drawing to the next
+    "svg.fonttype": "path",
+    "savefig.dpi": DPI,
+}
+
+
+@contextmanager
+def house_style() -> Iterator[None]:
+    """Draw and save inside this block; outside it matplotlib keeps its own settings."""
+    with mpl.rc_context():
+        mpl.rcdefaults()
+        mpl.rcParams.update(STYLE)
+        yield
+
+
+def sheet(title: str, subtitle: str, size_in: tuple[float, float] = (7.6, 4.3)) -> Figure:
+    """Return an empty figure with a bold title and a quiet line under it, both at the left edge."""
+    width, height = size_in
+    head = 0.62 / height  # inches kept for the two lines, whatever the height of the figure
+    figure = Figure(figsize=size_in, layout=ConstrainedLayoutEngine(rect=(0.02, 0.02, 0.96, 0.97 - head)))
+    FigureCanvasAgg(figure)
+    left = 0.22 / width
+    figure.text(left, 1 - 0.16 / height, title, fontsize=12.5, fontweight="bold", va="top")
+    figure.text(left, 1 - 0.42 / height, subtitle, fontsize=8.5, color=palette.INK_SOFT, va="top")
+    return figure
+
+
+def panel(title: str, subtitle: str, size_in: tuple[float, float] = (7.6, 4.3)) -> tuple[Figure, Axes]:
+    """Return a sheet with one pair of axes."""
+    figure = sheet(title, subtitle, size_in)
+    return figure, figure.add_subplot()
+
+
+def key(ax: Axes, entries: Sequence[tuple[str, str] | tuple[str, str, str]], columns: int = 5) -> None:
+    """Name lines above the axes: (name, color) or (name, color, line style); a single one needs no name."""
+    if len(entries) < 2:
+        return
+    handles = [
+        Line2D([], [], color=color, lw=2.2, ls=style[0] if style else "-", label=name)
+        for name, color, *style in entries
+    ]
+    legend = ax.legend(
+        handles=handles,
+        loc="lower left",
+        bbox_to_anchor=(-0.01, 1.0),
+        ncols=min(columns, len(entries)),
+        handlelength=1.3,
+        handletextpad=0.5,
+        columnspacing=1.5,
+        borderaxespad=0.3,
+    )
+    # A long row must not squeeze the axes: the layout sees an empty title of the same height instead.
+    legend.set_in_layout(False)
+    ax.set_title("\n" * ((len(entries) - 1) // columns) + " ", fontsize=8.5, pad=7)
+
+
+def thousands(ax: Axes, which: str = "x") -> None:
+    """Write the ticks of an axis as 12,000."""
+    axis = ax.xaxis if which == "x" else ax.yaxis
+    axis.set_major_formatter(FuncFormatter(lambda value, _: f"{value:,.0f}".replace("-", "−")))
+
+
+def save(figures: dict[str, Figure], folder: Path) -> list[Path]:
+    """Write each figure as PNG (200 dpi) and SVG, the same bytes for the same data; return the paths.
+
+    Raises:
+        DockctlError: the folder cannot be written.
+    """
+    written = []
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+        for name, figure in figures.items():
+            for suffix, metadata in (
+                (".png", {"Software": None}),
+                (".svg", {"Date": None, "Creator": "dockctl"}),
+            ):
+                path = folder / f"{name}{suffix}"
+                figure.savefig(path, metadata=metadata)
+                written.append(path)
+    except OSError as error:
+        raise DockctlError(f"{folder}: cannot write the figures: {error.strerror or error}") from error
+    return written
