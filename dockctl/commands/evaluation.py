@@ -102,8 +102,9 @@ def measure(
     Raises:
         DockctlError: there is no policy, it does not fit the scenario, or an output cannot be written.
     """
-    file = find_policy(RunDirectory.latest(RUNS).path if ckpt is None else ckpt)
-    network, card = load_policy(file)
+    path = RunDirectory.latest(RUNS).path if ckpt is None else ckpt
+    network, card = load_policy(path)
+    file = find_policy(path)
     run = RunDirectory.holding(file)
     for path in outputs:
         if not path.absolute().parent.is_dir() or path.is_dir():

@@ -96,15 +96,6 @@ def _cell(value: Value) -> str | int:
     return format(float(value), ".6g")
 
 
-def read_table(path: Path) -> list[dict[str, str]]:
-    """Read the whole rows of a table; a last line that was cut short by a crash is left out.
-
-    Raises:
-        DockctlError: the file cannot be read.
-    """
-    return list(csv.DictReader(io.StringIO(_whole_lines(path))))
-
-
 def cut_table(path: Path, env_steps: int) -> str:
     """Return the text of a table without what was written after `env_steps`.
 
@@ -118,6 +109,7 @@ def cut_table(path: Path, env_steps: int) -> str:
 
 
 def _whole_lines(path: Path) -> str:
+    """Text of a table without a last line that was cut short by a crash."""
     try:
         text = path.read_text(encoding="utf-8")
     except (OSError, UnicodeDecodeError) as error:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import csv
 from pathlib import Path
 from typing import Any
 
@@ -15,7 +16,6 @@ from dockctl.agents.progress import Progress
 from dockctl.agents.schedules import updates_due
 from dockctl.agents.trainer import Trainer
 from dockctl.runs.directory import RunDirectory
-from dockctl.runs.tables import read_table
 from dockctl.scenarios.training import StopRule, Training
 from tests.agents.toy import ToyDocking
 
@@ -24,6 +24,12 @@ SETTINGS: dict[str, Any] = {
     "steps_per_update": 8, "learning_rate": 2e-3, "reward_scale": 0.1, "replay_capacity": 10_000, "n_step": 3,
     "epsilon": {"decay_steps": 6_000}, "evaluate_every_steps": 1_000, "target_update_interval": 50,
 }  # fmt: skip
+
+
+def read_table(path: Path) -> list[dict[str, str]]:
+    return list(csv.DictReader(path.read_text().splitlines()))
+
+
 TABLES = ("episodes.csv", "updates.csv", "evaluations.csv")
 
 

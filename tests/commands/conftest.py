@@ -1,0 +1,51 @@
+"""A short training through the command line, shared by the tests of the commands."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+
+import pytest
+from typer.testing import CliRunner
+
+from dockctl.cli import app
+
+QUICK = (
+    "training.boats=2", "training.warmup_steps=20", "training.batch_size=8", "training.steps_per_update=2",
+    "training.replay_capacity=1000", "training.evaluate_every_steps=100",
+    "training.exploring_starts.steps=20", "task.max_steps=25", "evaluation.random_starts.episodes=3", "training.hidden_sizes=[16, 8]",
+)  # fmt: skip
+
+
+@dataclass
+class Outcome:
+    code: int
+    out: str
+    err: str
+
+
+def dockctl(*arguments: object) -> Outcome:
+    """Run dockctl in this process."""
+    result = CliRunner().invoke(app, [str(argument) for argument in arguments])
+    if result.exception and not isinstance(result.exception, SystemExit):
+        raise result.exception
+    return Outcome(result.exit_code, result.stdout, result.stderr)
+
+
+def quick_train(out: Path, *arguments: object) -> Outcome:
+    """Train for a few steps into `out`."""
+    settings = [word for setting in QUICK for word in ("--set", setting)]
+    return dockctl("train", *arguments, "--out", out, *settings)
+
+
+def only_run(out: Path) -> Path:
+    (run,) = out.glob("*/*")
+    return run
+
+
+@pytest.fixture(scope="session")
+def trained(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, Outcome]:
+    """Run folder and output of a finished training of scenario 1."""
+    out = tmp_path_factory.mktemp("runs")
+    outcome = quick_train(out, "s1", "--seed", 3, "--steps", 300)
+    return only_run(out), outcome

@@ -1,0 +1,119 @@
+"""`dockctl evaluate`: what is played, written, shown and refused."""
+
+from __future__ import annotations
+
+import csv
+import json
+import shutil
+from pathlib import Path
+
+import pytest
+
+from dockctl.runs.tables import EVALUATION
+from tests.commands.conftest import Outcome, dockctl
+
+Trained = tuple[Path, Outcome]
+
+
+@pytest.fixture
+def run(trained: Trained, tmp_path: Path) -> Path:
+    folder = tmp_path / "runs" / "s1" / "20250101-000000-seed3"
+    shutil.copytree(trained[0], folder)
+    return folder
+
+
+def test_the_latest_run_is_evaluated_from_poses_and_random_starts(
+    run: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.chdir(run.parent.parent.parent)
+    outcome = dockctl("evaluate", "--json", "result.json", "--csv", "result.csv")
+    assert outcome.code == 0
+    for words in (
+        "test poses",
+        "random starts, seed 12345",
+        "95 % interval",
+        "least clearance",
+        "20, 2, 160",
+    ):
+        assert words in outcome.out, words
+    result = json.loads(Path("result.json").read_text())
+    assert result["test_poses"]["episodes"] == 1
+    assert result["random_starts"]["episodes"] == 3
+    assert sum(result["random_starts"]["endings"].values()) == 3
+    assert (run / "evaluation.json").read_text() == Path("result.json").read_text()
+    text = Path("result.csv").read_text()
+    assert (run / "evaluation.csv").read_text() == text
+    rows = list(csv.DictReader(text.splitlines()))
+    assert list(rows[0]) == list(EVALUATION)
+    assert [row["start_kind"] for row in rows] == ["pose", "random", "random", "random"]
+    assert all(0 <= float(row["clearance_m"]) < 20 for row in rows)
+
+
+def test_starts_are_seeded_and_do_not_depend_on_their_number(run: Path) -> None:
+    results = []
+    for episodes, seed in ((4, 1), (4, 1), (2, 1), (2, 2)):
+        assert dockctl("evaluate", "--ckpt", run, "--episodes", episodes, "--seed", seed).code == 0
+        results.append((run / "evaluation.csv").read_text().splitlines())
+    assert results[0] == results[1]
+    assert results[0][:4] == results[2]
+    assert results[2][2:] != results[3][2:]
+
+
+def test_no_random_starts(run: Path) -> None:
+    outcome = dockctl("evaluate", "--ckpt", run, "--episodes", 0)
+    assert outcome.code == 0
+    assert "random starts" not in outcome.out
+
+
+@pytest.mark.parametrize(("asked", "code"), [("0", 0), ("1", 1)])
+def test_the_least_success_sets_the_exit_code(run: Path, asked: str, code: int) -> None:
+    outcome = dockctl("evaluate", "--ckpt", run, "--episodes", 1, "--min-success", asked)
+    assert outcome.code == code
+    assert ("below the asked 100%" in outcome.err) is (code == 1)
+
+
+def test_a_policy_is_evaluated_elsewhere(run: Path) -> None:
+    outcome = dockctl("evaluate", "--ckpt", run / "checkpoints" / "last", "--scenario", "s2", "--episodes", 0)
+    assert outcome.code == 0
+    assert "on scenario 's2'" in outcome.out
+    assert (run / "evaluation-s2.json").is_file()
+    assert not (run / "evaluation.json").exists()
+
+
+@pytest.mark.parametrize(
+    ("broken", "message"),
+    [
+        ("scenario", "observation of 15, but 's3' has 16"),
+        ("nowhere", "no such run folder or checkpoint"),
+        ("empty run", "holds no checkpoint"),
+        ("truncated", "damaged or cut short"),
+        ("json", "no such file"),
+        ("output", "not a file name in an existing folder"),
+        ("no runs", "no runs here yet"),
+    ],
+)
+def test_refusals(
+    run: Path, broken: str, message: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    best = run / "checkpoints" / "best"
+    arguments: list[object] = ["--ckpt", run]
+    if broken == "scenario":
+        arguments += ["--scenario", "s3"]
+    elif broken == "nowhere":
+        arguments = ["--ckpt", "nowhere"]
+    elif broken == "empty run":
+        shutil.rmtree(run / "checkpoints")
+    elif broken == "truncated":
+        (best / "policy.safetensors").write_bytes((best / "policy.safetensors").read_bytes()[:50])
+    elif broken == "json":
+        (best / "policy.json").unlink()
+    elif broken == "output":
+        arguments += ["--csv", "no/such/folder.csv"]
+    elif broken == "no runs":
+        shutil.rmtree(tmp_path / "runs")
+        arguments = []
+    outcome = dockctl("evaluate", *arguments)
+    assert outcome.code == 2
+    assert message in " ".join(outcome.err.split())
+    assert outcome.err.count("error:") == 1

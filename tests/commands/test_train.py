@@ -1,0 +1,217 @@
+"""`dockctl train`: the run folder, interruption and resumption, refusals."""
+
+from __future__ import annotations
+
+import csv
+import io
+import json
+import shutil
+import signal
+from pathlib import Path
+from typing import Any
+
+import pytest
+from rich.console import Console
+
+from dockctl.agents.progress import Progress
+from dockctl.commands.display import TrainingDisplay
+from dockctl.runs.scene import Scene
+from dockctl.runs.tables import EPISODES, EVALUATIONS, TRAJECTORIES, UPDATES
+from dockctl.scenarios.loader import load
+from dockctl.scenarios.training import Training
+from tests.commands.conftest import Outcome, dockctl, only_run, quick_train
+
+Trained = tuple[Path, Outcome]
+
+
+def rows(path: Path) -> list[dict[str, str]]:
+    return list(csv.DictReader(path.read_text().splitlines()))
+
+
+def test_the_run_folder_tells_everything(trained: Trained) -> None:
+    run, outcome = trained
+    assert outcome.code == 0
+    assert {path.name for path in run.iterdir()} >= {
+        "scenario.yaml", "provenance.json", "scene.json", "episodes.csv", "updates.csv", "evaluations.csv",
+        "timing.csv", "trajectories.csv", "checkpoints",
+    }  # fmt: skip
+    assert {path.name for path in (run / "checkpoints").iterdir()} == {"best", "last"}
+    assert not [path for path in run.rglob("*") if path.suffix in (".pt", ".pkl", ".pickle", ".tmp")]
+    facts = json.loads((run / "provenance.json").read_text())
+    assert (facts["seed"], facts["stop_reason"]) == (3, "steps")
+    assert facts["finished"] >= facts["started"]
+    resolved = load(run / "scenario.yaml").scenario
+    assert (resolved.name, resolved.training.seed, resolved.training.total_steps) == ("s1", 3, 300)
+    assert Scene.from_json(json.loads((run / "scene.json").read_text())).polygons
+
+
+def test_the_columns_are_the_documented_ones(trained: Trained) -> None:
+    run, _ = trained
+    terms = [f"reward_{name}" for name in ("collision", "final", "distance", "orientation", "speed")]
+    ranges = [f"range_{sector}_m" for sector in range(1, 9)]
+    for name, columns in {
+        "episodes.csv": [*EPISODES, *terms],
+        "updates.csv": [*UPDATES],
+        "evaluations.csv": [*EVALUATIONS],
+        "trajectories.csv": [*TRAJECTORIES, *ranges],
+    }.items():
+        assert list(rows(run / name)[0]) == columns, name
+
+
+def test_rewards_by_term_add_up_and_trajectories_begin_at_the_test_pose(trained: Trained) -> None:
+    run, _ = trained
+    for row in rows(run / "episodes.csv"):
+        total = sum(float(value) for name, value in row.items() if name.startswith("reward_"))
+        assert total == pytest.approx(float(row["return"]), rel=1e-4)
+    first, *others = rows(run / "trajectories.csv")
+    assert [float(first[name]) for name in ("x_m", "y_m", "heading_deg", "time_s")] == [20, 2, 160, 0]
+    assert float(others[0]["time_s"]) == 0.5
+
+
+def test_it_tells_what_came_of_it_and_what_to_do_next(trained: Trained) -> None:
+    run, outcome = trained
+    assert "The last step is made: 300 steps" in outcome.out
+    assert f"dockctl evaluate --ckpt {run}" in outcome.out
+    assert "\x1b" not in outcome.out
+
+
+def test_the_same_seed_gives_the_same_bytes(trained: Trained, tmp_path: Path) -> None:
+    assert quick_train(tmp_path, "s1", "--seed", 3, "--steps", 300).code == 0
+    for name in ("episodes.csv", "updates.csv", "evaluations.csv", "trajectories.csv", "scenario.yaml"):
+        assert (only_run(tmp_path) / name).read_bytes() == (trained[0] / name).read_bytes(), name
+
+
+def test_interrupted_resumed_finished_and_extended(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    show = TrainingDisplay.__call__
+
+    def press_ctrl_c(self: TrainingDisplay, progress: Progress) -> None:
+        show(self, progress)
+        if progress.env_steps == 150:
+            signal.raise_signal(signal.SIGINT)
+
+    monkeypatch.setattr(TrainingDisplay, "__call__", press_ctrl_c)
+    interrupted = quick_train(tmp_path, "s1", "--steps", 200)
+    run = only_run(tmp_path)
+    assert interrupted.code == 130
+    assert f"dockctl train --resume {run}" in interrupted.out
+    assert json.loads((run / "provenance.json").read_text())["finished"] is None
+
+    resumed = dockctl("train", "--resume", run)
+    assert resumed.code == 0
+    assert "The last step is made: 200 steps" in resumed.out
+    facts = json.loads((run / "provenance.json").read_text())
+    assert [again["env_steps"] for again in facts["taken_up"]] == [150]
+
+    for arguments in ((), ("--steps", 200)):
+        refused = dockctl("train", "--resume", run, *arguments)
+        assert refused.code == 2
+        assert "this training is over: the last step is made at 200 steps" in refused.err
+    extended = dockctl("train", "--resume", run, "--steps", 240)
+    assert extended.code == 0
+    assert [int(row["env_steps"]) for row in rows(run / "evaluations.csv")] == [100, 200, 240]
+
+
+@pytest.mark.parametrize(
+    ("arguments", "message"),
+    [
+        (["s1", "--set", "training.boat=3"], "did you mean 'boats'"),
+        (["s1", "--steps", "100", "--set", "training.batch_size=-1"], "training.batch_size"),
+        (["s9"], "s9"),
+        (["s1", "--device", "abacus"], "device 'abacus' cannot be used here"),
+        (["--resume", "nowhere"], "no such run folder"),
+        (["--resume", "."], "not a run folder"),
+    ],
+)
+def test_what_is_wrong_is_told_and_nothing_is_written(
+    arguments: list[str], message: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    outcome = dockctl("train", *arguments)
+    assert outcome.code == 2
+    assert message in outcome.err
+    assert "Traceback" not in outcome.out + outcome.err
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_an_output_that_cannot_be_written(tmp_path: Path) -> None:
+    (tmp_path / "file").touch()
+    outcome = quick_train(tmp_path / "file", "s1")
+    assert outcome.code == 2
+    assert "cannot write run folders here" in outcome.err
+
+
+def test_a_resumed_run_keeps_its_own_settings(trained: Trained) -> None:
+    outcome = dockctl("train", "s2", "--resume", trained[0], "--seed", 4)
+    assert outcome.code == 2
+    assert "SCENARIO, --seed" in outcome.err
+
+
+@pytest.mark.parametrize("broken", ["policy.json", "learner.safetensors"])
+def test_a_damaged_checkpoint_is_not_taken_up(trained: Trained, tmp_path: Path, broken: str) -> None:
+    run = tmp_path / "run"
+    shutil.copytree(trained[0], run)
+    file = run / "checkpoints" / "last" / broken
+    file.write_bytes(file.read_bytes()[:30])
+    outcome = dockctl("train", "--resume", run, "--steps", 1000)
+    assert outcome.code == 2
+    assert broken in outcome.err
+
+
+@pytest.mark.usefixtures("own_registries")
+def test_a_plugin_travels_with_the_run(tmp_path: Path) -> None:
+    plugin = tmp_path / "mine.py"
+    plugin.write_text(
+        "from dockctl.rewards.terms import reward_term\n\n\n"
+        "@reward_term('steady', kind='dense', source='mine')\n"
+        "def steady(status, *, unit_m: float = 2.0):\n    return status.distance_m / unit_m\n"
+    )
+    outcome = quick_train(
+        tmp_path / "runs", "s1", "--steps", 60, "--plugin", plugin, "--set", "reward.terms.steady=-3"
+    )
+    assert outcome.code == 0
+    run = only_run(tmp_path / "runs")
+    plugin.unlink()
+    assert load(run / "scenario.yaml").scenario.plugins == (str(run / "plugins" / "00-mine.py"),)
+    assert list(json.loads((run / "provenance.json").read_text())["plugins"]) == ["plugins/00-mine.py"]
+    assert dockctl("evaluate", "--ckpt", run, "--episodes", 1).code == 0
+    assert dockctl("train", "--resume", run, "--steps", 80).code == 0
+    assert (run / "scenario.yaml").read_text().count("plugins/00-mine.py") == 1
+
+
+def progress(**changes: Any) -> Progress:
+    return Progress(env_steps=5_000, episodes=2, outcomes={"docked": 1, "collision": 1}, **changes)
+
+
+def test_a_terminal_gets_a_panel() -> None:
+    console = Console(file=io.StringIO(), force_terminal=True, width=100)
+    with TrainingDisplay(Training(), "s1", console) as display:
+        display(
+            progress(
+                loss=0.25, best=[1, 300.0], evaluated_at=4_000, evaluation_docked=1, evaluation_episodes=1
+            )
+        )
+    assert isinstance(console.file, io.StringIO)
+    text = console.file.getvalue()
+    for words in (
+        "s1",
+        "5,000 of 500,000",
+        "1 collision, 1 docked",
+        "0.25",
+        "1 of 1 docked, return 300",
+        "Ctrl-C",
+    ):
+        assert words in text, words
+
+
+def test_elsewhere_there_are_plain_lines(monkeypatch: pytest.MonkeyPatch) -> None:
+    seconds = iter(range(0, 100, 10))
+    monkeypatch.setattr("dockctl.commands.display.time.monotonic", lambda: next(seconds))
+    console = Console(file=io.StringIO(), width=80)
+    with TrainingDisplay(Training(), "s1", console) as display:
+        first = progress()
+        display(first)
+        first.env_steps += 2_000
+        display(first)
+    assert isinstance(console.file, io.StringIO)
+    (line,) = console.file.getvalue().splitlines()
+    assert "7,000 of 500,000 steps | 200 steps/s | at most 41:05 left | docked 0 of the last 2" in line

@@ -1,0 +1,46 @@
+"""The least clearance of a way against asking everywhere."""
+
+from __future__ import annotations
+
+import numpy as np
+from hypothesis import given
+from hypothesis import strategies as st
+
+from dockctl.scenarios.vessel import Hull
+from dockctl.sim.clearance import hull_reach_m, least_clearance
+from dockctl.sim.status import Floats
+
+PILES = np.array([[0.0, 0.0], [3.0, 1.0], [-2.0, 4.0]])
+KEEL = np.array([[-1.5, 0.0], [0.0, 0.3], [1.5, 0.0]])
+
+
+def gap(eta: Floats) -> Floats:
+    """Distance between three points of a boat and three piles, (m, 3) to (m,)."""
+    cosine, sine = np.cos(eta[:, 2]), np.sin(eta[:, 2])
+    turn = np.stack([np.stack([cosine, -sine], 1), np.stack([sine, cosine], 1)], 1)
+    points = eta[:, None, :2] + KEEL @ turn.transpose(0, 2, 1)
+    distances: Floats = np.linalg.norm(points[:, :, None] - PILES, axis=-1).min(axis=(1, 2))
+    return distances
+
+
+@given(seed=st.integers(0, 10_000), length=st.integers(1, 60), pace=st.floats(0, 1))
+def test_it_is_the_minimum_over_all_poses(seed: int, length: int, pace: float) -> None:
+    rng = np.random.default_rng(seed)
+    way = np.cumsum(rng.normal(size=(length, 3)) * pace, axis=0) + rng.normal(size=3) * 5
+    assert least_clearance(way, gap, 1.5) == gap(way).min()
+
+
+def test_few_poses_are_asked() -> None:
+    asked = []
+
+    def counting(eta: Floats) -> Floats:
+        asked.append(len(eta))
+        return gap(eta)
+
+    way = np.linspace([10, 0, 0], [1.8, 0, 0.4], 400)
+    assert least_clearance(way, counting, 1.5) == gap(way).min()
+    assert sum(asked) < 40
+
+
+def test_reach_of_the_hull() -> None:
+    assert 1.5 <= hull_reach_m(Hull(length_m=3.0, beam_m=1.0)) <= np.hypot(1.5, 0.5)
