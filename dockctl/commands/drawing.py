@@ -17,6 +17,7 @@ from dockctl.errors import DockctlError
 from dockctl.reports.show import Scan, figures
 from dockctl.reports.style import house_style, save
 from dockctl.reports.view3d import Body
+from dockctl.runs.directory import require_writable
 from dockctl.scenarios.schema import Scenario
 from dockctl.sim.collision import CollisionChecker
 from dockctl.sim.harbor import build_harbor, scene_of
@@ -36,6 +37,8 @@ def show(source: str, pose: str | None, out: Path | None, plugin_files: Sequence
     place = _pose(pose, scenario)
     if CollisionChecker(harbor, scenario.vessel.hull).blocked(place[None])[0]:
         raise DockctlError(f"--pose {pose}: the boat lies in an obstacle there")
+    folder = out or Path("figures") / scenario.name
+    require_writable(folder)
     lidar = LidarArray(scenario.sensors.lidar, harbor.triangles)
     points, _ = lidar.points(place)
     ranges = lidar.sector_ranges(place[None])[0]
@@ -48,7 +51,7 @@ def show(source: str, pose: str | None, out: Path | None, plugin_files: Sequence
     own = Body("own boat", "own", np.array(hull_mesh(scenario.vessel.hull).triangles))
     with house_style():
         drawn = figures(scene_of(harbor, scenario.vessel.hull), scenario, bodies, own, scan)
-        written = save(drawn, out or Path("figures") / scenario.name)
+        written = save(drawn, folder)
     console = Console()
     console.print(f"{len(scan.points):,} LiDAR points from {scan.label}", soft_wrap=True, highlight=False)
     console.print(sector_table(scan))

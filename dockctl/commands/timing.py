@@ -25,7 +25,7 @@ from dockctl.envs.vector import DockingVectorEnv
 from dockctl.errors import DockctlError
 from dockctl.reports.latency import PARTS, STATISTICS, THESIS_FORWARD_MS, latency_figure, summarize
 from dockctl.reports.style import house_style, save
-from dockctl.runs.directory import SCENARIO, RunDirectory, write_atomically
+from dockctl.runs.directory import SCENARIO, RunDirectory, require_writable, write_atomically
 from dockctl.runs.provenance import hardware
 from dockctl.sim.simulator import Simulator
 
@@ -52,11 +52,12 @@ def latency(ckpt: Path | None, source: str | None, decisions: int, out: Path | N
     """
     console = Console()
     subject = _subject(ckpt, source)
+    folder = out or subject.folder
+    require_writable(folder)
     console.print(f"Timing {subject.name}", soft_wrap=True, highlight=False)
     samples = time_decisions(subject.env, subject.policy, decisions)
     period_ms = 1000 * subject.env.scenario.vessel.control_period_s
     summary = summarize(samples)
-    folder = out or subject.folder
     with house_style():
         written = save(
             {"latency": latency_figure(samples, f"{subject.name}; {len(samples):,} decisions", period_ms)},

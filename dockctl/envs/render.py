@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from PIL import Image, ImageColor, ImageDraw
 
 from dockctl.runs import palette
-from dockctl.runs.paint import boat_outline, strokes
+from dockctl.runs.paint import boat_outline, strokes, water
 from dockctl.runs.scene import Scene
 
 Floats = NDArray[np.float64]
@@ -33,7 +33,7 @@ class Canvas:
     @classmethod
     def of(cls, scene: Scene, longest_px: int) -> Canvas:
         """Show all the water; both sides of the picture are even, as video encoders want them."""
-        x_min, y_min, x_max, y_max = scene.bounds
+        x_min, y_min, x_max, y_max = water(scene)
         wide, high = x_max - x_min + 2 * MARGIN_M, y_max - y_min + 2 * MARGIN_M
         scale = longest_px / max(wide, high)
         width, height = (max(2, 2 * round(side * scale / 2)) for side in (wide, high))

@@ -13,6 +13,7 @@ from dockctl.reports import learning, scene, trajectory
 from dockctl.reports.run import Run
 from dockctl.reports.style import panel, sheet
 from dockctl.reports.trajectory import Track
+from dockctl.runs.scene import Scene
 from dockctl.scenarios.schema import Task
 
 Learning = Callable[[Axes, pd.DataFrame], None]
@@ -74,7 +75,7 @@ def evaluation_figure(run: Run, evaluations: pd.DataFrame) -> Figure:
 
 def pose_figure(run: Run, tracks: Sequence[Track]) -> Figure:
     """Paths of the greedy policy over the harbor (Fig. 4.4)."""
-    view = _view_of(run, tracks)
+    plan, view = _plan_and_view(run, tracks)
     height = 7.2 * (view[3] - view[1]) / (view[2] - view[0])
     interval = scene.outline_interval(tracks)
     title = (
@@ -83,8 +84,8 @@ def pose_figure(run: Run, tracks: Sequence[Track]) -> Figure:
         else "Where the best policy goes"
     )
     figure, ax = panel(title, f"{run.caption}, one outline every {interval:g} s", (7.8, height + 1.3))
-    scene.draw_harbor(ax, run.scene, view)
-    scene.draw_paths(ax, run.scene, tracks, run.task)
+    scene.draw_harbor(ax, plan, view)
+    scene.draw_paths(ax, plan, tracks, run.task)
     scene.draw_compass(ax, view)
     return figure
 
@@ -131,10 +132,10 @@ def overview(run: Run, episodes: pd.DataFrame, tracks: Sequence[Track]) -> Figur
     )
     grid = figure.add_gridspec(2, 2, height_ratios=(2.1, 1.0), width_ratios=(1.15, 1.0))
     left, right, lower = (figure.add_subfigure(cell) for cell in (grid[0, 0], grid[0, 1], grid[1, :]))
-    view = _view_of(run, tracks, aspect=(1.3, 1.3))
+    plan, view = _plan_and_view(run, tracks, aspect=(1.3, 1.3))
     paths = left.add_subplot()
-    scene.draw_harbor(paths, run.scene, view)
-    scene.draw_paths(paths, run.scene, tracks, run.task)
+    scene.draw_harbor(paths, plan, view)
+    scene.draw_paths(paths, plan, tracks, run.task)
     scene.draw_compass(paths, view)
     for ax, learned in zip(right.subplots(2), (learning.draw_reward, learning.draw_outcomes), strict=True):
         learned(ax, episodes)
@@ -152,9 +153,14 @@ def overview(run: Run, episodes: pd.DataFrame, tracks: Sequence[Track]) -> Figur
     return figure
 
 
-def _view_of(run: Run, tracks: Sequence[Track], aspect: tuple[float, float] = (0.85, 1.75)) -> scene.Bounds:
+def _plan_and_view(
+    run: Run, tracks: Sequence[Track], aspect: tuple[float, float] = (0.85, 1.75)
+) -> tuple[Scene, scene.Bounds]:
+    """The harbor, with water wherever the boat went, and the part of it that holds paths and poses."""
     paths = [track.table[["x_m", "y_m"]].to_numpy(float) for track in tracks]
-    return scene.close_view(run.scene, np.concatenate([*paths, scene.task_points(run.task)]), aspect=aspect)
+    points = np.concatenate([*paths, scene.task_points(run.task)])
+    plan = scene.embracing(run.scene, points)
+    return plan, scene.close_view(plan, points, aspect=aspect)
 
 
 def _docked(track: Track, task: Task) -> bool:

@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 from dockctl.reports.style import HALO
 from dockctl.reports.view3d import Camera, draw_water
 from dockctl.runs import palette
+from dockctl.runs.paint import water
 from dockctl.runs.scene import Scene
 
 Floats = NDArray[np.float64]
@@ -49,7 +50,7 @@ def draw_ground(ax: Axes, camera: Camera, scene: Scene, centre: Floats, radii_m:
     """Draw the harbor's plan in dark tones at z = 0, and circles around the boat, each with its radius."""
     plan = [polygon.xy for polygon in scene.polygons if polygon.kind in ("quay", "finger", "hull", "mesh")]
     on_water = [camera.project(np.insert(xy, 2, 0.0, axis=1))[0] for xy in plan]
-    draw_water(ax, camera, scene.bounds, palette.NIGHT_WATER)
+    draw_water(ax, camera, water(scene), palette.NIGHT_WATER)
     ax.add_collection(
         PolyCollection(on_water, fc=palette.NIGHT_LAND, ec=palette.NIGHT_RULE, lw=0.3, zorder=1.2)
     )

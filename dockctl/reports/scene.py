@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterable, Sequence
+from dataclasses import replace
 
 import numpy as np
 from matplotlib.axes import Axes
@@ -14,7 +15,7 @@ from numpy.typing import NDArray
 from dockctl.reports.style import HALO, key
 from dockctl.reports.trajectory import Track, pose_label
 from dockctl.runs import palette
-from dockctl.runs.paint import boat_outline, strokes
+from dockctl.runs.paint import boat_outline, strokes, water
 from dockctl.runs.scene import Scene
 from dockctl.scenarios.base import Pose
 from dockctl.scenarios.schema import Task
@@ -242,8 +243,18 @@ def as_array(pose: Pose) -> Floats:
 
 def whole_view(scene: Scene) -> Bounds:
     """The water and a strip of the quays around it."""
-    x_min, y_min, x_max, y_max = scene.bounds
+    x_min, y_min, x_max, y_max = water(scene)
     return x_min - QUAY_M, y_min - QUAY_M, x_max + QUAY_M, y_max + QUAY_M
+
+
+def embracing(scene: Scene, points: Floats) -> Scene:
+    """Return the scene with water around all of `points` (k, 2), which may lie off a harbor of mesh files."""
+    x_min, y_min, x_max, y_max = scene.bounds
+    low, high = points.min(axis=0), points.max(axis=0)
+    if (low >= (x_min, y_min)).all() and (high <= (x_max, y_max)).all():
+        return scene
+    bounds = (*np.minimum(low, (x_min, y_min)).tolist(), *np.maximum(high, (x_max, y_max)).tolist())
+    return replace(scene, bounds=bounds)
 
 
 def close_view(

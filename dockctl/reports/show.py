@@ -16,6 +16,7 @@ from dockctl.reports.style import panel, sheet
 from dockctl.reports.trajectory import pose_label
 from dockctl.reports.view3d import Body, Camera
 from dockctl.runs import palette
+from dockctl.runs.paint import water
 from dockctl.runs.scene import Scene
 from dockctl.scenarios.schema import Scenario
 
@@ -54,6 +55,7 @@ def figures(
         own: the own boat in the body frame.
         scan: what the LiDARs see from one pose.
     """
+    plan = scene.embracing(plan, scene.task_points(scenario.task, scenario.evaluation.poses))
     boat = Body(own.name, own.kind, view3d.placed(own.triangles, scan.pose))
     return {
         "harbor": harbor_figure(plan, scenario),
@@ -87,12 +89,13 @@ def harbor_figure(plan: Scene, scenario: Scenario) -> Figure:
 
 def marina_figure(plan: Scene, scenario: Scenario, bodies: Sequence[Body]) -> Figure:
     """The marina in three dimensions, with the own boat in red."""
-    x0, y0, x1, y1 = plan.bounds
+    sea = water(plan)
+    x0, y0, x1, y1 = sea
     edge = np.array(
         [[x0 - QUAY_STRIP_M, y0 - QUAY_STRIP_M, -np.inf], [x1 + QUAY_STRIP_M, y1 + QUAY_STRIP_M, np.inf]]
     )
     trimmed = [Body(body.name, body.kind, np.clip(body.triangles, *edge)) for body in bodies]
-    camera = view3d.overlook(plan.bounds)
+    camera = view3d.overlook(sea)
     corners = np.array([[x, y, 0.0] for x in edge[:, 0] for y in edge[:, 1]])
     tops = np.concatenate([body.triangles.reshape(-1, 3) for body in trimmed])
     extent = view3d.extent(camera, np.concatenate([corners, tops[tops[:, 2] > 0]]))
@@ -102,7 +105,7 @@ def marina_figure(plan: Scene, scenario: Scenario, bodies: Sequence[Body]) -> Fi
         f"scenario {scenario.name}; the boat that learns to dock is red",
         (10.4, 10.0 * height / width + 0.9),
     )
-    view3d.draw_water(ax, camera, plan.bounds)
+    view3d.draw_water(ax, camera, sea)
     view3d.draw_bodies(ax, camera, trimmed)
     view3d.frame(ax, extent, "white")
     return figure
@@ -122,7 +125,8 @@ def cloud_figure(plan: Scene, scenario: Scenario, boat: Body, scan: Scan) -> Fig
     highest = max(1.0, math.ceil(points[:, 2].max())) if len(points) else 1.0
     dots = cloud.draw_cloud(ax, camera, points, highest)
     view3d.draw_bodies(ax, camera, [boat], shadows=False)
-    view3d.frame(ax, view3d.extent(camera, centre + CLOUD_REACH_M, ratio=1.8), palette.NIGHT_LAND)
+    around = palette.NIGHT_LAND if water(plan) == plan.bounds else palette.NIGHT_WATER
+    view3d.frame(ax, view3d.extent(camera, centre + CLOUD_REACH_M, ratio=1.8), around)
     bar = figure.colorbar(dots, ax=ax, orientation="horizontal", shrink=0.4, aspect=40, pad=0.02)
     bar.set_ticks([tick for tick in (0, 1, 2, 4, 6, 8, 10, 12, 15, 20, 30) if tick <= highest])
     bar.set_label("Height above the water [m]")

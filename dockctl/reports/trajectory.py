@@ -41,10 +41,9 @@ def tracks_of(trajectories: pd.DataFrame) -> list[Track]:
 
 
 def pose_label(x_m: float, y_m: float, heading_deg: float) -> str:
-    """``(20, 2, 160°)``, with at most one decimal; minus signs as in print."""
-    x, y, heading = (
-        f"{round(value, 1) + 0.0:g}".replace("-", "−") for value in (x_m, y_m, heading_deg % 360)
-    )
+    """``(20, 2, 160°)``, with at most two decimals, the heading in 0 to 360; minus signs as in print."""
+    rounded = (round(x_m, 2), round(y_m, 2), round(heading_deg, 2) % 360)
+    x, y, heading = (f"{value + 0.0:g}".replace("-", "−") for value in rounded)
     return f"({x}, {y}, {heading}°)"
 
 

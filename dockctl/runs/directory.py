@@ -19,16 +19,16 @@ PROVENANCE = "provenance.json"
 
 
 def require_writable(root: Path) -> None:
-    """Check that folders can be made under `root`, without making any.
+    """Check that `root` is, or can become, a folder to write to, without making any.
 
     Raises:
         DockctlError: they cannot.
     """
     existing = next(path for path in (root.absolute(), *root.absolute().parents) if path.exists())
     if not existing.is_dir():
-        raise DockctlError(f"{root}: cannot write run folders here: {existing} is not a folder")
+        raise DockctlError(f"{root}: cannot write here: {existing} is not a folder")
     if not os.access(existing, os.W_OK | os.X_OK):
-        raise DockctlError(f"{root}: cannot write run folders here: no right to write in {existing}")
+        raise DockctlError(f"{root}: cannot write here: no right to write in {existing}")
 
 
 class RunDirectory:
@@ -61,7 +61,7 @@ class RunDirectory:
                     continue
                 return cls(path)
         except OSError as error:
-            raise DockctlError(f"{root}: cannot write run folders here: {error.strerror or error}") from None
+            raise DockctlError(f"{root}: cannot write here: {error.strerror or error}") from None
         raise DockctlError(f"{parent / stem}: a thousand runs began in the same second")
 
     @classmethod

@@ -15,6 +15,7 @@ Floats = NDArray[np.float64]
 SHADED = ("quay", "finger", "hull", "tube", "mesh")
 SHADOW_M_PER_M = np.array([0.16, -0.22])  # shadow on the water for each metre of height
 PLANK_M = 0.5
+OPEN_SEA_M = 15.0
 
 
 @dataclass(frozen=True)
@@ -46,6 +47,14 @@ def _planks(polygon: Polygon) -> Iterator[Stroke]:
     count = int(np.linalg.norm(b - a) / PLANK_M)
     for part in np.arange(1, count) / max(count, 1):
         yield Stroke(np.array([a + part * (b - a), d + part * (c - d)]), None, palette.PLANK, 0.03)
+
+
+def water(scene: Scene) -> tuple[float, float, float, float]:
+    """Rectangle of water to show [m]: the basin, or the sea around solids without quays, as of mesh files."""
+    if any(polygon.kind == "quay" for polygon in scene.polygons):
+        return scene.bounds
+    x_min, y_min, x_max, y_max = scene.bounds
+    return x_min - OPEN_SEA_M, y_min - OPEN_SEA_M, x_max + OPEN_SEA_M, y_max + OPEN_SEA_M
 
 
 def boat_outline(hull: Floats, pose: Floats) -> Floats:

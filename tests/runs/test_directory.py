@@ -96,7 +96,7 @@ def test_unwritable_places_are_told_before_any_work(tmp_path: Path) -> None:
     assert names(tmp_path) == []
     (tmp_path / "file").touch()
     for call in (require_writable, lambda root: RunDirectory.create(root, "s1", 0)):
-        with pytest.raises(DockctlError, match="cannot write run folders here"):
+        with pytest.raises(DockctlError, match="cannot write here"):
             call(tmp_path / "file" / "runs")
 
 

@@ -1,0 +1,87 @@
+"""``dockctl latency``: what is timed and written. No test asserts a time."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+import numpy as np
+import pandas as pd
+import pytest
+from numpy.typing import NDArray
+
+from dockctl.commands.timing import verdict
+from dockctl.reports.latency import PARTS
+from tests.commands.conftest import Outcome, dockctl
+
+FILES = {"latency.png", "latency.svg", "latency.csv", "latency.json"}
+
+
+def test_without_a_run_a_new_network_is_timed(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.chdir(tmp_path)
+    outcome = dockctl("latency", "--decisions", 10, "--scenario", "s1")
+    assert outcome.code == 0
+    assert "a new network with random weights, on scenario s1" in outcome.out
+    folder = tmp_path / "figures" / "latency"
+    assert {path.name for path in folder.iterdir()} == FILES
+    samples = pd.read_csv(folder / "latency.csv")
+    assert list(samples) == ["decision", *PARTS]
+    assert len(samples) >= 10
+    assert (samples[["scan_ms", "state_ms", "forward_ms"]].sum(axis=1)).to_numpy() == pytest.approx(
+        samples["decision_ms"].to_numpy(), rel=1e-4
+    )
+    facts = json.loads((folder / "latency.json").read_text())
+    assert facts["milliseconds"]["Whole decision"]["max"] == pytest.approx(
+        samples["decision_ms"].max(), rel=1e-4
+    )
+    assert (facts["thesis_forward_ms"], facts["control_period_ms"]) == (2.0, 500.0)
+
+
+def test_a_trained_policy_is_timed_on_its_scenario(trained: tuple[Path, Outcome], tmp_path: Path) -> None:
+    outcome = dockctl("latency", "--ckpt", trained[0], "--decisions", 10, "--out", tmp_path)
+    assert outcome.code == 0
+    assert "the policy trained on s1 (seed 3), on scenario s1" in outcome.out
+    assert {path.name for path in tmp_path.iterdir()} == FILES
+
+
+def test_a_policy_of_another_observation_size_is_refused(
+    trained: tuple[Path, Outcome], tmp_path: Path
+) -> None:
+    outcome = dockctl("latency", "--ckpt", trained[0], "--scenario", "s3", "--out", tmp_path / "out")
+    assert outcome.code == 2
+    assert "observation" in outcome.err
+    assert not (tmp_path / "out").exists()
+
+
+def test_a_missing_checkpoint_is_refused(tmp_path: Path) -> None:
+    outcome = dockctl("latency", "--ckpt", tmp_path / "nothing")
+    assert outcome.code == 2
+    assert "no such run folder or checkpoint" in outcome.err
+
+
+def test_the_timed_observation_is_the_environment_s_own() -> None:
+    from dockctl.commands.timing import time_decisions
+    from dockctl.envs.vector import DockingVectorEnv
+
+    env = DockingVectorEnv("s1", 1)
+    timed: list[NDArray[np.float32]] = []
+
+    def policy(observation: NDArray[np.float32]) -> NDArray[np.int64]:
+        timed.append(observation)
+        return np.array([40])
+
+    seen = [env.reset(seed=0, options={"poses": np.array([[20.0, 2.0, np.radians(160)]])})[0]]
+    step = env.step
+    env.step = lambda actions: (seen.append((result := step(actions))[0]), result)[1]  # type: ignore[method-assign]
+    time_decisions(env, policy, 10)
+    count = min(len(timed), len(seen)) - 1  # the last step may begin another episode
+    assert count >= 29
+    for one, other in zip(timed[:count], seen[:count], strict=True):
+        assert np.array_equal(one, other)
+
+
+def test_the_verdict_compares_with_the_thesis_and_the_control_period() -> None:
+    row = {"p50": 0.5, "max": 50.0}
+    text = verdict(dict.fromkeys(PARTS, row), 500.0)
+    assert "4.0 times as fast" in text
+    assert "10.0% of the control period of 500 ms" in text

@@ -1,0 +1,62 @@
+"""``dockctl plot``: what is drawn, where, and what is refused."""
+
+from __future__ import annotations
+
+import shutil
+from pathlib import Path
+
+import pytest
+
+from tests.commands.conftest import Outcome, dockctl
+
+Trained = tuple[Path, Outcome]
+
+
+@pytest.fixture
+def run(trained: Trained, tmp_path: Path) -> Path:
+    folder = tmp_path / "runs" / "s1" / "20250101-000000-seed3"
+    shutil.copytree(trained[0], folder)
+    return folder
+
+
+def test_the_latest_run_is_drawn_into_its_folder(run: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.chdir(run.parent.parent.parent)
+    outcome = dockctl("plot")
+    assert outcome.code == 0
+    printed = outcome.out.split()
+    assert sorted(printed) == sorted(
+        str(path.relative_to(Path.cwd())) for path in (run / "figures").iterdir()
+    )
+    assert {"overview.png", "overview.svg", "docking-poses.png", "training-reward.svg"} <= {
+        Path(path).name for path in printed
+    }
+
+
+def test_only_the_run_folder_is_read(run: Path, tmp_path: Path) -> None:
+    shutil.rmtree(run / "checkpoints")
+    (run / "trajectories.csv").unlink()
+    outcome = dockctl("plot", run, "--out", tmp_path / "figures")
+    assert outcome.code == 0
+    assert "trajectories.csv is missing or has no rows" in outcome.err
+    names = {path.stem for path in (tmp_path / "figures").iterdir()}
+    assert names
+    assert all(name.startswith("training-") for name in names)
+    assert not (run / "figures").exists()
+
+
+@pytest.mark.parametrize("there", [True, False])
+def test_a_folder_without_run_is_refused(tmp_path: Path, there: bool) -> None:
+    folder = tmp_path / "nothing"
+    if there:
+        folder.mkdir()
+    outcome = dockctl("plot", folder)
+    assert outcome.code == 2
+    assert "run folder" in outcome.err
+    assert "Traceback" not in outcome.err
+
+
+def test_without_any_run_it_says_how_to_make_one(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.chdir(tmp_path)
+    outcome = dockctl("plot")
+    assert outcome.code == 2
+    assert "dockctl train" in outcome.err

@@ -1,0 +1,69 @@
+"""``dockctl show``: drawings, distances, and poses that are refused."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from dockctl.reports.show import Scan
+from dockctl.scenarios.loader import load
+from dockctl.sim.harbor import build_harbor
+from dockctl.sim.lidar import LidarArray
+from tests.commands.conftest import dockctl
+
+DRAWINGS = ("harbor", "marina-3d", "point-cloud", "sectors")
+
+
+def test_four_drawings_and_the_distances(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.chdir(tmp_path)
+    outcome = dockctl("show", "s3", "--pose", "25,1.5,170")
+    assert outcome.code == 0
+    written = [tmp_path / "figures" / "s3" / f"{name}.{kind}" for name in DRAWINGS for kind in ("png", "svg")]
+    assert all(path.stat().st_size > 10_000 for path in written)
+    assert all(path.stat().st_size < 2_000_000 for path in written)
+    loaded = load("s3")
+    harbor = build_harbor(loaded.scenario.harbor, loaded.base_dir)
+    lidar = LidarArray(loaded.scenario.sensors.lidar, harbor.triangles)
+    pose = np.array([25.0, 1.5, np.radians(170)])
+    for distance in lidar.sector_ranges_by_full_scan(pose[None])[0]:
+        assert f"{distance:.3f} m" in outcome.out
+    assert "(25, 1.5, 170°)" in outcome.out
+
+
+@pytest.mark.parametrize(
+    ("pose", "message"),
+    [
+        ("20,2", "give three numbers"),
+        ("here", "give three numbers"),
+        ("20,nan,0", "must be finite"),
+        ("40,0,0", "lies in an obstacle"),
+    ],
+)
+def test_poses_that_are_no_place_are_refused(tmp_path: Path, pose: str, message: str) -> None:
+    outcome = dockctl("show", "s1", "--pose", pose, "--out", tmp_path / "out")
+    assert outcome.code == 2
+    assert message in outcome.err
+    assert not (tmp_path / "out").exists()
+
+
+def test_an_unknown_scenario_is_refused() -> None:
+    outcome = dockctl("show", "s33")
+    assert outcome.code == 2
+    assert "did you mean 's3'" in outcome.err
+
+
+def test_an_unwritable_folder_is_refused(tmp_path: Path) -> None:
+    (tmp_path / "file").write_text("")
+    outcome = dockctl("show", "s1", "--out", tmp_path / "file")
+    assert outcome.code == 2
+    assert "cannot write here" in outcome.err
+
+
+def test_a_sector_without_return_is_told() -> None:
+    from dockctl.commands.drawing import sector_table
+
+    table = sector_table(Scan(np.zeros(3), np.empty((0, 3)), np.array([100.0, 3.0]), 100.0))
+    assert list(table.columns[3].cells) == ["nothing within 100 m", "3.000 m"]
+    assert list(table.columns[1].cells) == ["-180°", "0°"]

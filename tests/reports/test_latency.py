@@ -1,0 +1,41 @@
+"""Summary and histogram of decision times."""
+
+from __future__ import annotations
+
+import numpy as np
+import pandas as pd
+import pytest
+
+from dockctl.reports.latency import PARTS, latency_figure, summarize
+from dockctl.reports.style import house_style
+
+
+@pytest.fixture
+def samples() -> pd.DataFrame:
+    return pd.DataFrame({part: np.arange(1.0, 101.0) * (i + 1) for i, part in enumerate(PARTS)})
+
+
+def test_the_summary_against_numpy(samples: pd.DataFrame) -> None:
+    for part, row in summarize(samples).items():
+        values = samples[part].to_numpy()
+        assert row == pytest.approx(
+            {
+                "mean": values.mean(),
+                "p50": np.median(values),
+                "p95": np.percentile(values, 95),
+                "p99": np.percentile(values, 99),
+                "max": values.max(),
+            }
+        )
+
+
+def test_every_decision_is_in_the_histogram_and_the_marks_stand(samples: pd.DataFrame) -> None:
+    with house_style():
+        figure = latency_figure(samples, "test", 500.0)
+    assert len(figure.axes) == len(PARTS)
+    for ax in figure.axes:
+        assert sum(bar.get_height() for bar in ax.patches) == len(samples)
+    assert [list(line.get_xdata()) for line in figure.axes[2].lines] == [[500.0, 500.0], [2.0, 2.0]]
+    texts = {text.get_text() for ax in figure.axes for text in ax.texts}
+    assert texts == {"control period 500 ms", "thesis 2 ms"}
+    assert "[ms]" in figure.axes[-1].get_xlabel()

@@ -1,0 +1,112 @@
+"""The training figures hold the numbers of the tables."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+
+import numpy as np
+import pandas as pd
+import pytest
+from matplotlib.axes import Axes
+from matplotlib.colors import to_hex
+
+from dockctl.reports import learning
+from dockctl.reports.book import Learning
+from dockctl.reports.style import house_style, panel
+from dockctl.runs import palette
+from tests.reports import synthetic
+
+
+@pytest.fixture
+def ax() -> Iterator[Axes]:
+    with house_style():
+        yield panel("", "")[1]
+
+
+@pytest.fixture
+def episodes() -> pd.DataFrame:
+    return synthetic.episodes(400)
+
+
+def line(ax: Axes, label: str) -> tuple[np.ndarray, np.ndarray]:
+    (found,) = [line for line in ax.lines if line.get_label() == label]
+    return np.asarray(found.get_xdata(), float), np.asarray(found.get_ydata(), float)
+
+
+def brute_mean(values: np.ndarray, window: int) -> list[float]:
+    return [values[max(0, i + 1 - window) : i + 1].mean() for i in range(len(values))]
+
+
+@pytest.mark.parametrize(
+    ("draw", "column"), [(learning.draw_reward, "return"), (learning.draw_duration, "steps")]
+)
+def test_dots_are_the_episodes_and_lines_their_means(
+    ax: Axes, episodes: pd.DataFrame, draw: Learning, column: str
+) -> None:
+    draw(ax, episodes)
+    for kind, name in (("pose", "from an initial pose"), ("exploring", "exploring start")):
+        rows = episodes[episodes["start_kind"] == kind]
+        x, y = line(ax, f"{name}, episodes")
+        assert np.array_equal(x, rows["episode"])
+        assert np.array_equal(y, rows[column])
+        _, smooth = line(ax, f"{name}, mean of 10")
+        assert smooth == pytest.approx(brute_mean(rows[column].to_numpy(float), 10))
+    assert ax.get_xlabel() == "Episode"
+
+
+def test_a_run_without_exploring_starts_has_one_line(ax: Axes, episodes: pd.DataFrame) -> None:
+    learning.draw_reward(ax, episodes[episodes["start_kind"] == "pose"])
+    assert len(ax.lines) == 2
+
+
+@pytest.mark.parametrize(("count", "window"), [(3, 10), (800, 20), (100_000, 100)])
+def test_the_window_grows_with_the_run(count: int, window: int) -> None:
+    assert learning.window_of(pd.DataFrame(index=range(count))) == window
+
+
+def test_epsilon(ax: Axes, episodes: pd.DataFrame) -> None:
+    learning.draw_epsilon(ax, episodes)
+    assert np.array_equal(ax.lines[0].get_ydata(), episodes["epsilon"])
+
+
+def test_phase_leaves_exploring_starts_out(ax: Axes, episodes: pd.DataFrame) -> None:
+    learning.draw_phase(ax, episodes)
+    ours = episodes[episodes["start_kind"] == "pose"]
+    x, y = line(ax, "episodes")
+    assert np.array_equal(x, ours["episode"])
+    assert np.array_equal(np.round(y), ours["phase"])
+    assert line(ax, "mean of 10 episodes")[1] == pytest.approx(brute_mean(ours["phase"].to_numpy(float), 10))
+
+
+def test_outcome_shares_fill_the_axes(ax: Axes, episodes: pd.DataFrame) -> None:
+    learning.draw_outcomes(ax, episodes)
+    docked, timeout, collision = (np.asarray(area.get_paths()[0].vertices) for area in ax.collections)
+    assert docked[:, 1].min() == 0
+    assert collision[:, 1].max() == pytest.approx(1)
+    last = np.mean(episodes["outcome"].tail(10) == "docked")
+    assert docked[docked[:, 0] == 400][:, 1].max() == pytest.approx(last)
+    assert timeout[:, 1].max() <= 1 + 1e-12
+
+
+def test_reward_terms_stack_to_the_total(ax: Axes, episodes: pd.DataFrame) -> None:
+    learning.draw_terms(ax, episodes)
+    (total,) = [line for line in ax.lines if len(np.asarray(line.get_ydata())) == len(episodes)]
+    assert np.asarray(total.get_ydata()) == pytest.approx(brute_mean(episodes["return"].to_numpy(), 10))
+    ends = [np.asarray(area.get_paths()[0].vertices) for area in ax.collections]
+    at_end = [vertices[vertices[:, 0] == 400][:, 1] for vertices in ends]
+    stacked = max(y.max() for y in at_end) + min(y.min() for y in at_end)
+    assert stacked == pytest.approx(total.get_ydata()[-1])
+
+
+def test_evaluations_are_a_field_a_pose_and_a_time(ax: Axes) -> None:
+    table = synthetic.evaluations(poses=2, count=4)
+    learning.draw_evaluations(ax, table, ["first"])
+    assert [text.get_text() for text in ax.get_yticklabels()] == ["first", "pose 1"]
+    drawn = {
+        (round(bar.get_x() + bar.get_width() / 2), round(bar.get_y() + bar.get_height() / 2)): to_hex(
+            bar.get_facecolor()
+        )
+        for bar in ax.patches
+    }
+    for _, row in table.iterrows():
+        assert drawn[row["env_steps"], row["pose"]] == palette.OUTCOMES[row["outcome"]].lower()

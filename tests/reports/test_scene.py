@@ -1,0 +1,135 @@
+"""The harbor from above."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import replace
+from itertools import pairwise
+
+import numpy as np
+import pandas as pd
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from matplotlib.patches import Circle
+
+from dockctl.reports import scene
+from dockctl.reports.style import house_style, panel
+from dockctl.reports.trajectory import Track, tracks_of
+from dockctl.runs.paint import OPEN_SEA_M, boat_outline, strokes, water
+from dockctl.runs.scene import Scene
+from dockctl.scenarios.schema import Task
+from tests.reports import synthetic
+
+TASK = Task.model_validate(
+    {
+        "initial": [{"x_m": 23, "y_m": -10, "heading_deg": 90}],
+        "intermediate": synthetic.INTERMEDIATE,
+        "final": synthetic.FINAL,
+    }
+)
+PLAN = synthetic.marina()
+
+
+def timed(seconds: float) -> Track:
+    return Track("", "red", pd.DataFrame({"time_s": [0.0, seconds]}))
+
+
+def test_a_boat_is_turned_and_moved() -> None:
+    outline = boat_outline(np.array([[1.5, 0.0], [0.0, 0.5]]), np.array([20.0, 2.0, math.pi / 2]))
+    assert outline == pytest.approx(np.array([[20.0, 3.5], [19.5, 2.0]]))
+
+
+def test_shadows_lie_under_everything() -> None:
+    drawn = list(strokes(PLAN))
+    solids = [polygon for polygon in PLAN.polygons if polygon.kind in ("quay", "finger", "hull")]
+    assert all(stroke.edge is None for stroke in drawn[: len(solids)])
+    assert np.array_equal(drawn[len(solids)].xy, PLAN.polygons[0].xy)
+    planks = [stroke for stroke in drawn if stroke.fill is None]
+    assert len(planks) == 7 * 15  # 8 m piers, a line every half metre
+    assert all(np.ptp(plank.xy[:, 0]) == 0 and np.ptp(plank.xy[:, 1]) == 1 for plank in planks)
+
+
+def test_a_harbor_without_quays_lies_in_the_sea() -> None:
+    assert water(PLAN) == PLAN.bounds
+    bare = replace(PLAN, polygons=tuple(p for p in PLAN.polygons if p.kind != "quay"))
+    assert water(bare)[0] == PLAN.bounds[0] - OPEN_SEA_M
+
+
+@given(
+    st.lists(st.tuples(st.floats(5, 38), st.floats(-39, 39)), min_size=1, max_size=5),
+    st.sampled_from([(0.85, 1.75), (1.0, 1.0), (1.3, 1.3)]),
+)
+def test_a_view_holds_its_points_within_the_harbor(
+    points: list[tuple[float, float]], aspect: tuple[float, float]
+) -> None:
+    x0, y0, x1, y1 = scene.close_view(PLAN, np.array(points), aspect=aspect)
+    assert all(x0 <= x <= x1 and y0 <= y <= y1 for x, y in points)
+    low_x, low_y, high_x, high_y = scene.whole_view(PLAN)
+    assert low_x - 1e-9 <= x0
+    assert low_y - 1e-9 <= y0
+    assert x1 <= high_x + 1e-9
+    assert y1 <= high_y + 1e-9
+
+
+def test_water_reaches_poses_outside() -> None:
+    assert scene.embracing(PLAN, np.array([[20.0, 0.0]])) is PLAN
+    assert scene.embracing(PLAN, np.array([[20.0, 0.0], [60.0, -50.0]])).bounds == (4.5, -50.0, 60.0, 40.0)
+
+
+@pytest.mark.parametrize(
+    ("seconds", "interval"), [(9.0, 1.0), (40.0, 5.0), (60.0, 5.0), (250.0, 50.0), (5000.0, 100.0)]
+)
+def test_outlines_are_at_round_intervals(seconds: float, interval: float) -> None:
+    assert scene.outline_interval([timed(1.0), timed(seconds)]) == interval
+
+
+def test_paths_and_outlines_follow_the_table() -> None:
+    with house_style():
+        _, ax = panel("", "")
+        tracks = tracks_of(synthetic.track(0, (23.0, -10.0, 90.0), intermediate=True))
+        assert scene.draw_paths(ax, PLAN, tracks, TASK) == 10.0
+    table = tracks[0].table
+    path = np.asarray(ax.lines[0].get_xydata())
+    assert np.array_equal(path, table[["x_m", "y_m"]])
+    starts = boat_outline(PLAN.hull, np.array([23.0, -10.0, math.pi / 2]))
+    outlines = [
+        np.asarray(patch.get_xy())
+        for patch in ax.patches
+        if hasattr(patch, "get_xy") and np.ndim(patch.get_xy()) == 2
+    ]
+    assert any(xy[:-1] == pytest.approx(starts) for xy in outlines)
+    every = table[np.isclose(table["time_s"] % 10, 0)]
+    for _, row in every.iterrows():
+        place = np.array([row["x_m"], row["y_m"], math.radians(row["heading_deg"])])
+        assert any(xy[:-1] == pytest.approx(boat_outline(PLAN.hull, place)) for xy in outlines)
+
+
+def test_tolerances_are_circles_around_the_goals() -> None:
+    with house_style():
+        _, ax = panel("", "")
+        scene.draw_poses(ax, PLAN, TASK, ())
+    circles = {(circle.center, circle.radius) for circle in ax.patches if isinstance(circle, Circle)}
+    assert circles == {((36.0, 0.0), 1.0), ((18.0, 3.0), 1.5)}
+    assert {text.get_text() for text in ax.texts} == {"berth", "intermediate pose", "start"}
+
+
+def test_the_harbor_is_drawn_to_scale() -> None:
+    with house_style():
+        _, ax = panel("", "")
+        view = scene.whole_view(PLAN)
+        scene.draw_harbor(ax, PLAN, view)
+        scene.draw_compass(ax, view)
+    assert ax.get_aspect() == 1.0
+    assert (ax.get_xlabel(), ax.get_ylabel()) == ("x [m]", "y [m]")
+    assert [text.get_text() for text in ax.texts] == ["5 m", "N"]
+    assert len(ax.collections[0].get_paths()) == len(list(strokes(PLAN)))
+
+
+def test_outlines_are_sorted_in_time() -> None:
+    assert all(a < b for a, b in pairwise(scene.INTERVALS_S))
+
+
+def test_a_scene_survives_json() -> None:
+    again = Scene.from_json(PLAN.to_json())
+    assert len(list(strokes(again))) == len(list(strokes(PLAN)))

@@ -1,0 +1,54 @@
+"""The look of the figures, and files that repeat byte for byte."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import matplotlib as mpl
+import pytest
+
+from dockctl.errors import DockctlError
+from dockctl.reports.style import house_style, key, panel, save, thousands
+
+
+def draw(folder: Path) -> list[Path]:
+    with house_style():
+        figure, ax = panel("Title", "subtitle")
+        ax.plot([0, 1000, 2000], [3, -2, 5], label="line")
+        key(ax, [("one", "red"), ("two", "blue", ":")])
+        thousands(ax)
+        return save({"figure": figure}, folder)
+
+
+def test_the_same_figure_gives_the_same_bytes(tmp_path: Path) -> None:
+    first, second = draw(tmp_path / "a"), draw(tmp_path / "b")
+    assert [path.name for path in first] == ["figure.png", "figure.svg"]
+    for one, other in zip(first, second, strict=True):
+        assert one.read_bytes() == other.read_bytes()
+
+
+def test_pictures_have_200_dots_an_inch(tmp_path: Path) -> None:
+    from PIL import Image
+
+    png, _ = draw(tmp_path)
+    assert Image.open(png).size == (round(7.6 * 200), round(4.3 * 200))
+
+
+def test_the_style_ends_with_the_block() -> None:
+    before = dict(mpl.rcParams)
+    with house_style():
+        assert mpl.rcParams["svg.hashsalt"] == "dockctl"
+    assert dict(mpl.rcParams) == before
+
+
+def test_a_folder_that_cannot_be_made_is_told(tmp_path: Path) -> None:
+    (tmp_path / "file").write_text("")
+    with pytest.raises(DockctlError, match="cannot write the figures"):
+        draw(tmp_path / "file" / "figures")
+
+
+def test_large_numbers_are_grouped_and_minus_is_a_minus() -> None:
+    with house_style():
+        _, ax = panel("", "")
+        thousands(ax, "y")
+        assert ax.yaxis.get_major_formatter()(-12000.0, None) == "−12,000"

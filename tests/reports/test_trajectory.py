@@ -1,0 +1,120 @@
+"""The docking figures hold the numbers of the tables."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+
+import numpy as np
+import pandas as pd
+import pytest
+from matplotlib.axes import Axes
+
+from dockctl.reports import trajectory
+from dockctl.reports.book import Motion
+from dockctl.reports.style import house_style, panel
+from dockctl.reports.trajectory import tracks_of
+from dockctl.runs import palette
+from dockctl.scenarios.schema import Task
+from tests.reports import synthetic
+
+TASK = Task.model_validate(
+    {"initial": [synthetic.FINAL], "intermediate": synthetic.INTERMEDIATE, "final": synthetic.FINAL}
+)
+STARTS = [(20.0, 3.0, 150.0), (20.0, 2.0, 160.0), (20.0, -1.5, 190.0)]
+
+
+@pytest.fixture
+def ax() -> Iterator[Axes]:
+    with house_style():
+        yield panel("", "")[1]
+
+
+@pytest.fixture
+def three() -> pd.DataFrame:
+    return pd.concat([synthetic.track(i, start) for i, start in enumerate(STARTS)])
+
+
+@pytest.fixture
+def two_phases() -> pd.DataFrame:
+    return synthetic.track(0, (23.0, -10.0, 90.0), intermediate=True, steps=20)
+
+
+def test_tracks_are_named_by_their_start_and_colored_in_order(three: pd.DataFrame) -> None:
+    tracks = tracks_of(three)
+    assert [track.label for track in tracks] == ["(20, 3, 150°)", "(20, 2, 160°)", "(20, −1.5, 190°)"]
+    assert [track.color for track in tracks] == [palette.RED, palette.GREEN, palette.BLUE]
+    assert all(len(track.table) == len(three) / 3 for track in tracks)
+
+
+def test_a_single_track_is_blue(two_phases: pd.DataFrame) -> None:
+    (track,) = tracks_of(two_phases)
+    assert track.color == palette.BLUE
+    assert track.switch == 20
+
+
+@pytest.mark.parametrize(
+    ("pose", "text"),
+    [
+        ((20, 2, -200), "(20, 2, 160°)"),
+        ((-0.004, -1.25, 360), "(0, −1.25, 0°)"),
+        ((1, 1, 359.999), "(1, 1, 0°)"),
+    ],
+)
+def test_poses_in_print(pose: tuple[float, float, float], text: str) -> None:
+    assert trajectory.pose_label(*pose) == text
+
+
+@pytest.mark.parametrize(
+    ("draw", "columns", "unit"),
+    [
+        (trajectory.draw_distance, ["distance_m"], "[m]"),
+        (trajectory.draw_heading_error, ["heading_error_deg"], "[°]"),
+        (trajectory.draw_velocity, ["u_mps", "v_mps"], "[m/s]"),
+        (trajectory.draw_yaw_rate, ["r_degps"], "[°/s]"),
+        (trajectory.draw_propeller, ["propeller_n"], "[N]"),
+        (trajectory.draw_rudder, ["rudder_deg"], "[°]"),
+    ],
+)
+def test_lines_are_the_columns(
+    ax: Axes, three: pd.DataFrame, draw: Motion, columns: list[str], unit: str
+) -> None:
+    tracks = tracks_of(three)
+    draw(ax, tracks, TASK)
+    drawn = {str(line.get_label()): line for line in ax.lines}
+    for track in tracks:
+        for column in columns:
+            line = drawn[f"{track.label} {column}"]
+            assert np.array_equal(line.get_xdata(), track.table["time_s"])
+            assert np.array_equal(line.get_ydata(), track.table[column])
+            assert line.get_color() == track.color
+    assert unit in ax.get_ylabel()
+    assert ax.get_xlabel() == "Time [s]"
+
+
+def test_commands_are_steps_held_until_their_row(ax: Axes, three: pd.DataFrame) -> None:
+    trajectory.draw_propeller(ax, tracks_of(three), TASK)
+    assert {line.get_drawstyle() for line in ax.lines[:3]} == {"steps-pre"}
+
+
+def test_no_line_joins_two_goals(ax: Axes, two_phases: pd.DataFrame) -> None:
+    trajectory.draw_distance(ax, tracks_of(two_phases), TASK)
+    values = np.asarray(ax.lines[0].get_ydata(), float)
+    assert np.flatnonzero(np.isnan(values)).tolist() == [20]
+    assert np.array_equal(np.delete(values, 20), two_phases["distance_m"])
+
+
+def test_no_line_crosses_the_wrap_of_the_heading(ax: Axes, three: pd.DataFrame) -> None:
+    turning = three[three["pose"] == 0].copy()
+    errors = np.linspace(170, 190, len(turning))
+    turning["heading_error_deg"] = np.where(errors > 180, errors - 360, errors)
+    trajectory.draw_heading_error(ax, tracks_of(turning), TASK)
+    values = np.asarray(ax.lines[0].get_ydata(), float)
+    assert np.isnan(values).sum() == 1
+    assert np.nanmax(np.abs(np.diff(values))) < 1
+
+
+def test_the_tolerance_follows_the_phase(ax: Axes, two_phases: pd.DataFrame) -> None:
+    trajectory.draw_distance(ax, tracks_of(two_phases), TASK)
+    assert {text.get_text() for text in ax.texts} == {"tolerance 1.5 m", "tolerance 1 m"}
+    trajectory.mark_phases(ax, tracks_of(two_phases))
+    assert {"to the intermediate pose", "to the berth"} <= {text.get_text() for text in ax.texts}
