@@ -76,14 +76,14 @@ def evaluation_figure(run: Run, evaluations: pd.DataFrame) -> Figure:
 def pose_figure(run: Run, tracks: Sequence[Track]) -> Figure:
     """Paths of the greedy policy over the harbor (Fig. 4.4)."""
     plan, view = _plan_and_view(run, tracks)
-    height = 7.2 * (view[3] - view[1]) / (view[2] - view[0])
+    height = 6.9 * (view[3] - view[1]) / (view[2] - view[0]) + (1.45 if len(tracks) > 1 else 1.2)
     interval = scene.outline_interval(tracks)
     title = (
         "How the best policy docks"
         if all(_docked(track, run.task) for track in tracks)
         else "Where the best policy goes"
     )
-    figure, ax = panel(title, f"{run.caption}, one outline every {interval:g} s", (7.8, height + 1.3))
+    figure, ax = panel(title, f"{run.caption}, one outline every {interval:g} s", (7.8, height))
     scene.draw_harbor(ax, plan, view)
     scene.draw_paths(ax, plan, tracks, run.task)
     scene.draw_compass(ax, view)

@@ -141,26 +141,25 @@ def draw_terms(ax: Axes, episodes: pd.DataFrame) -> None:
 
 
 def draw_evaluations(ax: Axes, evaluations: pd.DataFrame, names: Sequence[str]) -> None:
-    """How the greedy policy ended from each test pose at every evaluation; a star marks the best so far."""
+    """How the greedy policy ended from each test pose, a column an evaluation; stars mark the best so far."""
     steps = sorted(evaluations["env_steps"].unique())
     poses = sorted(evaluations["pose"].unique())
-    width = float(np.min(np.diff(steps))) if len(steps) > 1 else max(float(steps[0]), 1.0)
     for outcome, color in palette.OUTCOMES.items():
         rows = evaluations[evaluations["outcome"] == outcome]
-        heights = [poses.index(pose) for pose in rows["pose"]]
-        ax.barh(heights, width * 0.9, left=rows["env_steps"] - width * 0.45, height=0.82, color=color, lw=0)
-    best = evaluations[evaluations["best"].astype(int) == 1]
-    stars = sorted(best["env_steps"].unique())
-    ax.plot(stars, np.full(len(stars), len(poses) - 0.25), "*", color=palette.INK, ms=6, clip_on=False)
-    ax.set_yticks(
-        range(len(poses)), [names[pose] if 0 <= pose < len(names) else f"pose {pose}" for pose in poses]
-    )
-    ax.set_ylim(-0.5, len(poses) + 0.1)
-    ax.set_xlim(min(steps) - width / 2, max(steps) + width / 2)
-    ax.set_xlabel("Environment steps   (★ best policy so far)")
-    ax.invert_yaxis()
+        columns = np.searchsorted(steps, rows["env_steps"])
+        ax.barh(
+            np.searchsorted(poses, rows["pose"]), 0.9, left=columns - 0.45, height=0.86, color=color, lw=0
+        )
+    stars = np.searchsorted(steps, sorted(evaluations[evaluations["best"] == 1]["env_steps"].unique()))
+    ax.plot(stars, np.full(len(stars), len(poses) - 0.22), "*", color=palette.INK, ms=6, clip_on=False)
+    labels = [names[pose] if pose < len(names) else f"pose {pose}" for pose in poses]
+    ax.set_yticks(range(len(poses)), labels)
+    ax.set_ylim(len(poses) + 0.1, -0.5)
+    shown = range(0, len(steps), max(1, -(-len(steps) // 8)))
+    ax.set_xticks(list(shown), [f"{steps[i]:,}" for i in shown])
+    ax.set_xlim(-0.6, len(steps) - 0.4)
+    ax.set_xlabel("Environment steps at the evaluation   (★ best policy so far)")
     ax.grid(False)
-    thousands(ax)
     key(ax, list(palette.OUTCOMES.items()))
 
 

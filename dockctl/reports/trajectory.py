@@ -33,7 +33,7 @@ class Track:
 def tracks_of(trajectories: pd.DataFrame) -> list[Track]:
     """Split the table by pose; one track is blue, several take the thesis' colors in order (Table 4.3)."""
     groups = [rows.reset_index(drop=True) for _, rows in trajectories.groupby("pose", sort=False)]
-    colors = palette.SERIES if len(groups) > 1 else (palette.BLUE,)
+    colors = palette.SERIES if len(groups) > 1 else (palette.SINGLE,)
     return [
         Track(pose_label(*rows.loc[0, ["x_m", "y_m", "heading_deg"]]), colors[i % len(colors)], rows)
         for i, rows in enumerate(groups)

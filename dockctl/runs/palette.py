@@ -12,7 +12,8 @@ GRID = "#E6EBEE"
 
 # Series: the thesis names its five test poses red, green, blue, purple, yellow (Table 4.3).
 # These are tones of those hues that stay apart for color-blind readers and stand out on water and on white.
-RED, GREEN, BLUE, PURPLE, YELLOW = "#D1383F", "#1E8A4C", "#2F6DB5", "#8E3A8C", "#C99700"
+RED, GREEN, BLUE, PURPLE, YELLOW = "#C9303A", "#16A085", "#3F86CB", "#662A78", "#DBA70F"
+SINGLE = "#1F62AE"
 SERIES = (RED, GREEN, BLUE, PURPLE, YELLOW)
 
 # Training: raw episodes light, their mean dark
@@ -20,7 +21,7 @@ RAW, MEAN = "#A9CBE3", "#14507F"
 SECOND_RAW, SECOND_MEAN = "#F2CFA3", "#B4630C"
 
 # Outcomes
-DOCKED, TIMEOUT, COLLISION = "#2B8C73", "#E3B23C", "#C8484F"
+DOCKED, TIMEOUT, COLLISION = "#2FAA90", "#EBC04E", "#B03540"
 OUTCOMES = {"docked": DOCKED, "timeout": TIMEOUT, "collision": COLLISION}
 
 # Marina

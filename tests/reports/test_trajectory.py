@@ -48,7 +48,7 @@ def test_tracks_are_named_by_their_start_and_colored_in_order(three: pd.DataFram
 
 def test_a_single_track_is_blue(two_phases: pd.DataFrame) -> None:
     (track,) = tracks_of(two_phases)
-    assert track.color == palette.BLUE
+    assert track.color == palette.SINGLE
     assert track.switch == 20
 
 
