@@ -1,8 +1,8 @@
 """A grid over the harbor's plan: at which heights anything stands in each cell, and which triangles do.
 
-The grid serves the fast LiDAR scan. It answers three questions, all on the safe side: at which heights is anything
-within a radius of a point, how far is the nearest thing, and which triangles can a ray meet in a cell. Heights are
-told in bands, one bit each, so that a ray passes between a deck and a boom, or under a stay.
+The grid serves the fast LiDAR scan. It answers three questions, all on the safe side: at which heights is
+anything within a radius of a point, how far is the nearest thing, and which triangles can a ray meet in a
+cell. Heights are told in bands, one bit each, so that a ray passes between a deck and a boom, or under a stay.
 """
 
 from __future__ import annotations
@@ -20,20 +20,20 @@ from dockctl.sim.raycast import MISS, corner_and_edges, hit_triangle
 Floats = NDArray[np.float64]
 Singles = NDArray[np.float32]
 Ints = NDArray[np.int32]
-Bands = NDArray[np.uint32]
+Bands = NDArray[np.int64]
 
 FINEST_CELL_M = 0.1
 MOST_CELLS = 4_000_000
-SMALLEST_RADIUS_M = 0.15
-RADIUS_GROWTH = 1.4
+SMALLEST_RADIUS_M = 0.1
+RADIUS_GROWTH = 1.2
 SLACK_M = 1e-5  # outweighs every rounding, in float32 too
 
 
 @njit(cache=True, nogil=True, inline="always")
 def bands_between(low: float, high: float) -> int:
-    """Return the bits of the bands of height between two heights [m]: 16 of 0.25 m, 15 of 0.75 m, and all above.
+    """Return the bits of the bands of height between two heights [m].
 
-    Everything under water counts as the lowest band.
+    40 bands of 0.1 m, 21 of 0.5 m, and one for all above; everything under water counts as the lowest.
     """
     first, last = _band(low), _band(high)
     return (2 << last) - (1 << first)
@@ -42,8 +42,8 @@ def bands_between(low: float, high: float) -> int:
 @njit(cache=True, nogil=True, inline="always")
 def _band(z: float) -> int:
     if z < 4.0:
-        return int(max(z, 0.0) * 4.0)
-    return min(16 + int((z - 4.0) / 0.75), 31)
+        return int(max(z, 0.0) * 10.0)
+    return min(40 + int((z - 4.0) * 2.0), 61)
 
 
 @dataclass(frozen=True, eq=False)
@@ -84,7 +84,7 @@ class HeightGrid:
         nx, ny = (math.ceil(side / cell) for side in high - low)
         frame = np.array([low[0], low[1], cell])
         counts = np.zeros(nx * ny + 1, np.int32)
-        bands = np.zeros((ny, nx), np.uint32)
+        bands = np.zeros((ny, nx), np.int64)
         _lay(above, frame, bands, counts, np.empty(0, np.int32))
         starts = np.concatenate([[0], np.cumsum(counts[:-1])]).astype(np.int32)
         members = np.empty(starts[-1], np.int32)
@@ -125,7 +125,7 @@ class HeightGrid:
 def _lay(triangles: Floats, frame: Floats, bands: Bands, places: Ints, members: Ints) -> None:
     """Enter each triangle in the cells that its plan touches, with the heights at which it passes there.
 
-    Triangles are only counted in `places` where `members` is empty; otherwise they are filled in from `places` on.
+    Triangles are only counted in `places` where `members` is empty, otherwise filled in from there on.
     """
     ny, nx = bands.shape
     x0, y0, cell = frame
@@ -151,7 +151,7 @@ def _lay(triangles: Floats, frame: Floats, bands: Bands, places: Ints, members: 
                 places[place] += 1
                 z = polygon[:corners, 2]
                 if z.max() + SLACK_M >= 0.0:
-                    bands[iy, ix] |= np.uint32(bands_between(z.min() - SLACK_M, z.max() + SLACK_M))
+                    bands[iy, ix] |= bands_between(z.min() - SLACK_M, z.max() + SLACK_M)
 
 
 @njit(cache=True)
@@ -190,7 +190,7 @@ def _block_union(bands: Bands, stride: int) -> Bands:
     ny, nx = bands.shape
     padded = np.pad(bands, ((0, -ny % stride), (0, -nx % stride)))
     blocks = padded.reshape(padded.shape[0] // stride, stride, padded.shape[1] // stride, stride)
-    return np.bitwise_or.reduce(np.bitwise_or.reduce(blocks, axis=3), axis=1)
+    return np.asarray(np.bitwise_or.reduce(np.bitwise_or.reduce(blocks, axis=3), axis=1), np.int64)
 
 
 def _window_union(bands: Bands, reach: int) -> Bands:
@@ -266,7 +266,8 @@ def first_hit(
     """Walk a ray between two of its parameters, cell by cell, to its closest hit there or infinity.
 
     As in Amanatides and Woo, "A fast voxel traversal algorithm for ray tracing", 1987; a cell that the ray
-    passes above or below all that stands there is skipped. A hit on a triangle of a visited cell also counts just past `end`.
+    passes above or below all that stands there is skipped. A hit on a triangle of a visited cell also counts
+    just past `end`.
 
     Args:
         ox, oy, oz, dx, dy, dz: origin [m] and direction in the world frame.

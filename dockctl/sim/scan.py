@@ -3,8 +3,9 @@
 Only the nearest return of each sector matters, so the scan looks outwards from the boat, ring by ring (shells
 of growing radius cut into narrow bins of azimuth), and stops in a sector once its nearest return is nearer
 than the ring. A table in the body frame, made once for a set of sensors, tells which rays cross a cell of the
-rings and in which bands of height; rays that pass above or below all of the harbor near a cell are left out
-there, and so are stretches of open water. The rays that remain are walked through the fine grid of the harbor; a ray that hits something nearer than the sector's best is walked again from its origin, because
+rings and in which bands of height; rays that pass above or below all of the harbor near a cell are left
+out there, and so are stretches of open water. The rays that remain are walked through the fine grid of the
+harbor; a ray that hits something nearer than the sector's best is walked again from its origin, because
 something else may stop it first.
 
 A hit is found by the same `hit_triangle` as in the plain tracer: the ranges equal the oracle's bit for bit.
@@ -28,7 +29,7 @@ Ints = NDArray[np.int32]
 Singles = NDArray[np.float32]
 
 BINS_PER_SECTOR = 32
-SHELL_GROWTH = 1.05
+SHELL_GROWTH = 1.03
 CORE_CELL_M = 0.25
 CORE_STEP_M = 0.05
 # From the middle of a core's cell to the rays that are entered there by a point every step.
@@ -47,8 +48,8 @@ class ShellTable:
 
     Shell k lies between ``radii[k]`` and ``radii[k + 1]``; within ``radii[0]`` lies the core, around all the
     sensors, where rays need not run outwards. Cell ``k * bins + bin`` has the runs
-    ``starts[cell]:starts[cell + 1]``; a run is a row of neighbouring rays. The core's cells are squares, and come
-    after those of the shells.
+    ``starts[cell]:starts[cell + 1]``; a run is a row of neighbouring rays. The core's cells are squares, and
+    come after those of the shells.
 
     Attributes:
         rays: (k, 10) origin, direction, reach, and the coefficients of rho(t)^2 = h2 t^2 + 2 b t + c.
@@ -90,10 +91,10 @@ class ShellTable:
         core = np.stack(np.meshgrid(places, places), axis=-1).reshape(-1, 2)
         counts = np.zeros(shells * count + len(core) + 1, np.int32)
         nothing = np.empty(0, np.int32)
-        _gather(rays, channel, radii, count, side, counts, nothing, nothing, np.empty(0, np.uint32))
+        _gather(rays, channel, radii, count, side, counts, nothing, nothing, np.empty(0, np.int64))
         starts = np.concatenate([[0], np.cumsum(counts[:-1])]).astype(np.int32)
         first, length = np.empty(starts[-1], np.int32), np.zeros(starts[-1], np.int32)
-        bands = np.zeros(starts[-1], np.uint32)
+        bands = np.zeros(starts[-1], np.int64)
         _gather(rays, channel, radii, count, side, starts[:-1].copy(), first, length, bands)
         return cls(
             rays=rays,
@@ -128,13 +129,13 @@ def _gather(
 ) -> None:
     """Enter every ray in the cells that it crosses, growing runs of neighbours.
 
-    Runs are only counted in `places` where `first` is empty; otherwise they are filled in from `places` on.
+    Runs are only counted in `places` where `first` is empty; otherwise they are filled in from there on.
     """
     shells = len(radii) - 1
     last = np.full(len(places), -2, np.int32)  # the last ray entered in a cell
     width = 2 * math.pi / bins
     for ray in range(len(rays)):
-        ox, oy, oz, dx, dy, dz, reach, h2, b, c = rays[ray]
+        ox, oy, oz, dx, dy, dz, reach = rays[ray, :7]
         joined = ray > 0 and channel[ray - 1] == channel[ray]
         t = min(_leaves(rays[ray], radii[0]), reach)
         steps = math.ceil(t / CORE_STEP_M) + 1
@@ -180,7 +181,7 @@ def _enter(
     count: Ints,
     bands: Bands,
 ) -> None:
-    """Enter one ray in one cell; it lengthens the cell's last run if it is `joined` to that run's last ray."""
+    """Enter one ray in one cell; it lengthens the cell's last run if `joined` to that run's last ray."""
     same, joins = last[cell] == ray, joined and last[cell] == ray - 1
     last[cell] = ray
     if not (same or joins):
@@ -192,16 +193,16 @@ def _enter(
         first[run] = ray
     if not same:
         count[run] += 1
-    bands[run] |= np.uint32(passed)
+    bands[run] |= passed
 
 
 @njit(cache=True, nogil=True, inline="always")
 def _leaves(ray: Floats, radius: float) -> float:
-    """Return the ray parameter where a ray that begins within `radius` of the body's origin leaves that circle."""
+    """Return the ray parameter where a ray that begins within `radius` leaves that circle."""
     h2, b, c = ray[7], ray[8], ray[9]
     if h2 < 1e-12:
         return MISS
-    return (math.sqrt(b * b - h2 * (c - radius * radius)) - b) / h2
+    return float((math.sqrt(b * b - h2 * (c - radius * radius)) - b) / h2)
 
 
 @njit(cache=True, nogil=True)
