@@ -18,9 +18,9 @@ settings.register_profile("dockctl", deadline=None, derandomize=True)
 settings.load_profile("dockctl")
 
 
-@pytest.fixture
-def own_registries(monkeypatch: pytest.MonkeyPatch) -> Iterator[None]:
-    """Let a test load plugins, and forget them after it."""
+@pytest.fixture(autouse=True)
+def _own_registries(monkeypatch: pytest.MonkeyPatch) -> Iterator[None]:
+    """Let each test load plugins, and forget them after it."""
     catalog.fill()
     monkeypatch.setattr(plugins, "_loaded", {})
     saved = [(registry, registry.save()) for registry in plugins.GROUPS.values()]

@@ -162,7 +162,6 @@ class TestDocuments:
         local = [target for target in targets if "://" not in target]
         assert [target for target in local if not (document.parent / target).exists()] == []
 
-    @pytest.mark.usefixtures("own_registries")
     @pytest.mark.parametrize("document", ["plugins.md", "scenario.md"])
     def test_the_files_that_they_print_work(self, document: str, tmp_path: Path) -> None:
         text = (ROOT / "docs" / document).read_text()

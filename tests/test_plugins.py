@@ -6,7 +6,7 @@ import os
 import shutil
 import subprocess
 import sys
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 from importlib.metadata import EntryPoint
 from pathlib import Path
 
@@ -16,7 +16,7 @@ from dockctl import plugins
 from dockctl.errors import DockctlError, InputError
 from dockctl.plugins import PluginError
 from dockctl.registry import HARBORS, REWARD_TERMS, VESSELS, DuplicateNameError
-from dockctl.scenarios import catalog, loader
+from dockctl.scenarios import loader
 
 ROOT = Path(__file__).parent.parent
 TERM = """
@@ -26,16 +26,6 @@ from dockctl.rewards.terms import reward_term
 def term(status, *, floor: float = 0.1, sizes: tuple[int, ...] = (), needed: bool):
     return status.distance_m
 """
-
-
-@pytest.fixture(autouse=True)
-def _clean_registries(monkeypatch: pytest.MonkeyPatch) -> Iterator[None]:
-    catalog.fill()
-    monkeypatch.setattr(plugins, "_loaded", {})
-    saved = [(registry, registry.save()) for registry in plugins.GROUPS.values()]
-    yield
-    for registry, state in saved:
-        registry.restore(state)
 
 
 @pytest.fixture

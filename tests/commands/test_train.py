@@ -157,7 +157,6 @@ def test_a_damaged_checkpoint_is_not_taken_up(trained: Trained, tmp_path: Path, 
     assert broken in outcome.err
 
 
-@pytest.mark.usefixtures("own_registries")
 def test_a_plugin_travels_with_the_run(tmp_path: Path) -> None:
     plugin = tmp_path / "mine.py"
     plugin.write_text(
