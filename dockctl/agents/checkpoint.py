@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import hashlib
 import json
-import shutil
 from collections.abc import Mapping
 from dataclasses import asdict, dataclass
 from pathlib import Path
@@ -20,7 +19,7 @@ from safetensors.numpy import save as save_tensors
 import dockctl
 from dockctl.agents.network import DuelingQNetwork
 from dockctl.errors import DockctlError
-from dockctl.runs.directory import replace_folder, write_atomically
+from dockctl.runs.files import write_atomically
 
 FORMAT = 1
 POLICY, LEARNER = "policy", "learner"
@@ -157,20 +156,3 @@ def require_shape(
             raise CheckpointError(
                 f"{where}: trained on '{card.scenario}' with {what} {has}, but '{scenario}' has {needs}"
             )
-
-
-class CheckpointFolder:
-    """Collects the files of a checkpoint in a new folder, which takes the old one's place when complete."""
-
-    def __init__(self, path: Path) -> None:
-        self.path = path
-        self.new = path.with_name(f".{path.name}.new")
-
-    def __enter__(self) -> Path:
-        shutil.rmtree(self.new, ignore_errors=True)
-        self.new.mkdir(parents=True)
-        return self.new
-
-    def __exit__(self, error: object, *_: object) -> None:
-        if error is None:
-            replace_folder(self.new, self.path)

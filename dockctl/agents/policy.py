@@ -19,7 +19,7 @@ class GreedyPolicy:
     """The action of the highest value, (n, observation_size) -> (n,)."""
 
     def __init__(self, network: DuelingQNetwork) -> None:
-        # One thread: sums come in one order, small matrices gain nothing, the other cores are the simulator's.
+        # One thread: sums in one order; small matrices gain nothing; the other cores are the simulator's.
         torch.set_num_threads(1)
         self.network = network
 

@@ -23,7 +23,8 @@ from dockctl.commands.inputs import load_checked
 from dockctl.commands.rooms import player, test_poses
 from dockctl.envs.vector import DockingVectorEnv
 from dockctl.errors import DockctlError
-from dockctl.runs.directory import SCENARIO, RunDirectory, write_atomically
+from dockctl.runs.directory import SCENARIO, RunDirectory
+from dockctl.runs.files import write_atomically
 from dockctl.runs.tables import EVALUATION, Value, to_csv
 from dockctl.sim.simulator import build_world
 from dockctl.sim.starts import random_poses

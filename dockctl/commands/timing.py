@@ -25,7 +25,8 @@ from dockctl.envs.vector import DockingVectorEnv
 from dockctl.errors import DockctlError
 from dockctl.reports.latency import PARTS, STATISTICS, THESIS_FORWARD_MS, latency_figure, summarize
 from dockctl.reports.style import house_style, save
-from dockctl.runs.directory import SCENARIO, RunDirectory, require_writable, write_atomically
+from dockctl.runs.directory import SCENARIO, RunDirectory, require_writable
+from dockctl.runs.files import write_atomically
 from dockctl.runs.provenance import hardware
 from dockctl.sim.simulator import Simulator
 

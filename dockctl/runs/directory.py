@@ -5,13 +5,13 @@ from __future__ import annotations
 import hashlib
 import json
 import os
-import shutil
 from collections.abc import Iterable
 from datetime import datetime
 from pathlib import Path
 from typing import Any
 
 from dockctl.errors import DockctlError
+from dockctl.runs.files import write_atomically
 from dockctl.runs.tables import Table, cut_table
 
 SCENARIO = "scenario.yaml"
@@ -136,29 +136,3 @@ class RunDirectory:
             write_atomically(self.path / name, content)
             hashes[name] = hashlib.sha256(content).hexdigest()
         return hashes
-
-
-def write_atomically(path: Path, content: bytes) -> Path:
-    """Write a file so that a reader or a crash sees the old one or the new one, whole.
-
-    Raises:
-        DockctlError: the place cannot be written to.
-    """
-    temporary = path.with_name(f".{path.name}.{os.getpid()}.tmp")
-    try:
-        temporary.write_bytes(content)
-        temporary.replace(path)
-    except OSError as error:
-        temporary.unlink(missing_ok=True)
-        raise DockctlError(f"{path}: cannot be written: {error.strerror or error}") from None
-    return path
-
-
-def replace_folder(new: Path, path: Path) -> None:
-    """Put the folder `new` in the place of `path`; the old one goes only when the new one stands."""
-    old = path.with_name(f".{path.name}.old")
-    shutil.rmtree(old, ignore_errors=True)
-    if path.exists():
-        path.replace(old)
-    new.replace(path)
-    shutil.rmtree(old, ignore_errors=True)

@@ -8,6 +8,7 @@ from collections.abc import Iterable, Mapping
 from pathlib import Path
 
 from dockctl.errors import DockctlError
+from dockctl.runs.files import writing
 
 Value = str | int | float | bool | None
 
@@ -56,7 +57,11 @@ class Table:
         self._has_header = False
 
     def append(self, rows: Iterable[Mapping[str, Value]]) -> None:
-        """Append rows in one write, so that a reader never sees part of one."""
+        """Append rows in one write, so that a reader never sees part of one.
+
+        Raises:
+            DockctlError: the file cannot be written.
+        """
         rows = list(rows)
         if not rows:
             return
@@ -65,7 +70,7 @@ class Table:
         if not self._has_header:
             self._columns += [key for key in rows[0] if key not in self._columns]
         text = to_csv(rows, self._columns, header=not self._has_header)
-        with self._path.open("a", encoding="utf-8", newline="") as file:
+        with writing(self._path), self._path.open("a", encoding="utf-8", newline="") as file:
             file.write(text)
         self._has_header = True
 

@@ -10,13 +10,13 @@ import torch
 
 from dockctl.agents.checkpoint import (
     CheckpointError,
-    CheckpointFolder,
     PolicyCard,
     load_policy,
     require_shape,
     save_policy,
 )
 from dockctl.agents.network import DuelingQNetwork
+from dockctl.runs.files import new_folder
 
 CARD = PolicyCard("toy", 4, 3, (8, 6), 1234, 7)
 
@@ -28,7 +28,7 @@ def network() -> DuelingQNetwork:
 
 @pytest.fixture
 def saved(tmp_path: Path, network: DuelingQNetwork) -> Path:
-    with CheckpointFolder(tmp_path / "run" / "checkpoints" / "best") as folder:
+    with new_folder(tmp_path / "run" / "checkpoints" / "best") as folder:
         save_policy(folder, network, CARD)
     return tmp_path / "run" / "checkpoints" / "best"
 
@@ -58,14 +58,14 @@ def test_a_new_checkpoint_replaces_the_old_one_only_when_complete(
     before = (saved / "policy.json").read_bytes()
 
     def fail() -> None:
-        with CheckpointFolder(saved) as folder:
+        with new_folder(saved) as folder:
             (folder / "policy.json").write_text("half")
             raise KeyError
 
     with pytest.raises(KeyError):
         fail()
     assert (saved / "policy.json").read_bytes() == before
-    with CheckpointFolder(saved) as folder:
+    with new_folder(saved) as folder:
         save_policy(folder, network, PolicyCard("toy", 4, 3, (8, 6), 9999, 7))
     assert load_policy(saved)[1].env_steps == 9999
     assert [path.name for path in saved.parent.iterdir() if not path.name.startswith(".best.new")] == ["best"]

@@ -1,0 +1,60 @@
+"""Files that are whole or not there, and one way to tell that they cannot be written."""
+
+from __future__ import annotations
+
+import os
+import shutil
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+
+from dockctl.errors import DockctlError
+
+
+@contextmanager
+def writing(path: Path) -> Iterator[None]:
+    """Tell the user when the system refuses to write `path`.
+
+    Raises:
+        DockctlError: the block raised an OSError.
+    """
+    try:
+        yield
+    except OSError as error:
+        raise DockctlError(f"{path}: cannot be written: {error.strerror or error}") from None
+
+
+def write_atomically(path: Path, content: bytes) -> Path:
+    """Write a file so that a reader or a crash sees the old one or the new one, whole.
+
+    Raises:
+        DockctlError: the place cannot be written to.
+    """
+    temporary = path.with_name(f".{path.name}.{os.getpid()}.tmp")
+    with writing(path):
+        try:
+            temporary.write_bytes(content)
+            temporary.replace(path)
+        except OSError:
+            temporary.unlink(missing_ok=True)
+            raise
+    return path
+
+
+@contextmanager
+def new_folder(path: Path) -> Iterator[Path]:
+    """Give an empty folder that takes the place of `path`, and of all that is in it, when the block is done.
+
+    Raises:
+        DockctlError: the place cannot be written to.
+    """
+    new, old = (path.with_name(f".{path.name}.{which}") for which in ("new", "old"))
+    with writing(path):
+        shutil.rmtree(new, ignore_errors=True)
+        new.mkdir(parents=True)
+        yield new
+        shutil.rmtree(old, ignore_errors=True)
+        if path.exists():
+            path.replace(old)
+        new.replace(path)
+        shutil.rmtree(old, ignore_errors=True)

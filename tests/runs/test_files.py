@@ -1,0 +1,56 @@
+"""Files and folders that are whole or not there."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import pytest
+
+from dockctl.errors import DockctlError
+from dockctl.runs.files import new_folder, write_atomically
+from dockctl.runs.tables import Table
+
+
+def names(folder: Path) -> list[str]:
+    return [path.name for path in folder.iterdir()]
+
+
+def full(*_: object, **__: object) -> None:
+    raise OSError(28, "No space left on device")
+
+
+def test_a_failed_write_leaves_the_old_file_whole(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    path = write_atomically(tmp_path / "a.txt", b"old")
+    monkeypatch.setattr(Path, "replace", full)
+    with pytest.raises(DockctlError, match="No space left"):
+        write_atomically(path, b"new")
+    assert path.read_bytes() == b"old"
+    assert names(tmp_path) == ["a.txt"]
+
+
+def test_a_folder_takes_the_place_of_another(tmp_path: Path) -> None:
+    for generation in ("one", "two"):
+        with new_folder(tmp_path / "best") as new:
+            (new / generation).touch()
+        assert names(tmp_path) == ["best"]
+        assert names(tmp_path / "best") == [generation]
+
+
+def test_the_old_folder_stays_when_the_new_one_fails(tmp_path: Path) -> None:
+    with new_folder(tmp_path / "best") as new:
+        (new / "one").touch()
+
+    def fail() -> None:
+        with new_folder(tmp_path / "best") as new:
+            (new / "half").touch()
+            full()
+
+    with pytest.raises(DockctlError, match=r"best: cannot be written: No space left"):
+        fail()
+    assert names(tmp_path / "best") == ["one"]
+
+
+def test_a_table_on_a_full_disk(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(Path, "open", full)
+    with pytest.raises(DockctlError, match=r"t\.csv: cannot be written: No space left"):
+        Table(tmp_path / "t.csv", ["a"]).append([{"a": 1}])
