@@ -2,7 +2,7 @@
 
 The grid serves the fast LiDAR scan. It answers three questions, all on the safe side: at which heights is
 anything within a radius of a point, how far is the nearest thing, and which triangles can a ray meet in a
-cell. Heights are told in bands, one bit each, so that a ray passes between a deck and a boom, or under a stay.
+cell. Heights are told in bands, one bit each: a ray may pass between a deck and a boom, or under a stay.
 """
 
 from __future__ import annotations
