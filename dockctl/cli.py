@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import importlib
+import logging
 from typing import Annotated, Any
 
 import typer
@@ -70,4 +71,8 @@ for _name, _function in COMMANDS.items():
 
 def main() -> None:
     """Run the command line; the entry point of ``dockctl``."""
+    teller = logging.StreamHandler()  # on the error stream; long preparations are told there
+    logger = logging.getLogger("dockctl")
+    logger.addHandler(teller)
+    logger.setLevel(logging.INFO)
     app(prog_name="dockctl")

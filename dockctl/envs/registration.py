@@ -1,7 +1,4 @@
-"""The environments' names in Gymnasium, known once `dockctl.envs` is imported.
-
-Gymnasium has no entry point for plugins: import the package, or make "dockctl.envs:dockctl/S3-v0".
-"""
+"""The environments' names in Gymnasium, known once `dockctl` and Gymnasium are imported, in either order."""
 
 from __future__ import annotations
 

@@ -10,12 +10,16 @@ import os
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 from functools import cached_property
+from pathlib import Path
+from types import ModuleType
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from dockctl.scenarios.sensors import Lidar, LidarMount
+from dockctl.sim import heightgrid, scan
+from dockctl.sim.cache import Arrays, cached
 from dockctl.sim.heightgrid import HeightGrid
 from dockctl.sim.raycast import BoundingVolumes, closest_hits
 from dockctl.sim.scan import CORE_REACH_M, ShellTable, sector_of, sector_ranges
@@ -102,14 +106,20 @@ class LidarArray:
     @cached_property
     def _tables(self) -> tuple[Any, ...]:
         """What the compiled scan takes: rays by shells, the harbor's grid, its level for each shell."""
-        rays = self.rays
-        shells = ShellTable.of(
-            rays.origins, rays.directions, rays.reach, rays.channel, self.spec.sectors, self.spec.range_m
-        )
+        sensors = [self.spec.model_dump_json().encode(), _source(scan, heightgrid)]
+        shells = ShellTable(**cached("lidar-rays", sensors, self._build_shells))
         radii = np.concatenate([[shells.radii[0], CORE_REACH_M], shells.half_diagonals])
-        grid = HeightGrid.over(self.triangles, radii.max())
+        harbor = [self.triangles.tobytes(), radii.max().tobytes(), _source(heightgrid)]
+        grid = HeightGrid(
+            **cached("harbor-grid", harbor, lambda: vars(HeightGrid.over(self.triangles, radii.max())))
+        )
         levels = grid.levels_for(radii)
         return (*shells.arrays, *grid.arrays, int(levels[0]), int(levels[1]), levels[2:])
+
+    def _build_shells(self) -> Arrays:
+        rays = self.rays
+        beams = rays.origins, rays.directions, rays.reach, rays.channel
+        return vars(ShellTable.of(*beams, self.spec.sectors, self.spec.range_m))
 
     def prepare(self) -> None:
         """Build the tables of the fast scan now, rather than at the first scan."""
@@ -128,14 +138,14 @@ class LidarArray:
         out = np.empty((len(poses), self.spec.sectors))
         tables = self._tables
 
-        def scan(rows: slice) -> None:
+        def fill(rows: slice) -> None:
             sector_ranges(poses[rows], out[rows], self.spec.range_m, *tables)
 
         blocks = _blocks(len(poses))
         if len(blocks) == 1:
-            scan(blocks[0])
+            fill(blocks[0])
         else:
-            list(_pool().map(scan, blocks))
+            list(_pool().map(fill, blocks))
         return out
 
     def sector_ranges_by_full_scan(self, eta: Floats) -> Floats:
@@ -180,6 +190,11 @@ class LidarArray:
             _turned(self.rays.directions, c, s),
             self.rays.reach,
         )
+
+
+def _source(*modules: ModuleType) -> bytes:
+    """Return the code of modules, on which the tables that they make depend."""
+    return b"".join(Path(str(module.__file__)).read_bytes() for module in modules)
 
 
 def _turned(vectors: Floats, c: float, s: float) -> Floats:
