@@ -1,1 +1,1 @@
-"""The simulated world: vessel, harbour, LiDAR, collisions and goals, batched over boats."""
+"""The simulated world: vessel, harbor, LiDAR, collisions and goals, batched over boats."""
