@@ -8,8 +8,7 @@ cell. Heights are told in bands, one bit each: a ray may pass between a deck and
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
-from typing import Any
+from typing import NamedTuple
 
 import numpy as np
 from numba import njit
@@ -21,6 +20,7 @@ Floats = NDArray[np.float64]
 Singles = NDArray[np.float32]
 Ints = NDArray[np.int32]
 Bands = NDArray[np.int64]
+Line = tuple[float, float, float, float, float, float]
 
 FINEST_CELL_M = 0.1
 MOST_CELLS = 4_000_000
@@ -46,8 +46,7 @@ def _band(z: float) -> int:
     return min(40 + int((z - 4.0) * 2.0), 61)
 
 
-@dataclass(frozen=True, eq=False)
-class HeightGrid:
+class HeightGrid(NamedTuple):
     """Bands of height on a grid of square cells; rows run along y.
 
     Attributes:
@@ -105,20 +104,6 @@ class HeightGrid:
     def levels_for(self, radii_m: Floats) -> Ints:
         """Return the first level whose radius is at least each of the (k,) radii [m]."""
         return np.searchsorted(self.radii, radii_m).astype(np.int32)
-
-    @property
-    def arrays(self) -> tuple[NDArray[Any], ...]:
-        """What the compiled scan takes, in its order."""
-        return (
-            self.frame,
-            self.bands,
-            self.starts,
-            self.members,
-            self.triangles,
-            self.distances,
-            self.level_shape,
-            self.dilated,
-        )
 
 
 @njit(cache=True)
@@ -247,22 +232,32 @@ def _distances(bands: Bands, cell: float) -> Singles:
     return np.maximum(np.sqrt(squared) * cell - math.sqrt(2.0) * cell - SLACK_M, 0.0).astype(np.float32)
 
 
-@njit(cache=True, nogil=True)
-def first_hit(
-    ox: float,
-    oy: float,
-    oz: float,
-    dx: float,
-    dy: float,
-    dz: float,
-    begin: float,
-    end: float,
-    frame: Floats,
-    bands: Bands,
-    starts: Ints,
-    members: Ints,
-    triangles: Floats,
-) -> float:
+@njit(cache=True, nogil=True, inline="always")
+def bands_near(grid: HeightGrid, level: int, x: float, y: float) -> int:
+    """Return the bands of height in which anything stands within the level's radius of (x, y)."""
+    offset, nx, ny, stride = grid.level_shape[level]
+    ix = math.floor((x - grid.frame[0]) / (grid.frame[2] * stride))
+    iy = math.floor((y - grid.frame[1]) / (grid.frame[2] * stride))
+    if ix < 0 or iy < 0 or ix >= nx or iy >= ny:
+        return 0  # the grid's margin is wider than every radius
+    return int(grid.dilated[offset + iy * nx + ix])
+
+
+@njit(cache=True, nogil=True, inline="always")
+def distance_at(grid: HeightGrid, x: float, y: float) -> float:
+    """Return a lower bound of the distance from (x, y) to anything [m]."""
+    ny, nx = grid.distances.shape
+    left, lower, cell = grid.frame
+    ix, iy = math.floor((x - left) / cell), math.floor((y - lower) / cell)
+    if ix < 0 or iy < 0 or ix >= nx or iy >= ny:
+        beyond_x = max(left - x, x - left - nx * cell, 0.0)
+        beyond_y = max(lower - y, y - lower - ny * cell, 0.0)
+        return math.sqrt(beyond_x * beyond_x + beyond_y * beyond_y)
+    return float(grid.distances[iy, ix])
+
+
+@njit(cache=True, nogil=True, _nrt=False)
+def first_hit(grid: HeightGrid, line: Line, begin: float, end: float) -> float:
     """Walk a ray between two of its parameters, cell by cell, to its closest hit there or infinity.
 
     As in Amanatides and Woo, "A fast voxel traversal algorithm for ray tracing", 1987; a cell that the ray
@@ -270,14 +265,16 @@ def first_hit(
     just past `end`.
 
     Args:
-        ox, oy, oz, dx, dy, dz: origin [m] and direction in the world frame.
+        grid: the harbor.
+        line: x, y, z of the ray's origin [m] and of its direction, in the world frame.
         begin, end: ray parameters.
-        frame, bands, starts, members, triangles: of the `HeightGrid`.
     """
+    ox, oy, oz, dx, dy, dz = line
+    bands, starts, members, triangles = grid.bands, grid.starts, grid.members, grid.triangles
     ny, nx = bands.shape
-    cell = frame[2]
+    left, lower, cell = grid.frame
     # Into cell coordinates, and cut to the grid.
-    px, py, vx, vy = (ox - frame[0]) / cell, (oy - frame[1]) / cell, dx / cell, dy / cell
+    px, py, vx, vy = (ox - left) / cell, (oy - lower) / cell, dx / cell, dy / cell
     if vx != 0.0:
         a, b = -px / vx, (nx - px) / vx
         begin, end = max(begin, min(a, b)), min(end, max(a, b))

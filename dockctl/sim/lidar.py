@@ -12,7 +12,6 @@ from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
 from types import ModuleType
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -22,7 +21,7 @@ from dockctl.sim import heightgrid, scan
 from dockctl.sim.cache import Arrays, cached
 from dockctl.sim.heightgrid import HeightGrid
 from dockctl.sim.raycast import BoundingVolumes, closest_hits
-from dockctl.sim.scan import CORE_REACH_M, ShellTable, sector_of, sector_ranges
+from dockctl.sim.scan import Levels, ShellTable, needed_radii, sector_of, sector_ranges
 
 Floats = NDArray[np.float64]
 Ints = NDArray[np.int32]
@@ -104,22 +103,22 @@ class LidarArray:
         return BoundingVolumes.over(self.triangles)
 
     @cached_property
-    def _tables(self) -> tuple[Any, ...]:
-        """What the compiled scan takes: rays by shells, the harbor's grid, its level for each shell."""
+    def _tables(self) -> tuple[ShellTable, HeightGrid, Levels]:
+        """What the compiled scan takes: rays by shells, the harbor's grid, and its level for each cell."""
         sensors = [self.spec.model_dump_json().encode(), _source(scan, heightgrid)]
-        shells = ShellTable(**cached("lidar-rays", sensors, self._build_shells))
-        radii = np.concatenate([[shells.radii[0], CORE_REACH_M], shells.half_diagonals])
-        harbor = [self.triangles.tobytes(), radii.max().tobytes(), _source(heightgrid)]
-        grid = HeightGrid(
-            **cached("harbor-grid", harbor, lambda: vars(HeightGrid.over(self.triangles, radii.max())))
-        )
-        levels = grid.levels_for(radii)
-        return (*shells.arrays, *grid.arrays, int(levels[0]), int(levels[1]), levels[2:])
+        table = ShellTable(**cached("lidar-rays", sensors, self._build_shells))
+        radius = needed_radii(table).max()
+        harbor = [self.triangles.tobytes(), radius.tobytes(), _source(heightgrid)]
+        grid = HeightGrid(**cached("harbor-grid", harbor, lambda: self._build_grid(radius)))
+        return table, grid, Levels.of(table, grid)
 
     def _build_shells(self) -> Arrays:
         rays = self.rays
         beams = rays.origins, rays.directions, rays.reach, rays.channel
-        return vars(ShellTable.of(*beams, self.spec.sectors, self.spec.range_m))
+        return ShellTable.of(*beams, self.spec.sectors, self.spec.range_m)._asdict()
+
+    def _build_grid(self, largest_radius_m: float) -> Arrays:
+        return HeightGrid.over(self.triangles, largest_radius_m)._asdict()
 
     def prepare(self) -> None:
         """Build the tables of the fast scan now, rather than at the first scan."""
@@ -139,7 +138,7 @@ class LidarArray:
         tables = self._tables
 
         def fill(rows: slice) -> None:
-            sector_ranges(poses[rows], out[rows], self.spec.range_m, *tables)
+            sector_ranges(*tables, self.spec.range_m, poses[rows], np.empty(len(tables[0].bins)), out[rows])
 
         blocks = _blocks(len(poses))
         if len(blocks) == 1:
