@@ -14,7 +14,7 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
-from dockctl.sim.raycast import MISS, corner_and_edges, hit_triangle
+from dockctl.sim.raycast import MISS, corner_and_edges, hit_triangle, njit_bare
 
 Floats = NDArray[np.float64]
 Singles = NDArray[np.float32]
@@ -256,7 +256,7 @@ def distance_at(grid: HeightGrid, x: float, y: float) -> float:
     return float(grid.distances[iy, ix])
 
 
-@njit(cache=True, nogil=True, _nrt=False)
+@njit_bare
 def first_hit(grid: HeightGrid, line: Line, begin: float, end: float) -> float:
     """Walk a ray between two of its parameters, cell by cell, to its closest hit there or infinity.
 

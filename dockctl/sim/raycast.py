@@ -6,7 +6,9 @@ The tracer is the oracle of the LiDAR: it knows nothing of shells or grids. The 
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
+from typing import Any, TypeVar, cast
 
 import numpy as np
 from numba import njit
@@ -17,6 +19,18 @@ Ints = NDArray[np.int32]
 
 LEAF_TRIANGLES = 4
 MISS = np.inf
+
+
+Function = TypeVar("Function", bound=Callable[..., object])
+
+
+def njit_bare(function: Function) -> Function:
+    """Compile a function that allocates nothing, without counting references to the arrays in its tuples.
+
+    Counting them in the inner loops of a scan costs a third of its time.
+    """
+    options: Any = {"cache": True, "nogil": True, "_nrt": False}
+    return cast("Function", njit(**options)(function))
 
 
 @njit(cache=True, nogil=True, inline="always")
