@@ -10,11 +10,13 @@ import trimesh
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from dockctl.scenarios.loader import load
 from dockctl.scenarios.sensors import Lidar, LidarMount
 from dockctl.sim import lidar as lidar_module
 from dockctl.sim.heightgrid import HeightGrid, bands_between
 from dockctl.sim.lidar import LidarArray, Rays, rotation
 from dockctl.sim.raycast import BoundingVolumes, closest_hits
+from dockctl.sim.simulator import build_world
 
 COARSE = Lidar(azimuth_steps=180)
 
@@ -129,6 +131,16 @@ def test_fast_scan_equals_full_scan_for_any_sensor(
     spec = Lidar(channels=channels, azimuth_steps=73, range_m=reach, mounts=mounts, sectors=6)
     array = LidarArray(spec, clutter(seed, solids=30, spread=8.0))
     poses = np.random.default_rng(seed).uniform(-8, 8, (10, 3))
+    np.testing.assert_array_equal(array.sector_ranges(poses), array.sector_ranges_by_full_scan(poses))
+
+
+def test_fast_scan_equals_full_scan_in_the_reference_marina() -> None:
+    """At full resolution: in the fairway, in the berth, alongside piers and across moored vessels."""
+    loaded = load("s3")
+    array = build_world(loaded.scenario, loaded.base_dir).lidar
+    anywhere = np.random.default_rng(4).uniform((4.5, -40, -4), (38.5, 40, 4), (12, 3))
+    chosen = [[20, 2, 2.8], [36, 0, np.pi], [33, 4, 0.3], [36, -2, 1.0], [7, -2, 0.0], [30.6, -2.5, 2.0]]
+    poses = np.concatenate([anywhere, chosen])
     np.testing.assert_array_equal(array.sector_ranges(poses), array.sector_ranges_by_full_scan(poses))
 
 
