@@ -81,6 +81,8 @@ def read_file(path: Path, shown: str) -> Node:
     """
     if path.is_dir():
         raise refusal(Place(shown), "is a directory; name a YAML file")
+    if path.exists() and not path.is_file():
+        raise refusal(Place(shown), "is no regular file; name a YAML file")
     try:
         with path.open("rb") as stream:
             data = stream.read(MAX_BYTES + 1)
@@ -117,7 +119,13 @@ def read_text(text: str, shown: str) -> Node:
     except yaml.MarkedYAMLError as error:
         mark = error.problem_mark or error.context_mark
         raise refusal(_place(shown, mark) if mark else Place(shown), _syntax_message(error)) from None
-    return Node(None, Place(shown, 1, 1)) if root is None else _Builder(shown).build(root)
+    if root is None:
+        return Node(None, Place(shown, 1, 1))
+    builder = _Builder(shown)
+    tree = builder.build(root)
+    if builder.problems:
+        raise InputError(builder.problems)
+    return tree
 
 
 def described(value: object) -> str:
@@ -183,27 +191,32 @@ _use_resolvers(PlainDumper)
 
 
 class _Builder:
-    """Turns PyYAML's node graph into a tree, expanding aliases up to a limit."""
+    """Turns PyYAML's node graph into a tree, expanding aliases up to a limit; gathers unfit scalars."""
 
     def __init__(self, shown: str) -> None:
         self.shown = shown
         self.count = 0
+        self.problems: list[Problem] = []
 
-    def build(self, node: yaml.Node, depth: int = 0) -> Node:
+    def build(self, node: yaml.Node, path: tuple[str, ...] = ()) -> Node:
         place = _place(self.shown, node.start_mark)
         self.count += 1
-        if self.count > MAX_NODES or depth > MAX_DEPTH:
+        if self.count > MAX_NODES or len(path) > MAX_DEPTH:
             limit = f"{MAX_NODES} values or {MAX_DEPTH} levels"
             raise refusal(place, f"anchors and aliases expand to more than {limit}")
         if isinstance(node, yaml.MappingNode) and node.tag == "tag:yaml.org,2002:map":
-            return self._mapping(node, place, depth)
+            return self._mapping(node, place, path)
         if isinstance(node, yaml.SequenceNode) and node.tag == "tag:yaml.org,2002:seq":
-            return Node([self.build(item, depth + 1) for item in node.value], place)
-        if isinstance(node, yaml.ScalarNode):
-            return Node(_scalar(node, place), place)
-        raise refusal(place, f"the tag {node.tag} is not allowed; write plain values")
+            return Node([self.build(item, (*path, str(i))) for i, item in enumerate(node.value)], place)
+        try:
+            if isinstance(node, yaml.ScalarNode):
+                return Node(_scalar(node, place, ".".join(path)), place)
+            raise refusal(place, f"the tag {node.tag} is not allowed; write plain values", ".".join(path))
+        except InputError as error:
+            self.problems += error.problems
+            return Node(None, place)
 
-    def _mapping(self, node: yaml.MappingNode, place: Place, depth: int) -> Node:
+    def _mapping(self, node: yaml.MappingNode, place: Place, path: tuple[str, ...]) -> Node:
         values: dict[str, Node] = {}
         keys: dict[str, Place] = {}
         for key_node, value_node in node.value:
@@ -215,21 +228,21 @@ class _Builder:
                 raise refusal(key_place, "merge keys (<<) are not supported; use extends")
             if key in values:
                 raise refusal(key_place, f"the key '{key}' stands twice; first in line {keys[key].line}")
-            values[key] = self.build(value_node, depth + 1)
+            values[key] = self.build(value_node, (*path, key))
             keys[key] = key_place
         return Node(values, place, keys)
 
 
-def _text(node: yaml.ScalarNode, place: Place) -> str:
+def _text(node: yaml.ScalarNode, place: Place, path: str = "") -> str:
     """Return the text of a scalar; escapes may name characters that no file name or terminal takes."""
     text = str(node.value)
     if bad := re.search("[\0\ud800-\udfff]", text):
-        raise refusal(place, f"is not text: character {_code(bad[0])}")
+        raise refusal(place, f"is not text: character {_code(bad[0])}", path)
     return text
 
 
-def _scalar(node: yaml.ScalarNode, place: Place) -> Scalar:
-    text = _text(node, place)
+def _scalar(node: yaml.ScalarNode, place: Place, path: str) -> Scalar:
+    text = _text(node, place, path)
     kind = node.tag.removeprefix("tag:yaml.org,2002:")
     if kind == "str":
         return text
@@ -243,8 +256,8 @@ def _scalar(node: yaml.ScalarNode, place: Place) -> Scalar:
             return int(digits, 0 if digits[:2] in ("0o", "0x") else 10)
         if kind == "float" and "n" not in digits.lower() and math.isfinite(float(digits)):
             return float(digits)
-        raise refusal(place, f"found {text[:40]}, expected a finite number of ordinary size")
-    raise refusal(place, f"the tag {node.tag} does not fit the value '{text[:40]}'")
+        raise refusal(place, f"found {text[:40]}, expected a finite number of ordinary size", path)
+    raise refusal(place, f"the tag {node.tag} does not fit the value '{text[:40]}'", path)
 
 
 def _syntax_message(error: yaml.MarkedYAMLError) -> str:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import os
 from contextlib import suppress
 from pathlib import Path
 
@@ -76,6 +77,12 @@ def test_refuses_what_is_not_a_small_text(tmp_path: Path, data: bytes, message: 
 def test_refuses_a_directory(tmp_path: Path) -> None:
     with pytest.raises(InputError, match="is a directory; name a YAML file"):
         read_file(tmp_path, "here")
+
+
+def test_refuses_a_pipe_without_waiting_for_it(tmp_path: Path) -> None:
+    os.mkfifo(tmp_path / "x.yaml")
+    with pytest.raises(InputError, match=r"x\.yaml: is no regular file"):
+        read_file(tmp_path / "x.yaml", "x.yaml")
 
 
 def test_refuses_what_cannot_be_opened(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
