@@ -19,7 +19,8 @@ def evaluate(
         typer.Option(help="Scenario to dock in, file or name; the one of the training by default."),
     ] = None,
     episodes: Annotated[
-        int | None, typer.Option(min=0, help="Random starts; as many as the scenario says by default.")
+        int | None,
+        typer.Option(min=0, max=100_000, help="Random starts; as many as the scenario says by default."),
     ] = None,
     seed: Annotated[int | None, typer.Option(min=0, help="Of the random starts.")] = None,
     min_success: Annotated[

@@ -16,7 +16,7 @@ def latency(
         str | None, typer.Option(help="Scenario file or name; the one of the training, or s3, by default.")
     ] = None,
     decisions: Annotated[
-        int, typer.Option(min=10, help="At least so many are timed, over whole episodes.")
+        int, typer.Option(min=10, max=1_000_000, help="At least so many are timed, over whole episodes.")
     ] = 500,
     out: Annotated[
         Path | None,

@@ -13,6 +13,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from dockctl.registry import OBSERVATION_PARTS
+from dockctl.scenarios.base import Positive
 from dockctl.sim.goal import wrap
 from dockctl.sim.status import Floats, Ints
 
@@ -71,7 +72,7 @@ def phase(view: View) -> Columns:
 
 
 @observation_part("distance", source="eq. 3.5")
-def distance(view: View, *, scale_m: float = 10.0, cap_m: float = 100.0) -> Columns:
+def distance(view: View, *, scale_m: Positive = 10.0, cap_m: Positive = 100.0) -> Columns:
     """Return delta d / scale, capped."""
     return Columns(["distance"], view.distance_m[:, None] / scale_m, 0, cap_m / scale_m)
 
@@ -84,7 +85,12 @@ def heading_error(view: View) -> Columns:
 
 @observation_part("velocity", source="eq. 3.9")
 def velocity(
-    view: View, *, surge_mps: float = 0.4, sway_mps: float = 0.1, yaw_radps: float = 0.04, cap: float = 5.0
+    view: View,
+    *,
+    surge_mps: Positive = 0.4,
+    sway_mps: Positive = 0.1,
+    yaw_radps: Positive = 0.04,
+    cap: Positive = 5.0,
 ) -> Columns:
     """Return u, v and r, each over its scale, within +- cap."""
     return Columns(["u", "v", "r"], view.nu / [surge_mps, sway_mps, yaw_radps], -cap, cap)
@@ -97,7 +103,7 @@ def command(view: View) -> Columns:
 
 
 @observation_part("lidar", source="eqs. 3.7, 3.8")
-def lidar(view: View, *, cap_m: float = 20.0, scale_m: float = 10.0) -> Columns:
+def lidar(view: View, *, cap_m: Positive = 20.0, scale_m: Positive = 10.0) -> Columns:
     """Return the nearest return of each sector, capped, over the scale."""
     names = [f"range_{sector + 1}" for sector in range(view.sector_ranges_m.shape[1])]
     return Columns(names, view.sector_ranges_m / scale_m, 0, cap_m / scale_m)

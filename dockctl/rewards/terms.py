@@ -14,6 +14,7 @@ import numpy as np
 
 from dockctl.errors import DockctlError
 from dockctl.registry import REWARD_TERMS
+from dockctl.scenarios.base import Number, Positive
 from dockctl.sim.status import Floats, StepStatus
 
 Kind = Literal["collision", "intermediate", "final", "dense"]
@@ -58,7 +59,7 @@ def final(status: StepStatus) -> Floats:
 
 
 @reward_term("distance", kind="dense", source="eqs. 3.10, 3.13")
-def distance(status: StepStatus, *, distance_unit_m: float = 1.0) -> Floats:
+def distance(status: StepStatus, *, distance_unit_m: Positive = 1.0) -> Floats:
     """Return delta d in units of `distance_unit_m`."""
     return status.distance_m / distance_unit_m
 
@@ -70,13 +71,13 @@ def orientation(status: StepStatus) -> Floats:
 
 
 @reward_term("speed", kind="dense", source="eqs. 3.10, 3.13")
-def speed(status: StepStatus, *, distance_unit_m: float = 1.0, floor: float = 0.02) -> Floats:
+def speed(status: StepStatus, *, distance_unit_m: Positive = 1.0, floor: Positive = 0.02) -> Floats:
     """Return sqrt(u^2 + v^2) / delta d [m/s], delta d in units of `distance_unit_m` and at least `floor`."""
     return status.speed_mps / np.maximum(status.distance_m / distance_unit_m, floor)
 
 
 @reward_term("progress", kind="dense", source="potential difference; not in the thesis")
-def progress(status: StepStatus, *, per_m: float = 150.0, per_rad: float = 100.0) -> Floats:
+def progress(status: StepStatus, *, per_m: Number = 150.0, per_rad: Number = 100.0) -> Floats:
     """Return D before minus D after the step, D = 150 delta d [m] + 100 |delta psi| [rad].
 
     It takes the place of `distance` and `orientation`. Events pay alone, so the potential is dropped at the

@@ -77,9 +77,9 @@ def _check(
 
 
 def _type_complaint(entry: Entry[Function], key: str, value: Any) -> str:
-    """Return what is wrong with the type of a parameter, or nothing; as in JSON, a list fits a tuple."""
+    """Return what is wrong with a parameter by its type, or nothing; as in JSON, a list fits a tuple."""
     try:
-        hint = get_type_hints(entry.value).get(key, Any)
+        hint = get_type_hints(entry.value, include_extras=True).get(key, Any)
         adapter = TypeAdapter(hint)
     except (NameError, PydanticSchemaGenerationError):  # names for type checkers alone, or no plain type
         return ""

@@ -32,13 +32,13 @@ THESIS_MOUNTS = (
 class Lidar(Model):
     """A set of equal spinning LiDARs and the sectors that their points are reduced to (eqs. 3.7, 3.8)."""
 
-    channels: Count = 16
+    channels: Count = Field(default=16, le=1024)
     lowest_channel_deg: Number = -15.0
     highest_channel_deg: Number = 15.0
-    azimuth_steps: Count = Field(default=1800, description="firings a turn; 1800 is every 0.2 degrees")
+    azimuth_steps: Count = Field(default=1800, le=100_000, description="firings a turn; 1800: every 0.2°")
     range_m: Positive = 100.0
-    sectors: Count = 8
-    mounts: tuple[LidarMount, ...] = Field(default=THESIS_MOUNTS, min_length=1)
+    sectors: Count = Field(default=8, le=1024)
+    mounts: tuple[LidarMount, ...] = Field(default=THESIS_MOUNTS, min_length=1, max_length=64)
 
 
 class Sensors(Model):

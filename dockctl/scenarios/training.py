@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
-from typing import Any, Literal, Self
+from typing import Annotated, Any, Literal, Self
 
 from pydantic import Field, model_validator
 
 from dockctl.scenarios.base import Count, Fraction, Model, NonNegative, Pose, Positive
+
+Layer = Annotated[Count, Field(le=8192)]
 
 
 class Epsilon(Model):
@@ -69,13 +71,13 @@ class Training(Model):
     seed: int = Field(default=0, ge=0, strict=True)
     total_steps: Count = Field(default=500_000, description="environment steps, all boats together")
     max_episodes: Count | None = None
-    boats: Count = Field(default=16, description="boats stepped side by side")
-    hidden_sizes: tuple[Count, ...] = Field(default=(256, 128, 64), min_length=1)
+    boats: Count = Field(default=16, le=4096, description="boats stepped side by side")
+    hidden_sizes: tuple[Layer, ...] = Field(default=(256, 128, 64), min_length=1, max_length=16)
     gamma: Fraction = 0.99
-    n_step: Count = 5
-    replay_capacity: Count = 500_000
+    n_step: Count = Field(default=5, le=1000)
+    replay_capacity: Count = Field(default=500_000, le=1_000_000_000)
     warmup_steps: Count = Field(default=5_000, description="environment steps before the first update")
-    batch_size: Count = 256
+    batch_size: Count = Field(default=256, le=65_536)
     steps_per_update: Count = Field(default=16, description="environment steps for each update")
     target_update_interval: Count = Field(default=100, description="updates between target copies")
     optimizer: Literal["adam", "rmsprop"] = "adam"
@@ -100,7 +102,7 @@ class Training(Model):
 class RandomStarts(Model):
     """Evaluation starts drawn uniformly around the initial poses."""
 
-    episodes: int = Field(default=100, ge=0, strict=True)
+    episodes: int = Field(default=100, ge=0, le=100_000, strict=True)
     seed: int = Field(default=12345, ge=0, strict=True)
     position_m: NonNegative = 1.0
     heading_deg: NonNegative = 10.0

@@ -45,7 +45,7 @@ class Vessel(Model):
     max_propeller_n: Positive = 50.0
     max_rudder_deg: Positive = Field(default=30.0, le=90.0)
     control_period_s: Positive = 0.5
-    substeps: Count = Field(default=5, description="RK4 steps a control period")
+    substeps: Count = Field(default=5, le=10_000, description="RK4 steps a control period")
 
     @model_validator(mode="after")
     def _inertia_is_positive_definite(self) -> Self:

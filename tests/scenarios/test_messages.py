@@ -81,7 +81,18 @@ WRONG: dict[str, tuple[str, list[str]]] = {
             "2:8: task.intermediate.heading_deg: missing; add 'heading_deg: ...'",
         ],
     ),
-    "not a number": ("task: {final: {x_m: .nan}}\n", ["2:21: found .nan, expected a finite number"]),
+    "not numbers": (
+        "task: {final: {x_m: .nan, y_m: 1e999}}\ntraining: {gamma: -.inf}\n",
+        [
+            "2:21: task.final.x_m: found .nan, expected a finite number",
+            "2:32: task.final.y_m: found 1e999, expected a finite number",
+            "3:19: training.gamma: found -.inf, expected a finite number",
+        ],
+    ),
+    "more boats than fit anywhere": (
+        "training: {boats: 1_000_000_000}\n",
+        ["2:19: training.boats: found 1000000000, expected a number of at most 4096"],
+    ),
     "no known choice": (
         "training: {optimizer: adma}\n",
         [
@@ -148,6 +159,13 @@ WRONG: dict[str, tuple[str, list[str]]] = {
     "wrong type of a parameter": (
         "reward: {terms: {speed: {params: {floor: low}}}}\n",
         ["2:42: reward.terms.speed.params.floor: found the text 'low', expected a number"],
+    ),
+    "a parameter out of range": (
+        "reward: {terms: {speed: {weight: -1, params: {floor: 0}}}}\nobservation: [{lidar: {cap_m: -5}}]\n",
+        [
+            "2:54: reward.terms.speed.params.floor: found 0, expected a number greater than 0",
+            "3:31: observation.0.lidar.cap_m: found -5, expected a number greater than 0",
+        ],
     ),
     "a term without weight": (
         "reward: {terms: {progress: {params: {}}}}\n",
