@@ -120,7 +120,7 @@ def _all_or_nothing(who: str, path: Path | None = None) -> Iterator[None]:
 
 def _place(error: BaseException, path: Path | None) -> str:
     """Return where a plugin failed: in the file `path`, else in the last module that is not Python's own."""
-    if isinstance(error, SyntaxError):
+    if isinstance(error, SyntaxError) and error.lineno:
         return f" ({error.filename}:{error.lineno})"
     frames = [
         frame

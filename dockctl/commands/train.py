@@ -10,6 +10,7 @@ import typer
 from dockctl.errors import DockctlError
 
 DEFAULT_SCENARIO = "s3"
+RUNS = Path("runs")
 INTERRUPTED = 130
 
 
@@ -18,7 +19,10 @@ def train(
         str | None, typer.Argument(help=f"Scenario file or name; {DEFAULT_SCENARIO} if none is given.")
     ] = None,
     seed: Annotated[int | None, typer.Option(min=0, help="Seed of everything random.")] = None,
-    out: Annotated[Path, typer.Option(help="Folder that gets <scenario>/<time>-seed<N>/.")] = Path("runs"),
+    out: Annotated[
+        Path | None,
+        typer.Option(help="Folder that gets <scenario>/<time>-seed<N>/.", show_default=str(RUNS)),
+    ] = None,
     resume: Annotated[
         Path | None,
         typer.Option(help="Run folder to take up where it was interrupted, or to extend by --steps."),
@@ -46,10 +50,11 @@ def train(
         overrides = [*(set_ or ())]
         overrides += [] if seed is None else [f"training.seed={seed}"]
         overrides += [] if steps is None else [f"training.total_steps={steps}"]
-        session = training.begin(scenario or DEFAULT_SCENARIO, overrides, plugin or [], out)
+        source = DEFAULT_SCENARIO if scenario is None else scenario
+        session = training.begin(source, overrides, plugin or [], RUNS if out is None else out)
     else:
-        given = {"SCENARIO": scenario, "--seed": seed, "--set": set_, "--plugin": plugin}
-        if refused := [name for name, value in given.items() if value]:
+        given = {"SCENARIO": scenario, "--seed": seed, "--out": out, "--set": set_, "--plugin": plugin}
+        if refused := [name for name, value in given.items() if value not in (None, [])]:
             raise DockctlError(
                 f"{', '.join(refused)}: a run that is taken up keeps its own; leave it out with --resume"
             )

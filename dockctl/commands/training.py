@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 import signal
 import sys
 from collections.abc import Callable, Iterator
@@ -12,7 +13,7 @@ from typing import Any
 
 from rich.console import Console
 
-from dockctl.agents.checkpoint import load_pair, load_policy
+from dockctl.agents.checkpoint import LEARNER, load_pair, load_policy
 from dockctl.agents.policy import GreedyPolicy
 from dockctl.agents.progress import REASONS, Progress
 from dockctl.agents.replay import Replay
@@ -20,12 +21,14 @@ from dockctl.agents.trainer import Trainer
 from dockctl.commands.display import TrainingDisplay, best, clock
 from dockctl.commands.inputs import load_checked
 from dockctl.commands.rooms import player, test_poses, trajectory_rows
+from dockctl.envs.spaces import ObservationEncoder
 from dockctl.envs.vector import DockingVectorEnv
 from dockctl.errors import DockctlError
 from dockctl.runs import provenance
 from dockctl.runs.directory import PROVENANCE, SCENARIO, RunDirectory, require_writable
 from dockctl.runs.tables import TRAJECTORIES, to_csv
 from dockctl.scenarios.loader import LoadedScenario, dump
+from dockctl.scenarios.schema import Scenario
 from dockctl.sim.simulator import World, build_world
 
 
@@ -47,6 +50,7 @@ def begin(source: str, overrides: list[str], plugin_files: list[Path], out: Path
     """
     loaded = load_checked(source, overrides=overrides, plugin_files=plugin_files)
     require_writable(out)
+    require_memory(loaded.scenario)
     world = build_world(loaded.scenario, loaded.base_dir)
     seed = loaded.scenario.training.seed
     run = RunDirectory.create(out, loaded.scenario.name, seed)
@@ -68,6 +72,7 @@ def take_up(path: Path, steps: int | None) -> Session:
     run = RunDirectory.open(path)
     facts = run.read_json(PROVENANCE)
     _, card = load_pair(run.checkpoint("last") / "policy.json")
+    load_pair(run.checkpoint("last") / f"{LEARNER}.json")  # before anything is written
     overrides = [] if steps is None else [f"training.total_steps={steps}"]
     if facts["finished"]:
         done = card["env_steps"]
@@ -78,6 +83,7 @@ def take_up(path: Path, steps: int | None) -> Session:
             )
         overrides += ["training.stop=null", "training.max_episodes=null"]
     loaded = load_checked(run.path / SCENARIO, overrides=overrides)
+    require_memory(loaded.scenario)
     if overrides:
         copies = tuple(Path(p).relative_to(run.path.resolve()).as_posix() for p in loaded.scenario.plugins)
         run.write_text(SCENARIO, dump(loaded.scenario.model_copy(update={"plugins": copies})))
@@ -87,14 +93,33 @@ def take_up(path: Path, steps: int | None) -> Session:
     return Session(loaded, build_world(loaded.scenario, loaded.base_dir), run, taken_up=True)
 
 
+def replay_bytes(scenario: Scenario) -> int:
+    """Memory that the replay takes when the training is long enough to fill it [bytes]."""
+    size = len(ObservationEncoder(scenario.observation, scenario.sensors.lidar.sectors).names)
+    return Replay.bytes_needed(min(scenario.training.replay_capacity, scenario.training.total_steps), size)
+
+
+def require_memory(scenario: Scenario) -> None:
+    """Check that the machine can hold the replay.
+
+    Raises:
+        DockctlError: it cannot.
+    """
+    needed, there = replay_bytes(scenario), os.sysconf("SC_PHYS_PAGES") * os.sysconf("SC_PAGE_SIZE")
+    if needed > there:
+        raise DockctlError(
+            f"training.replay_capacity: {scenario.training.replay_capacity:,} transitions take"
+            f" {needed / 1e9:,.1f} GB, and this machine has {there / 1e9:,.1f} GB"
+        )
+
+
 def carry_out(session: Session, device: str) -> str:
     """Train, record the best policy's trajectories, tell what came of it; return the reason for the end."""
     loaded, run, console = session.loaded, session.run, Console()
     scenario, training = loaded.scenario, loaded.scenario.training
     env = DockingVectorEnv(loaded, training.boats, exploring=True, world=session.world)
     play = player(loaded, session.world, test_poses(scenario))
-    size = len(env.observation_names)
-    memory = Replay.bytes_needed(min(training.replay_capacity, training.total_steps), size)
+    memory = replay_bytes(scenario)
     title = f"{scenario.name}, seed {training.seed}"
     console.print(f"{title}: {training.boats} boats, replay memory of at most {memory / 1e6:,.0f} MB")
     console.print(f"run folder: {run.path}", soft_wrap=True, highlight=False)

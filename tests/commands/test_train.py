@@ -118,6 +118,9 @@ def test_interrupted_resumed_finished_and_extended(tmp_path: Path, monkeypatch: 
         (["s1", "--steps", "100", "--set", "training.batch_size=-1"], "training.batch_size"),
         (["s9"], "s9"),
         (["s1", "--device", "abacus"], "device 'abacus' cannot be used here"),
+        (["s1", "--device", "meta"], "device 'meta' cannot be used here"),
+        (["s1", "--set", "training.replay_capacity=1000000000", "--steps", "1000000000"], "take 136.0 GB"),
+        ([""], "is a directory"),
         (["--resume", "nowhere"], "no such run folder"),
         (["--resume", "."], "not a run folder"),
     ],
@@ -141,9 +144,9 @@ def test_an_output_that_cannot_be_written(tmp_path: Path) -> None:
 
 
 def test_a_resumed_run_keeps_its_own_settings(trained: Trained) -> None:
-    outcome = dockctl("train", "s2", "--resume", trained[0], "--seed", 4)
+    outcome = dockctl("train", "s2", "--resume", trained[0], "--seed", 0, "--out", "x")
     assert outcome.code == 2
-    assert "SCENARIO, --seed" in outcome.err
+    assert "SCENARIO, --seed, --out" in outcome.err
 
 
 @pytest.mark.parametrize("broken", ["policy.json", "learner.safetensors"])
@@ -152,9 +155,11 @@ def test_a_damaged_checkpoint_is_not_taken_up(trained: Trained, tmp_path: Path, 
     shutil.copytree(trained[0], run)
     file = run / "checkpoints" / "last" / broken
     file.write_bytes(file.read_bytes()[:30])
+    before = {path: path.read_bytes() for path in run.rglob("*") if path.is_file()}
     outcome = dockctl("train", "--resume", run, "--steps", 1000)
     assert outcome.code == 2
     assert broken in outcome.err
+    assert {path: path.read_bytes() for path in run.rglob("*") if path.is_file()} == before
 
 
 def test_a_plugin_travels_with_the_run(tmp_path: Path) -> None:
