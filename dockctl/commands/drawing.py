@@ -7,7 +7,6 @@ from collections.abc import Sequence
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import NDArray
 from rich import box
 from rich.console import Console
 from rich.table import Table
@@ -18,11 +17,15 @@ from dockctl.reports.show import Scan, figures
 from dockctl.reports.style import house_style, save
 from dockctl.reports.view3d import Body
 from dockctl.runs.directory import require_writable
+from dockctl.scenarios.base import Pose
 from dockctl.scenarios.schema import Scenario
-from dockctl.sim.collision import CollisionChecker
+from dockctl.sim.checks import PoseCheck
 from dockctl.sim.harbor import build_harbor, scene_of
 from dockctl.sim.hulls import hull_mesh
 from dockctl.sim.lidar import LidarArray
+
+FARTHEST = 10_000
+"""Metres or degrees; nobody moors a harbor that far from its origin."""
 
 
 def show(source: str, pose: str | None, out: Path | None, plugin_files: Sequence[Path]) -> None:
@@ -34,9 +37,10 @@ def show(source: str, pose: str | None, out: Path | None, plugin_files: Sequence
     loaded = load_checked(source, plugin_files=plugin_files)
     scenario = loaded.scenario
     harbor = build_harbor(scenario.harbor, loaded.base_dir)
-    place = _pose(pose, scenario)
-    if CollisionChecker(harbor, scenario.vessel.hull).blocked(place[None])[0]:
-        raise DockctlError(f"--pose {pose}: the boat lies in an obstacle there")
+    where = _pose(pose, scenario)
+    if flaw := PoseCheck.of(scenario, harbor).flaw(where):
+        raise DockctlError(f"--pose {pose}: {flaw}")
+    place = np.array([where.x_m, where.y_m, math.radians(where.heading_deg)])
     folder = out or Path("figures") / scenario.name
     require_writable(folder)
     lidar = LidarArray(scenario.sensors.lidar, harbor.triangles)
@@ -71,17 +75,16 @@ def sector_table(scan: Scan) -> Table:
     return table
 
 
-def _pose(text: str | None, scenario: Scenario) -> NDArray[np.float64]:
-    """Read ``x,y,heading`` [m, m, degrees] as x, y [m] and heading [rad]."""
+def _pose(text: str | None, scenario: Scenario) -> Pose:
+    """Read ``x,y,heading`` [m, m, degrees]; the first initial pose where nothing is given."""
     if text is None:
-        first = scenario.task.initial[0]
-        return np.array([first.x_m, first.y_m, math.radians(first.heading_deg)])
+        return scenario.task.initial[0]
     try:
         x, y, heading = (float(part) for part in text.split(","))
     except ValueError:
         raise DockctlError(
             f"--pose '{text}': give three numbers, x,y,heading in m, m and degrees, like 20,2,160"
         ) from None
-    if not all(map(math.isfinite, (x, y, heading))):
-        raise DockctlError(f"--pose '{text}': the numbers must be finite")
-    return np.array([x, y, math.radians(heading)])
+    if not all(abs(number) <= FARTHEST for number in (x, y, heading)):
+        raise DockctlError(f"--pose '{text}': the numbers must lie within +- {FARTHEST:,}")
+    return Pose(x_m=x, y_m=y, heading_deg=heading)

@@ -13,7 +13,8 @@ def show(
     pose: Annotated[
         str | None,
         typer.Option(
-            metavar="X,Y,HEADING", help="Where the LiDARs scan [m, m, °]; the first initial pose by default."
+            metavar="X,Y,HEADING",
+            help="Where the LiDARs scan, in m and °; the first initial pose by default.",
         ),
     ] = None,
     out: Annotated[

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from dockctl.scenarios.base import Pose
 from dockctl.scenarios.schema import Scenario
 from dockctl.sim.collision import CollisionChecker
-from dockctl.sim.harbor import build_harbor
+from dockctl.sim.harbor import Harbor, build_harbor
 from dockctl.sim.hulls import hull_outline
 
 Floats = NDArray[np.float64]
@@ -28,10 +28,8 @@ def check_poses(scenario: Scenario, base_dir: Path) -> list[tuple[str, str]]:
         InputError: a mesh file of the harbor is missing or broken.
         DockctlError: the harbor cannot be built.
     """
-    harbor = build_harbor(scenario.harbor, base_dir)
-    checker = CollisionChecker(harbor, scenario.vessel.hull)
-    reach = PoseCheck(checker, harbor.basin, hull_outline(scenario.vessel.hull))
-    return [(field, flaw) for field, pose in _poses(scenario) if (flaw := reach.flaw(pose))]
+    check = PoseCheck.of(scenario, build_harbor(scenario.harbor, base_dir))
+    return [(field, flaw) for field, pose in _poses(scenario) if (flaw := check.flaw(pose))]
 
 
 def _poses(scenario: Scenario) -> Iterator[tuple[str, Pose]]:
@@ -52,6 +50,12 @@ class PoseCheck:
         self._checker = checker
         self._basin = basin
         self._outline = outline
+
+    @classmethod
+    def of(cls, scenario: Scenario, harbor: Harbor) -> PoseCheck:
+        """Check the scenario's vessel in its harbor."""
+        hull = scenario.vessel.hull
+        return cls(CollisionChecker(harbor, hull), harbor.basin, hull_outline(hull))
 
     def flaw(self, pose: Pose) -> str:
         """Return what is wrong with a pose and what would be right, or an empty string."""

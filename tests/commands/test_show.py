@@ -37,8 +37,9 @@ def test_four_drawings_and_the_distances(tmp_path: Path, monkeypatch: pytest.Mon
     [
         ("20,2", "give three numbers"),
         ("here", "give three numbers"),
-        ("20,nan,0", "must be finite"),
-        ("40,0,0", "lies in an obstacle"),
+        ("20,nan,0", "must lie within +- 10,000"),
+        ("40,0,0", "is blocked by the east quay"),
+        ("9000,0,0", "is outside of the basin"),
     ],
 )
 def test_poses_that_are_no_place_are_refused(tmp_path: Path, pose: str, message: str) -> None:
