@@ -45,7 +45,7 @@ def cached(name: str, ingredients: Iterable[bytes], build: Callable[[], Arrays])
     for ingredient in ingredients:
         digest.update(hashlib.sha256(ingredient).digest())
     try:
-        path = cache_folder() / f"{name}-{digest.hexdigest()[:24]}.npz"
+        path = cache_folder() / f"{name.replace(' ', '-')}-{digest.hexdigest()[:24]}.npz"
     except RuntimeError:
         return build()
     try:
@@ -54,12 +54,12 @@ def cached(name: str, ingredients: Iterable[bytes], build: Callable[[], Arrays])
         os.utime(path)
         return arrays
     except (OSError, ValueError, EOFError, zipfile.BadZipFile):
-        log.info("building the tables of the %s (a few seconds, once)", name)
+        log.info("building the table of the %s (some seconds, once)", name)
     arrays = build()
     try:
         _write(path, arrays)
     except OSError as error:
-        log.info("the tables of the %s cannot be kept: %s", name, error)
+        log.info("the table of the %s cannot be kept: %s", name, error)
     return arrays
 
 

@@ -106,10 +106,10 @@ class LidarArray:
     def _tables(self) -> tuple[ShellTable, HeightGrid, Levels]:
         """What the compiled scan takes: rays by shells, the harbor's grid, and its level for each cell."""
         sensors = [self.spec.model_dump_json().encode(), _source(scan, heightgrid)]
-        table = ShellTable(**cached("lidar-rays", sensors, self._build_shells))
+        table = ShellTable(**cached("LiDAR rays", sensors, self._build_shells))
         radius = needed_radii(table).max()
         harbor = [self.triangles.tobytes(), radius.tobytes(), _source(heightgrid)]
-        grid = HeightGrid(**cached("harbor-grid", harbor, lambda: self._build_grid(radius)))
+        grid = HeightGrid(**cached("harbor grid", harbor, lambda: self._build_grid(radius)))
         return table, grid, Levels.of(table, grid)
 
     def _build_shells(self) -> Arrays:
