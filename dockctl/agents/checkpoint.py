@@ -100,6 +100,9 @@ def load_policy(path: Path) -> tuple[DuelingQNetwork, PolicyCard]:
     tensors, facts = load_pair(file)
     try:
         card = PolicyCard(**{name: facts[name] for name in PolicyCard.__dataclass_fields__})
+        for name in ("observation_size", "actions", "env_steps", "seed"):
+            if type(facts[name]) is not int:
+                raise TypeError(f"{name} is {facts[name]!r}, expected a whole number")
         network = DuelingQNetwork(card.observation_size, card.actions, tuple(card.hidden_sizes))
         load_parameters(network, tensors)
     except (KeyError, TypeError, ValueError, RuntimeError) as error:

@@ -74,10 +74,12 @@ def take_up(path: Path, steps: int | None) -> Session:
     _, card = load_pair(run.checkpoint("last") / "policy.json")
     load_pair(run.checkpoint("last") / f"{LEARNER}.json")  # before anything is written
     overrides = [] if steps is None else [f"training.total_steps={steps}"]
+    if not {"finished", "stop_reason"} <= facts.keys():
+        raise DockctlError(f"{run.path / PROVENANCE}: does not tell whether the run is finished")
     if facts["finished"]:
         done = card["env_steps"]
         if steps is None or steps <= done:
-            reason = REASONS[facts["stop_reason"]].lower()
+            reason = REASONS.get(facts["stop_reason"], "finished").lower()
             raise DockctlError(
                 f"{path}: this training is over: {reason} at {done:,} steps; to go on give --steps above that"
             )

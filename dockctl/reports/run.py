@@ -22,6 +22,8 @@ TRAJECTORIES = (
     *("pose", "time_s", "x_m", "y_m", "heading_deg", "u_mps", "v_mps", "r_degps"),
     *("propeller_n", "rudder_deg", "distance_m", "heading_error_deg", "phase"),
 )
+WORDS = ("start_kind", "outcome")
+"""Columns that hold text."""
 
 
 @dataclass(frozen=True)
@@ -115,7 +117,7 @@ def read_table(path: Path, columns: tuple[str, ...]) -> pd.DataFrame | None:
     """Return a CSV table, or None where it is missing or has no rows.
 
     Raises:
-        DockctlError: it cannot be read as a table, or lacks a column.
+        DockctlError: it cannot be read as a table, lacks a column, or holds text where a number belongs.
     """
     try:
         table = pd.read_csv(path, keep_default_na=False, na_values=["", "nan"])
@@ -126,4 +128,12 @@ def read_table(path: Path, columns: tuple[str, ...]) -> pd.DataFrame | None:
     missing = [column for column in columns if column not in table]
     if missing:
         raise DockctlError(f"{path}: not a table of a run, it lacks the columns: {', '.join(missing)}")
+    for column in columns:
+        numbers = pd.to_numeric(table[column], errors="coerce")
+        wrong = table[column][numbers.isna() & table[column].notna()]
+        if column not in WORDS and len(wrong):
+            line = int(wrong.index[0]) + 2
+            raise DockctlError(
+                f"{path}:{line}: {column}: found the text '{wrong.iloc[0]}', expected a number"
+            )
     return table if len(table) else None

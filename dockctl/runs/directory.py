@@ -114,17 +114,20 @@ class RunDirectory:
     def write_json(self, name: str, value: Any) -> Path:
         return self.write_text(name, json.dumps(value, indent=2) + "\n")
 
-    def read_json(self, name: str) -> Any:
-        """Read a JSON file of the run.
+    def read_json(self, name: str) -> dict[str, Any]:
+        """Read a JSON object of the run.
 
         Raises:
             DockctlError: it is missing or broken.
         """
         path = self.path / name
         try:
-            return json.loads(path.read_text(encoding="utf-8"))
+            value = json.loads(path.read_text(encoding="utf-8"))
         except (OSError, ValueError) as error:
             raise DockctlError(f"{path}: cannot be read: {error}") from None
+        if not isinstance(value, dict):
+            raise DockctlError(f"{path}: cannot be read: expected a JSON object")
+        return value
 
     def copy_plugins(self, files: Iterable[Path]) -> dict[str, str]:
         """Copy local plugin files into ``plugins/`` and return the SHA-256 of each by its path in the run."""

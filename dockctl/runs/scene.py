@@ -80,6 +80,8 @@ class Scene:
             KeyError, TypeError, ValueError: the data is not that of a scene.
         """
         x_min, y_min, x_max, y_max = map(float, data["bounds_m"])
+        if not (x_min < x_max and y_min < y_max):
+            raise ValueError(f"bounds_m {data['bounds_m']} hold no water")
         return cls(
             name=str(data["name"]),
             polygons=tuple(_polygons(data["polygons"])),
@@ -93,7 +95,10 @@ def _polygons(rows: Iterable[dict[str, Any]]) -> Iterable[Polygon]:
 
 
 def _outline(points: ArrayLike) -> Floats:
-    return np.asarray(points, dtype=np.float64).reshape(-1, 2)
+    outline = np.asarray(points, dtype=np.float64).reshape(-1, 2)
+    if len(outline) < 3 or not np.isfinite(outline).all():
+        raise ValueError("an outline needs three corners or more, in finite numbers")
+    return outline
 
 
 def _rounded(values: ArrayLike) -> Any:

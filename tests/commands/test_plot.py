@@ -55,6 +55,24 @@ def test_a_folder_without_run_is_refused(tmp_path: Path, there: bool) -> None:
     assert "Traceback" not in outcome.err
 
 
+@pytest.mark.parametrize(
+    ("name", "old", "new", "message"),
+    [
+        ("trajectories.csv", "\n0,1,", "\n0,1,x", "trajectories.csv:3: time_s: found the text 'x"),
+        ("scene.json", '"hull_m": [', '"hull_m": [], "was": [', "an outline needs three corners"),
+        ("scene.json", '"bounds_m": [', '"bounds_m": [0, 0, NaN, 1], "was": [', "hold no water"),
+    ],
+)
+def test_a_garbled_file_is_told(run: Path, name: str, old: str, new: str, message: str) -> None:
+    text = (run / name).read_text()
+    assert old in text
+    (run / name).write_text(text.replace(old, new, 1))
+    outcome = dockctl("plot", run)
+    assert outcome.code == 2
+    assert message in outcome.err
+    assert not (run / "figures").exists()
+
+
 def test_without_any_run_it_says_how_to_make_one(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.chdir(tmp_path)
     outcome = dockctl("plot")
