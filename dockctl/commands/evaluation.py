@@ -23,7 +23,7 @@ from dockctl.commands.inputs import load_checked
 from dockctl.commands.rooms import player, test_poses
 from dockctl.envs.vector import DockingVectorEnv
 from dockctl.errors import DockctlError
-from dockctl.runs.directory import SCENARIO, RunDirectory
+from dockctl.runs.directory import SCENARIO, RunDirectory, require_writable
 from dockctl.runs.files import write_atomically
 from dockctl.runs.tables import EVALUATION, Value, to_csv
 from dockctl.sim.simulator import build_world
@@ -39,6 +39,9 @@ MEANS = (
     ("mean control changes", "control_changes", "{:.0%} of the steps"),
 )
 """What is shown of the docked episodes: name, key of the summary, format."""
+
+LEAST_WIDTH = 80
+"""Columns that the tables take; a narrower terminal breaks their lines, and no number is cut short."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -110,6 +113,7 @@ def measure(
     for path in outputs:
         if not path.absolute().parent.is_dir() or path.is_dir():
             raise DockctlError(f"{path}: cannot be written: not a file name in an existing folder")
+        require_writable(path.absolute().parent)
     own = str(run.path / SCENARIO) if run else card.scenario
     loaded = load_checked(source or own)
     scenario, starts = loaded.scenario, loaded.scenario.evaluation.random_starts
@@ -162,6 +166,7 @@ def store(result: Result, json_file: Path | None, csv_file: Path | None) -> None
 def show(result: Result) -> None:
     """Print what came of it."""
     console, card = Console(), result.card
+    console.width = max(console.width, LEAST_WIDTH)
     console.print(
         f"Policy {result.policy} (trained on '{card.scenario}', seed {card.seed}, {card.env_steps:,} steps)"
         f" on scenario '{result.scenario}'",

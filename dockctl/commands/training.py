@@ -123,7 +123,8 @@ def carry_out(session: Session, device: str) -> str:
     play = player(loaded, session.world, test_poses(scenario))
     memory = replay_bytes(scenario)
     title = f"{scenario.name}, seed {training.seed}"
-    console.print(f"{title}: {training.boats} boats, replay memory of at most {memory / 1e6:,.0f} MB")
+    boats = f"{training.boats} boat{'s' * (training.boats > 1)}"
+    console.print(f"{title}: {boats}, replay memory of at most {memory / 1e6:,.0f} MB")
     console.print(f"run folder: {run.path}", soft_wrap=True, highlight=False)
     with asked_to_leave() as asked, TrainingDisplay(training, title, console) as display:
         trainer = Trainer(

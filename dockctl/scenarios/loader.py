@@ -175,9 +175,12 @@ def _find(registry: Registry[Path], node: Node, directory: Path, path: str = "ex
         message = f"found {described(node.plain())}, expected the name or the path of a {registry.noun}"
         raise refusal(node.place, message, path)
     try:
-        return catalog.find(registry, node.value, directory)
+        found = catalog.find(registry, node.value, directory)
     except DockctlError as error:
         raise refusal(node.place, str(error), path) from None
+    if found[0].is_dir():
+        raise refusal(node.place, f"'{node.value}' is a directory; name a YAML file", path)
+    return found
 
 
 def _expanded(tree: Node, directory: Path) -> Node:

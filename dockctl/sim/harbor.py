@@ -14,7 +14,7 @@ import numpy as np
 import trimesh
 from numpy.typing import NDArray
 
-from dockctl.errors import DockctlError
+from dockctl.errors import DockctlError, InputError, Problem
 from dockctl.runs.scene import Polygon, Scene
 from dockctl.scenarios.harbor import Basin, EndRow, HarborSpec, Marina, SideRow
 from dockctl.scenarios.vessel import Hull
@@ -112,7 +112,7 @@ def build_harbor(spec: HarborSpec, base_dir: Path) -> Harbor:
     """Build the harbor of `spec`; paths of mesh files are relative to `base_dir`.
 
     Raises:
-        InputError: a mesh file is missing, unreadable, empty or broken.
+        InputError: mesh files are missing, unreadable, empty or broken; it names them all.
         DockctlError: no model of the fleet fits a berth.
     """
     parts: list[Part] = []
@@ -126,9 +126,16 @@ def build_harbor(spec: HarborSpec, base_dir: Path) -> Harbor:
             parts += _fingers(row, water)
         berths = list(_berths(spec))
         parts += _moored(spec, berths)
+    problems: list[Problem] = []
     for index, file in enumerate(spec.meshes):
-        bodies = load_bodies(file, base_dir, f"harbor.meshes.{index}.path")
-        parts.append(Part(Path(file.path).name, "mesh", tuple(Solid("mesh", body) for body in bodies)))
+        try:
+            bodies = load_bodies(file, base_dir, f"harbor.meshes.{index}.path")
+        except InputError as error:
+            problems += error.problems
+        else:
+            parts.append(Part(Path(file.path).name, "mesh", tuple(Solid("mesh", body) for body in bodies)))
+    if problems:
+        raise InputError(problems)
     return assemble(spec.name, parts, berths, basin)
 
 

@@ -167,6 +167,10 @@ WRONG: dict[str, tuple[str, list[str]]] = {
             "3:31: observation.0.lidar.cap_m: found -5, expected a number greater than 0",
         ],
     ),
+    "a vessel that is a folder": (
+        "vessel: .\n",
+        ["2:9: vessel: '.' is a directory; name a YAML file"],
+    ),
     "a term without weight": (
         "reward: {terms: {progress: {params: {}}}}\n",
         ["2:18: reward.terms.progress.weight: missing; add 'weight: ...'"],

@@ -308,6 +308,15 @@ def test_broken_mesh_files_are_told(tmp_path: Path, name: str) -> None:
     assert str(caught.value).startswith(f"{tmp_path / name}: harbor.meshes.0.path: {words}")
 
 
+def test_all_the_broken_mesh_files_are_told_at_once(tmp_path: Path) -> None:
+    with pytest.raises(InputError) as caught:
+        build_harbor(meshes("no.obj", "either.stl"), tmp_path)
+    assert [problem.field for problem in caught.value.problems] == [
+        "harbor.meshes.0.path",
+        "harbor.meshes.1.path",
+    ]
+
+
 def test_missing_mesh_files_and_folders_are_told(tmp_path: Path) -> None:
     (tmp_path / "folder.obj").mkdir()
     with pytest.raises(InputError, match=r"nowhere\.glb: harbor\.meshes\.0\.path: mesh file not found"):
