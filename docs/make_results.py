@@ -112,8 +112,8 @@ def main() -> None:
     page = f"""# Results
 
 The default training of the three scenarios, five seeds each: full VLP-16 resolution, the terms and weights of
-Table 3.5 as they stand (equations 3.10 and 3.13, δd in units of 20 m), no `progress` term. This page is written by
-`docs/make_results.py` from the run folders alone:
+Table 3.5 as they stand (equations 3.10 and 3.13, δd in units of 20 m), no `progress` term. This page is written
+by `docs/make_results.py` from the run folders alone:
 
 ```sh
 for s in s1 s2 s3; do for k in 0 1 2 3 4; do dockctl train $s --seed $k; done; done
@@ -128,8 +128,8 @@ starts` begin up to 1 m and 10° off the initial poses, where these policies wer
 learned one start carries little beyond it.
 
 Seconds depend on the machine; everything else repeats bit for bit on the same one. Here:
-{hardware["processor"]}, {hardware["cores"]} cores, two trainings side by side with one core each, beside other work; Python
-{every[0].provenance["python"]}, {libraries}; commit {commits}.
+{hardware["processor"]}, {hardware["cores"]} cores, two trainings side by side with one core each, beside other
+work; Python {every[0].provenance["python"]}, {libraries}; commit {commits}.
 
 """
     page += "\n".join(section(name, runs) for name, runs in groups.items() if runs)
