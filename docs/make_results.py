@@ -106,14 +106,16 @@ def main() -> None:
         for name in SCENARIOS
     }
     every = [run for runs in groups.values() for run in runs]
-    hardware = every[0].provenance["hardware"]
-    libraries = ", ".join(f"{name} {version}" for name, version in every[0].provenance["libraries"].items())
+    about = every[0].provenance
+    libraries = ", ".join(f"{name} {version}" for name, version in about["libraries"].items())
+    hardware = about["hardware"]
+    machine = f"{hardware['processor']}, {hardware['cores']} cores, Python {about['python']}, {libraries}"
     commits = ", ".join(sorted({run.provenance["git_commit"][:7] for run in every}))
     page = f"""# Results
 
-The default training of the three scenarios, five seeds each: full VLP-16 resolution, the terms and weights of
-Table 3.5 as they stand (equations 3.10 and 3.13, δd in units of 20 m), no `progress` term. This page is written
-by `docs/make_results.py` from the run folders alone:
+The default training of the three scenarios, five seeds each: full VLP-16 resolution, the terms and weights
+of Table 3.5 as they stand (equations 3.10 and 3.13, δd in units of 20 m), no `progress` term. This page is
+written by `docs/make_results.py` from the run folders alone:
 
 ```sh
 for s in s1 s2 s3; do for k in 0 1 2 3 4; do dockctl train $s --seed $k; done; done
@@ -127,9 +129,8 @@ policy docks from every test pose. The policy is the best one by greedy evaluati
 starts` begin up to 1 m and 10° off the initial poses, where these policies were not trained: a policy that
 learned one start carries little beyond it.
 
-Seconds depend on the machine; everything else repeats bit for bit on the same one. Here:
-{hardware["processor"]}, {hardware["cores"]} cores, two trainings side by side with one core each, beside other
-work; Python {every[0].provenance["python"]}, {libraries}; commit {commits}.
+Seconds depend on the machine; everything else repeats bit for bit on the same one. Here: {machine}, two
+trainings side by side with one core each, beside other work; commit {commits}.
 
 """
     page += "\n".join(section(name, runs) for name, runs in groups.items() if runs)
