@@ -28,7 +28,6 @@ from dockctl.reports.style import house_style, save
 from dockctl.runs.directory import SCENARIO, RunDirectory, require_writable
 from dockctl.runs.files import write_atomically
 from dockctl.runs.provenance import hardware
-from dockctl.sim.simulator import Simulator
 
 RUNS = Path("runs")
 DEFAULT_SCENARIO = "s3"
@@ -102,7 +101,7 @@ def time_decisions(env: DockingVectorEnv, policy: Policy, decisions: int) -> pd.
         begin = perf_counter()
         ranges = env.world.lidar.sector_ranges(simulator.eta)
         scanned = perf_counter()
-        observation = encoder(_view(simulator, limit, ranges))
+        observation = encoder(View.of(simulator, limit, ranges))
         seen = perf_counter()
         action = policy(observation)
         done = perf_counter()
@@ -149,20 +148,6 @@ def _subject(ckpt: Path | None, source: str | None) -> Subject:
     folder = ckpt / "figures" if run and ckpt.absolute() == run else Path("figures") / "latency"
     name = f"the policy trained on {card.scenario} (seed {card.seed}), on scenario {scenario}"
     return Subject(name, GreedyPolicy(network), env, folder)
-
-
-def _view(simulator: Simulator, command_limit: np.ndarray, ranges_m: np.ndarray) -> View:
-    return View(
-        phase=simulator.phase,
-        distance_m=simulator.distance_m,
-        heading_error_rad=simulator.heading_error_rad,
-        eta=simulator.eta,
-        goal=simulator.goal,
-        nu=simulator.nu,
-        command=simulator.command,
-        command_limit=command_limit,
-        sector_ranges_m=ranges_m,
-    )
 
 
 def _table(summary: dict[str, dict[str, float]]) -> Table:

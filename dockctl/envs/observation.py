@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -16,6 +17,9 @@ from dockctl.registry import OBSERVATION_PARTS
 from dockctl.scenarios.base import Positive
 from dockctl.sim.goal import wrap
 from dockctl.sim.status import Floats, Ints
+
+if TYPE_CHECKING:  # the simulator is heavy, and checking a scenario's parts does without it
+    from dockctl.sim.simulator import Simulator
 
 
 @dataclass(frozen=True)
@@ -41,6 +45,21 @@ class View:
     command: Floats
     command_limit: Floats
     sector_ranges_m: Floats
+
+    @classmethod
+    def of(cls, simulator: Simulator, command_limit: Floats, sector_ranges_m: Floats) -> View:
+        """Return what the boats of a simulator know, with their last scan."""
+        return cls(
+            phase=simulator.phase,
+            distance_m=simulator.distance_m,
+            heading_error_rad=simulator.heading_error_rad,
+            eta=simulator.eta,
+            goal=simulator.goal,
+            nu=simulator.nu,
+            command=simulator.command,
+            command_limit=command_limit,
+            sector_ranges_m=sector_ranges_m,
+        )
 
 
 @dataclass(frozen=True)

@@ -212,20 +212,8 @@ class DockingVectorEnv(VectorEnv[Observations, Ints, NDArray[Any]]):
         return self._observe(), {**self._info(events), **last}
 
     def _observe(self) -> Observations:
-        simulator = self.simulator
-        return self._encoder(
-            View(
-                phase=simulator.phase,
-                distance_m=simulator.distance_m,
-                heading_error_rad=simulator.heading_error_rad,
-                eta=simulator.eta,
-                goal=simulator.goal,
-                nu=simulator.nu,
-                command=simulator.command,
-                command_limit=self._command_limit,
-                sector_ranges_m=simulator.sector_ranges_m,
-            )
-        )
+        ranges = self.simulator.sector_ranges_m
+        return self._encoder(View.of(self.simulator, self._command_limit, ranges))
 
     def _info(self, events: Info) -> Info:
         """Return the state of every boat, copied, and what happened to it."""
