@@ -36,7 +36,7 @@ class _NamesForGymnasium(MetaPathFinder):
                 load(module)
                 importlib.import_module("dockctl.envs")
 
-            spec.loader.exec_module = load_and_register  # type: ignore[method-assign]  # on purpose
+            spec.loader.exec_module = load_and_register  # type: ignore[method-assign]  # the hook itself
         return spec
 
 

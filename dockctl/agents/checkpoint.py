@@ -90,13 +90,13 @@ def save_policy(folder: Path, network: DuelingQNetwork, card: PolicyCard) -> Non
     save_pair(folder, POLICY, tensors, asdict(card))
 
 
-def load_policy(path: Path) -> tuple[DuelingQNetwork, PolicyCard]:
+def load_policy(path: str | Path) -> tuple[DuelingQNetwork, PolicyCard]:
     """Load a policy from a run folder, a checkpoint folder, or one of a checkpoint's two files.
 
     Raises:
         CheckpointError: there is none, or it is damaged.
     """
-    file = find_policy(path)
+    file = find_policy(Path(path))
     tensors, facts = load_pair(file)
     try:
         card = PolicyCard(**{name: facts[name] for name in PolicyCard.__dataclass_fields__})

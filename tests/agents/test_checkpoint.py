@@ -46,6 +46,10 @@ def test_a_policy_is_found_by_run_folder_checkpoint_or_file(
     assert (card.scenario, card.env_steps, card.seed) == ("toy", 1234, 7)
 
 
+def test_a_path_may_be_text(saved: Path) -> None:
+    assert load_policy(str(saved))[1] == load_policy(saved)[1]
+
+
 def test_a_pair_of_files_of_any_name(saved: Path, tmp_path: Path) -> None:
     for suffix in ("json", "safetensors"):
         (tmp_path / f"mine.{suffix}").write_bytes((saved / f"policy.{suffix}").read_bytes())
