@@ -24,6 +24,8 @@ Floats = NDArray[np.float64]
 
 QUAY_STRIP_M = 5.0
 RINGS_M = (10.0, 20.0, 30.0)
+HEIGHT_SHARES = (0.5, 0.6)  # of the view over the marina, the first choice first
+TURNS_DEG = (0.0, -4.0, 4.0, -8.0, 8.0, -12.0, 12.0)
 CLOUD_EYE_M = np.array([-46.0, -30.0, 30.0])  # from the boat
 CLOUD_REACH_M = np.array(
     [[-24, -24, 0], [24, -24, 0], [-24, 24, 0], [24, 24, 0], [0, 20, 12]]
@@ -95,7 +97,10 @@ def marina_figure(plan: Scene, scenario: Scenario, bodies: Sequence[Body]) -> Fi
         [[x0 - QUAY_STRIP_M, y0 - QUAY_STRIP_M, -np.inf], [x1 + QUAY_STRIP_M, y1 + QUAY_STRIP_M, np.inf]]
     )
     trimmed = [Body(body.name, body.kind, np.clip(body.triangles, *edge)) for body in bodies]
-    camera = view3d.overlook(sea)
+    views = [view3d.overlook(sea, turn, height) for height in HEIGHT_SHARES for turn in TURNS_DEG]
+    own = [body.triangles for body in trimmed if body.kind == "own"]
+    others = [body.triangles for body in trimmed if body.kind != "own"]
+    camera = view3d.clearest(views, np.concatenate(own), np.concatenate(others))
     corners = np.array([[x, y, 0.0] for x in edge[:, 0] for y in edge[:, 1]])
     tops = np.concatenate([body.triangles.reshape(-1, 3) for body in trimmed])
     extent = view3d.extent(camera, np.concatenate([corners, tops[tops[:, 2] > 0]]))

@@ -148,14 +148,40 @@ def frame(ax: Axes, extent: Floats, background: str) -> None:
     ax.spines[:].set_visible(False)
 
 
-def overlook(bounds: tuple[float, float, float, float], height_share: float = 0.5) -> Camera:
-    """Camera that looks down across the longer side of a rectangle of water, from the west or the south."""
+def overlook(
+    bounds: tuple[float, float, float, float], turn_deg: float = 0.0, height_share: float = 0.5
+) -> Camera:
+    """Camera that looks down across the longer side of a rectangle of water, from the west or the south.
+
+    Args:
+        bounds: x_min, y_min, x_max, y_max [m].
+        turn_deg: by which it goes around the water, counter-clockwise.
+        height_share: its height in parts of the longer side.
+    """
     x0, y0, x1, y1 = bounds
     centre = np.array([(x0 + x1) / 2, (y0 + y1) / 2, 0.0])
     longest = max(x1 - x0, y1 - y0)
-    aside = (-0.92, -0.42) if y1 - y0 >= x1 - x0 else (-0.42, -0.92)
-    eye = centre + longest * np.array([*aside, height_share])
+    aside = -0.92 - 0.42j if y1 - y0 >= x1 - x0 else -0.42 - 0.92j
+    aside *= complex(math.cos(math.radians(turn_deg)), math.sin(math.radians(turn_deg)))
+    eye = centre + longest * np.array([aside.real, aside.imag, height_share])
     return Camera(tuple(eye.tolist()), tuple(centre.tolist()))
+
+
+def clearest(cameras: Sequence[Camera], boat: Floats, others: Floats) -> Camera:
+    """Return the camera that has the least in front of the boat, the first of several such.
+
+    Args:
+        boat: (k, 3, 3) its triangles.
+        others: (m, 3, 3) those of everything else.
+    """
+
+    def in_front(camera: Camera) -> int:
+        own, own_depth = camera.project(boat.reshape(-1, 3))
+        flat, depth = camera.project(others)
+        beside = ((flat.max(axis=1) < own.min(axis=0)) | (flat.min(axis=1) > own.max(axis=0))).any(axis=1)
+        return int((~beside & (depth.min(axis=1) < own_depth.max())).sum())
+
+    return min(cameras, key=in_front)
 
 
 def placed(triangles: Floats, pose: Floats) -> Floats:

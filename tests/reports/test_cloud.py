@@ -98,3 +98,13 @@ def test_the_overlooking_camera_looks_across_the_longer_side() -> None:
     tall, wide = view3d.overlook((0, 0, 10, 80)), view3d.overlook((0, 0, 80, 10))
     assert abs(tall.eye[0] - 5) > abs(tall.eye[1] - 40)
     assert abs(wide.eye[1] - 5) > abs(wide.eye[0] - 40)
+
+
+def test_the_clearest_camera_sees_the_boat_past_a_mast() -> None:
+    boat = np.array([[[-1.0, -1.0, 0.0], [1.0, -1.0, 0.0], [0.0, 1.0, 0.5]]])
+    mast = np.array([[[-5.0, -0.1, 0.0], [-5.0, 0.1, 0.0], [-5.0, 0.0, 9.0]]])
+    west, south = view3d.Camera((-20, 0, 3), (0, 0, 0)), view3d.Camera((0, -20, 3), (0, 0, 0))
+    behind = view3d.Camera((20, 0, 3), (0, 0, 0))
+    assert view3d.clearest([west, south], boat, mast) is south
+    assert view3d.clearest([west, behind], boat, mast) is behind
+    assert view3d.clearest([west, south], boat, mast + (0.0, 30.0, 0.0)) is west  # the first choice, if free
