@@ -5,21 +5,24 @@ from __future__ import annotations
 import hashlib
 import json
 from collections.abc import Mapping
-from dataclasses import asdict, dataclass
+from dataclasses import dataclass, fields, replace
 from pathlib import Path
-from typing import Any
+from typing import Any, Self
 
 import numpy as np
 import torch
 from numpy.typing import NDArray
+from pydantic import ValidationError
 from safetensors import SafetensorError
 from safetensors.numpy import load as load_tensors
 from safetensors.numpy import save as save_tensors
 
 import dockctl
 from dockctl.agents.network import DuelingQNetwork
-from dockctl.errors import DockctlError
+from dockctl.errors import DockctlError, nearest
 from dockctl.runs.files import write_atomically
+from dockctl.runs.shipped import shipped
+from dockctl.scenarios.interface import PolicyInterface
 
 FORMAT = 1
 POLICY, LEARNER = "policy", "learner"
@@ -32,7 +35,12 @@ class CheckpointError(DockctlError):
 
 @dataclass(frozen=True)
 class PolicyCard:
-    """What a policy is and where it comes from."""
+    """What a policy is and where it comes from.
+
+    Attributes:
+        interface: what it observes and does, wherever it sails; None in a card of an earlier version.
+        sha256: hash of its tensors' file; empty until it is stored.
+    """
 
     scenario: str
     observation_size: int
@@ -40,6 +48,35 @@ class PolicyCard:
     hidden_sizes: tuple[int, ...]
     env_steps: int
     seed: int
+    interface: PolicyInterface | None = None
+    sha256: str = ""
+
+    def facts(self) -> dict[str, Any]:
+        """The card as plain data, for JSON."""
+        interface = None if self.interface is None else self.interface.model_dump(mode="json")
+        own = {field.name: getattr(self, field.name) for field in fields(self)}
+        return {**own, "interface": interface}
+
+    @classmethod
+    def of(cls, facts: Mapping[str, Any]) -> Self:
+        """Read what `facts` gave.
+
+        Raises:
+            KeyError, TypeError, ValueError: the facts are not those of a policy.
+        """
+        for name in ("observation_size", "actions", "env_steps", "seed"):
+            if type(facts[name]) is not int:
+                raise TypeError(f"{name} is {facts[name]!r}, expected a whole number")
+        interface = facts.get("interface")
+        if interface is not None:
+            try:
+                interface = PolicyInterface.model_validate(interface)
+            except ValidationError as error:
+                first = error.errors()[0]
+                place = ".".join(map(str, ("interface", *first["loc"])))
+                raise ValueError(f"{place}: {first['msg']}") from None
+        card = cls(**{field.name: facts[field.name] for field in fields(cls) if field.name in facts})
+        return replace(card, hidden_sizes=tuple(card.hidden_sizes), interface=interface)
 
 
 def save_pair(folder: Path, name: str, tensors: Tensors, facts: Mapping[str, Any]) -> None:
@@ -87,11 +124,11 @@ def load_pair(facts_file: Path) -> tuple[dict[str, NDArray[Any]], dict[str, Any]
 def save_policy(folder: Path, network: DuelingQNetwork, card: PolicyCard) -> None:
     """Write the policy of `network` into `folder`."""
     tensors = {name: parameter.detach().cpu().numpy() for name, parameter in network.named_parameters()}
-    save_pair(folder, POLICY, tensors, asdict(card))
+    save_pair(folder, POLICY, tensors, card.facts())
 
 
 def load_policy(path: str | Path) -> tuple[DuelingQNetwork, PolicyCard]:
-    """Load a policy from a run folder, a checkpoint folder, or one of a checkpoint's two files.
+    """Load a policy from a run folder, a checkpoint folder or file, or by the name of a shipped checkpoint.
 
     Raises:
         CheckpointError: there is none, or it is damaged.
@@ -99,11 +136,8 @@ def load_policy(path: str | Path) -> tuple[DuelingQNetwork, PolicyCard]:
     file = find_policy(Path(path))
     tensors, facts = load_pair(file)
     try:
-        card = PolicyCard(**{name: facts[name] for name in PolicyCard.__dataclass_fields__})
-        for name in ("observation_size", "actions", "env_steps", "seed"):
-            if type(facts[name]) is not int:
-                raise TypeError(f"{name} is {facts[name]!r}, expected a whole number")
-        network = DuelingQNetwork(card.observation_size, card.actions, tuple(card.hidden_sizes))
+        card = PolicyCard.of(facts)
+        network = DuelingQNetwork(card.observation_size, card.actions, card.hidden_sizes)
         load_parameters(network, tensors)
     except (KeyError, TypeError, ValueError, RuntimeError) as error:
         raise CheckpointError(f"{file}: does not describe a policy: {error}") from None
@@ -126,11 +160,18 @@ def load_parameters(network: DuelingQNetwork, tensors: Tensors) -> None:
 def find_policy(path: Path) -> Path:
     """JSON file of the policy that `path` names: of a run folder the best one, else the last.
 
+    What exists on disk goes before a shipped checkpoint of the same name.
+
     Raises:
         CheckpointError: there is none.
     """
+    names = shipped()
+    if not path.exists() and str(path) in names:
+        path = names[str(path)]
     if not path.exists():
-        raise CheckpointError(f"{path}: no such run folder or checkpoint")
+        listed = ", ".join(names) or "none"
+        close = nearest(str(path), names)
+        raise CheckpointError(f"{path}: no such run folder or checkpoint{close} (shipped: {listed})")
     if path.is_file():
         if path.suffix not in (".json", ".safetensors"):
             raise CheckpointError(
@@ -140,7 +181,8 @@ def find_policy(path: Path) -> Path:
     for folder in (path, path / "checkpoints" / "best", path / "checkpoints" / "last"):
         if (folder / f"{POLICY}.json").is_file() or (folder / f"{POLICY}.safetensors").is_file():
             return folder / f"{POLICY}.json"
-    raise CheckpointError(f"{path}: holds no checkpoint; a run has one from its first evaluation on")
+    also = f"; the shipped '{path}' is in {names[str(path)]}" if str(path) in names else ""
+    raise CheckpointError(f"{path}: holds no checkpoint; a run has one from its first evaluation on{also}")
 
 
 def require_shape(

@@ -35,6 +35,7 @@ from dockctl.agents.replay import NStep, Replay
 from dockctl.runs.directory import RunDirectory
 from dockctl.runs.files import new_folder
 from dockctl.runs.tables import EPISODES, EVALUATIONS, TIMING, UPDATES
+from dockctl.scenarios.interface import PolicyInterface
 from dockctl.scenarios.training import Training
 
 UPDATE_ROWS = 2000
@@ -49,6 +50,7 @@ class Trainer:
         environment: ``training.boats`` boats with same-step autoreset, stepped in a thread of its own.
         evaluate: plays one greedy episode from each evaluation pose.
         run: where tables and checkpoints go.
+        interface: what the policy observes and does, for the checkpoints.
         device: of the networks; the replay stays in main memory.
         on_progress: called after every step.
         interrupted: asked after every step whether to save and leave.
@@ -62,6 +64,7 @@ class Trainer:
         evaluate: Callable[[Policy], list[Episode]],
         run: RunDirectory,
         *,
+        interface: PolicyInterface | None = None,
         device: str = "cpu",
         on_progress: Callable[[Progress], None] = lambda progress: None,
         interrupted: Callable[[], bool] = lambda: False,
@@ -76,6 +79,7 @@ class Trainer:
             run,
         )
         self.evaluate, self.on_progress, self.interrupted = evaluate, on_progress, interrupted
+        self.interface = interface
         size, generator = space.shape[0], torch.Generator().manual_seed(training.seed)
         network = DuelingQNetwork(size, int(actions.n), training.hidden_sizes, generator)
         self.learner = DoubleDQN(network.to_device(torch.device(device)), training)
@@ -191,6 +195,7 @@ class Trainer:
             hidden_sizes=network.hidden_sizes,
             env_steps=self.progress.env_steps,
             seed=self.training.seed,
+            interface=self.interface,
         )
 
     def save_last(self) -> None:

@@ -6,7 +6,7 @@ import json
 import math
 import os
 from collections.abc import Sequence
-from dataclasses import asdict, dataclass
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
@@ -15,21 +15,19 @@ from rich import box
 from rich.console import Console
 from rich.table import Table
 
-from dockctl.agents.checkpoint import PolicyCard, find_policy, load_policy, require_shape
+from dockctl.agents.checkpoint import PolicyCard
 from dockctl.agents.evaluator import Episode
-from dockctl.agents.policy import GreedyPolicy
 from dockctl.agents.summary import ending, summarize
-from dockctl.commands.inputs import load_checked
+from dockctl.commands.policies import find
 from dockctl.commands.rooms import player, test_poses
 from dockctl.envs.vector import DockingVectorEnv
 from dockctl.errors import DockctlError
-from dockctl.runs.directory import SCENARIO, RunDirectory, require_writable
+from dockctl.runs.directory import RunDirectory, require_writable
 from dockctl.runs.files import write_atomically
 from dockctl.runs.tables import EVALUATION, Value, to_csv
 from dockctl.sim.simulator import build_world
 from dockctl.sim.starts import random_poses
 
-RUNS = Path("runs")
 MEANS = (
     ("mean time", "time_s", "{:.1f} s"),
     ("mean path", "path_length_m", "{:.1f} m"),
@@ -89,7 +87,7 @@ class Result:
 
     def as_json(self) -> dict[str, Any]:
         return {
-            "policy": {"file": str(self.policy), **asdict(self.card)},
+            "policy": {"file": str(self.policy), **self.card.facts()},
             "scenario": self.scenario,
             "random_seed": self.seed,
             "test_poses": summarize(self.from_test_poses, self.control_period_s),
@@ -106,32 +104,27 @@ def measure(
     Raises:
         DockctlError: there is no policy, it does not fit the scenario, or an output cannot be written.
     """
-    path = RunDirectory.latest(RUNS).path if ckpt is None else ckpt
-    network, card = load_policy(path)
-    file = find_policy(path)
-    run = RunDirectory.holding(file)
+    trained = find(ckpt)
+    card = trained.card
     for path in outputs:
         if not path.absolute().parent.is_dir() or path.is_dir():
             raise DockctlError(f"{path}: cannot be written: not a file name in an existing folder")
         require_writable(path.absolute().parent)
-    own = str(run.path / SCENARIO) if run else card.scenario
-    loaded = load_checked(source or own)
+    loaded = trained.scenario(source)
     scenario, starts = loaded.scenario, loaded.scenario.evaluation.random_starts
     world = build_world(loaded.scenario, loaded.base_dir)
     env = DockingVectorEnv(loaded, 1, world=world)
-    require_shape(
-        card, len(env.observation_names), len(env.action_commands), where=file, scenario=scenario.name
-    )
+    trained.require_fit(env)
     tests = test_poses(scenario)
     seed = starts.seed if seed is None else seed
     count = starts.episodes if episodes is None else episodes
     drawn = random_poses(scenario, world.obstacles.blocked, episodes=count, seed=seed)
     with Console(stderr=True).status(f"{len(tests) + count} episodes on '{scenario.name}'"):
-        played = player(loaded, world, np.concatenate([tests, drawn]))(GreedyPolicy(network))
+        played = player(loaded, world, np.concatenate([tests, drawn]))(trained.policy)
     return Result(
-        policy=file,
+        policy=trained.file,
         card=card,
-        run=run,
+        run=trained.run,
         scenario=scenario.name,
         elsewhere=source is not None and scenario.name != card.scenario,
         seed=seed,

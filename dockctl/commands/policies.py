@@ -1,0 +1,91 @@
+"""Find the policy that a user names, and the scenario that it is to sail in."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+from dockctl.agents.checkpoint import PolicyCard, find_policy, load_policy, require_shape
+from dockctl.agents.network import DuelingQNetwork
+from dockctl.agents.policy import GreedyPolicy
+from dockctl.commands.inputs import load_checked
+from dockctl.envs.vector import DockingVectorEnv
+from dockctl.registry import OBSERVATION_PARTS
+from dockctl.runs.directory import SCENARIO, RunDirectory
+from dockctl.scenarios.loader import LoadedScenario, load
+from dockctl.scenarios.schema import Scenario
+
+RUNS = Path("runs")
+
+
+@dataclass(frozen=True, eq=False)
+class Trained:
+    """A policy on disk.
+
+    Attributes:
+        file: its JSON file.
+        run: the run folder that it lies in, if it does.
+    """
+
+    file: Path
+    network: DuelingQNetwork
+    card: PolicyCard
+    run: RunDirectory | None
+
+    @property
+    def policy(self) -> GreedyPolicy:
+        return GreedyPolicy(self.network)
+
+    @property
+    def own_scenario(self) -> str:
+        """The scenario of the training: beside the policy, in its run folder, else by its name."""
+        places = [self.file.parent, *([self.run.path] if self.run else [])]
+        files = [place / SCENARIO for place in places if (place / SCENARIO).is_file()]
+        return str(files[0]) if files else self.card.scenario
+
+    def scenario(self, source: str | None) -> LoadedScenario:
+        """Load a scenario, the policy's own by default, with the observation and the actions of the policy.
+
+        Raises:
+            DockctlError: there is none, or the policy cannot sail in it.
+        """
+        loaded = load_checked(source or self.own_scenario)
+        return replace(loaded, scenario=self.on(loaded.scenario))
+
+    def on(self, scenario: Scenario) -> Scenario:
+        """Return `scenario` with the policy's observation and actions, where its card tells them.
+
+        Raises:
+            DockctlError: the vessel has not the power or the rudder for the policy's actions.
+        """
+        interface = self.card.interface
+        if interface is None:
+            return scenario
+        if any(part.part not in OBSERVATION_PARTS for part in interface.observation):
+            load(self.own_scenario)  # its local files bring the part
+        return interface.on(scenario)
+
+    def require_fit(self, env: DockingVectorEnv) -> None:
+        """Check that the policy takes the environment's observations and gives its actions.
+
+        Raises:
+            CheckpointError: it does not.
+        """
+        require_shape(
+            self.card,
+            len(env.observation_names),
+            len(env.action_commands),
+            where=self.file,
+            scenario=env.scenario.name,
+        )
+
+
+def find(ckpt: Path | None) -> Trained:
+    """Load the policy of a run folder, a checkpoint or a shipped name; that of the latest run without one.
+
+    Raises:
+        DockctlError: there is none, or it is damaged.
+    """
+    file = find_policy(RunDirectory.latest(RUNS).path if ckpt is None else ckpt)
+    network, card = load_policy(file)
+    return Trained(file, network, card, RunDirectory.holding(file))
