@@ -8,18 +8,9 @@ from collections.abc import Sequence
 from typing import Any
 
 from dockctl.agents.evaluator import Episode
+from dockctl.runs.statistics import wilson_interval
 
 AVERAGED = ("steps", "distance_m", "heading_error_deg", "speed_mps", "path_length_m", "control_changes")
-
-
-def wilson_interval(successes: int, trials: int, z: float = 1.959964) -> tuple[float, float]:
-    """95 % confidence interval of a success probability (Wilson 1927); (0, 1) without trials."""
-    if trials == 0:
-        return 0.0, 1.0
-    p, spread = successes / trials, z * z / trials
-    center = (p + spread / 2) / (1 + spread)
-    half = z * math.sqrt(p * (1 - p) / trials + spread / (4 * trials)) / (1 + spread)
-    return max(0.0, center - half), min(1.0, center + half)
 
 
 def ending(episode: Episode) -> str:
