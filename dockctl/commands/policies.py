@@ -86,6 +86,7 @@ def find(ckpt: Path | None) -> Trained:
     Raises:
         DockctlError: there is none, or it is damaged.
     """
-    file = find_policy(RunDirectory.latest(RUNS).path if ckpt is None else ckpt)
-    network, card = load_policy(file)
+    path = RunDirectory.latest(RUNS).path if ckpt is None else ckpt
+    network, card = load_policy(path)
+    file = find_policy(path)
     return Trained(file, network, card, RunDirectory.holding(file))

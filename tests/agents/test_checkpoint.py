@@ -2,7 +2,10 @@
 
 from __future__ import annotations
 
+import hashlib
 import json
+import shutil
+from dataclasses import replace
 from pathlib import Path
 
 import pytest
@@ -11,12 +14,15 @@ import torch
 from dockctl.agents.checkpoint import (
     CheckpointError,
     PolicyCard,
+    find_policy,
     load_policy,
     require_shape,
     save_policy,
 )
 from dockctl.agents.network import DuelingQNetwork
 from dockctl.runs.files import new_folder
+from dockctl.scenarios.interface import PolicyInterface
+from dockctl.scenarios.loader import load
 
 CARD = PolicyCard("toy", 4, 3, (8, 6), 1234, 7)
 
@@ -48,6 +54,43 @@ def test_a_policy_is_found_by_run_folder_checkpoint_or_file(
 
 def test_a_path_may_be_text(saved: Path) -> None:
     assert load_policy(str(saved))[1] == load_policy(saved)[1]
+
+
+def test_the_interface_comes_back(tmp_path: Path, network: DuelingQNetwork) -> None:
+    interface = PolicyInterface.of(load("s3").scenario)
+    save_policy(tmp_path, network, replace(CARD, interface=interface))
+    _, card = load_policy(tmp_path)
+    assert card.interface == interface
+    digest = hashlib.sha256((tmp_path / "policy.safetensors").read_bytes()).hexdigest()
+    assert card == replace(CARD, interface=interface, sha256=digest)
+    elsewhere = interface.on(load("s1").scenario)
+    assert PolicyInterface.of(elsewhere) == interface
+    assert (elsewhere.name, elsewhere.task) == ("s1", load("s1").scenario.task)
+
+
+@pytest.fixture
+def shelf(saved: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    """A package that ships `berthing` and `toy`, and a folder to stand in."""
+    for name in ("berthing", "toy"):
+        shutil.copytree(saved, tmp_path / "shelf" / name)
+    monkeypatch.setattr("dockctl.runs.shipped.FOLDER", tmp_path / "shelf")
+    (tmp_path / "here").mkdir()
+    monkeypatch.chdir(tmp_path / "here")
+    return tmp_path / "shelf"
+
+
+def test_a_shipped_checkpoint_is_found_by_name(shelf: Path) -> None:
+    assert find_policy(Path("toy")) == shelf / "toy" / "policy.json"
+    with pytest.raises(CheckpointError, match=r"did you mean 'berthing'\? \(shipped: berthing, toy\)"):
+        load_policy("berting")
+
+
+def test_a_folder_goes_before_a_shipped_name(shelf: Path, saved: Path) -> None:
+    shutil.copytree(saved, "toy")
+    assert find_policy(Path("toy")) == Path("toy/policy.json")
+    Path("berthing").mkdir()
+    with pytest.raises(CheckpointError, match=f"holds no checkpoint.*the shipped 'berthing' is in {shelf}"):
+        load_policy("berthing")
 
 
 def test_a_pair_of_files_of_any_name(saved: Path, tmp_path: Path) -> None:
@@ -98,6 +141,9 @@ def break_it(saved: Path, how: str) -> None:
         card.write_text(json.dumps({**facts, "hidden_sizes": [8, 7]}))
     elif how == "nonsense size":
         card.write_text(json.dumps({**facts, "observation_size": "four"}))
+    elif how == "nonsense interface":
+        given = {"observation": ["phase"], "lidar_sectors": 0, "actions": {}}
+        card.write_text(json.dumps({**facts, "interface": given}))
 
 
 @pytest.mark.parametrize(
@@ -113,6 +159,7 @@ def break_it(saved: Path, how: str) -> None:
         ("missing fact", "does not describe a policy"),
         ("other sizes", "does not describe a policy"),
         ("nonsense size", "does not describe a policy"),
+        ("nonsense interface", "does not describe a policy: interface.lidar_sectors: "),
     ],
 )
 def test_bad_checkpoints_get_one_message(saved: Path, how: str, message: str) -> None:

@@ -10,7 +10,7 @@ from pathlib import Path
 import pytest
 
 from dockctl.runs.tables import EVALUATION
-from tests.commands.conftest import Outcome, dockctl
+from tests.commands.conftest import Outcome, dockctl, only_run, quick_train
 
 Trained = tuple[Path, Outcome]
 
@@ -80,6 +80,54 @@ def test_a_policy_is_evaluated_elsewhere(run: Path) -> None:
     assert not (run / "evaluation.json").exists()
 
 
+def forget_interface(checkpoint: Path) -> None:
+    """Make a card as earlier versions wrote it."""
+    card = json.loads((checkpoint / "policy.json").read_text())
+    del card["interface"]
+    (checkpoint / "policy.json").write_text(json.dumps(card))
+
+
+def test_a_policy_keeps_its_observation_and_actions_elsewhere(run: Path, tmp_path: Path) -> None:
+    """Scenario 3 observes the phase too, and this one has two LiDAR sectors less and other actions."""
+    (tmp_path / "other.yaml").write_text(
+        "extends: s3\nsensors: {lidar: {sectors: 6}}\nactions: {rudder_deg: [-20, 20]}\n"
+        "task: {max_steps: 5}\nevaluation: {random_starts: {episodes: 2}}\n"
+    )
+    outcome = dockctl(
+        "evaluate", "--ckpt", run, "--scenario", tmp_path / "other.yaml", "--json", tmp_path / "o.json"
+    )
+    assert outcome.code == 0, outcome.err
+    result = json.loads((tmp_path / "o.json").read_text())
+    assert result["policy"]["interface"]["lidar_sectors"] == 8
+    assert [row["phase"] for row in result["episodes"]] == [0, 0, 0]
+
+
+def test_a_policy_is_refused_a_vessel_that_is_too_weak_for_it(run: Path, tmp_path: Path) -> None:
+    weak = "extends: s1\nactions: {propeller_n: [0, 10]}\nvessel: {max_propeller_n: 10}\n"
+    (tmp_path / "weak.yaml").write_text(weak)
+    outcome = dockctl("evaluate", "--ckpt", run, "--scenario", tmp_path / "weak.yaml")
+    assert outcome.code == 2
+    assert "actions.propeller_n exceeds the vessel's max_propeller_n, 10" in outcome.err
+
+
+def test_local_parts_of_the_observation_come_with_the_policy(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    (tmp_path / "parts.py").write_text(
+        "from dockctl.envs.observation import Columns, observation_part\n"
+        "@observation_part('step_length')\n"
+        "def step_length(view):\n    return Columns(['knots'], view.nu[:, :1] * 1.944, -10, 10)\n"
+    )
+    (tmp_path / "mine.yaml").write_text(
+        "extends: s1\nplugins: [parts.py]\nobservation: [distance, step_length]\n"
+    )
+    assert quick_train(tmp_path / "runs", tmp_path / "mine.yaml", "--steps", 100).code == 0
+    (tmp_path / "parts.py").unlink()
+    run = only_run(tmp_path / "runs")
+    outcome = dockctl("evaluate", "--ckpt", run, "--scenario", "s2", "--episodes", 0)
+    assert outcome.code == 0, outcome.err
+
+
 @pytest.mark.parametrize(
     ("broken", "message"),
     [
@@ -99,6 +147,7 @@ def test_refusals(
     best = run / "checkpoints" / "best"
     arguments: list[object] = ["--ckpt", run]
     if broken == "scenario":
+        forget_interface(best)
         arguments += ["--scenario", "s3"]
     elif broken == "nowhere":
         arguments = ["--ckpt", "nowhere"]
