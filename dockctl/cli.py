@@ -16,6 +16,8 @@ COMMANDS = {
     "train": "train",
     "evaluate": "evaluate",
     "plot": "plot",
+    "reproduce": "reproduce",
+    "map": "map_",
     "latency": "latency",
     "show": "show",
     "validate": "validate",
