@@ -30,8 +30,13 @@ EPISODE_RESULT = (
 EVALUATIONS = ("env_steps", "pose", *EPISODE_RESULT, "best")
 """Greedy episodes during training, one row a test pose; `best` is 1 where the policy was the best so far."""
 
-EVALUATION = ("start_kind", "start", "x_m", "y_m", "heading_deg", *EPISODE_RESULT, "time_s")
+EVALUATION = ("start_kind", "start", "berth", "x_m", "y_m", "heading_deg", *EPISODE_RESULT, "time_s")
 """Episodes of ``dockctl evaluate``."""
+
+MAP = (
+    "dx_m", "dy_m", "dheading_deg", "x_m", "y_m", "heading_deg", "blocked", *EPISODE_RESULT, "time_s",
+)  # fmt: skip
+"""Starts of ``dockctl map``, by their offset from the pose in the middle; a blocked one has no result."""
 
 TIMING = ("env_steps", "wall_s")
 """Seconds since the training began; kept apart so that the other tables repeat byte for byte."""

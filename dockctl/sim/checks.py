@@ -57,6 +57,10 @@ class PoseCheck:
         hull = scenario.vessel.hull
         return cls(CollisionChecker(harbor, hull), harbor.basin, hull_outline(hull))
 
+    def free(self, eta: Floats) -> bool:
+        """Whether the boat at a pose (3,) [m, m, rad] touches nothing and lies over the basin."""
+        return self._checker.collided_part(eta) is None and self._afloat(eta)
+
     def flaw(self, pose: Pose) -> str:
         """Return what is wrong with a pose and what would be right, or an empty string."""
         eta = np.array([pose.x_m, pose.y_m, math.radians(pose.heading_deg)])
