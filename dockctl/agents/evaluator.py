@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, Protocol
 
 import numpy as np
 from gymnasium.vector import VectorEnv
@@ -16,7 +16,20 @@ from dockctl.agents.policy import Policy
 from dockctl.runs.tables import Value
 
 Floats = NDArray[np.float64]
-LeastClearance = Callable[[Floats], float]
+
+
+class Start(Protocol):
+    """What the evaluator knows of a start; the environment, to which it is passed, knows more."""
+
+    @property
+    def eta(self) -> Floats: ...
+    @property
+    def kind(self) -> str: ...
+    @property
+    def berth(self) -> str: ...
+
+
+LeastClearance = Callable[[Any, Floats], float]
 
 RECORDED = ("pose", "velocity", "command", "distance_m", "heading_error_rad", "phase", "sector_ranges_m")
 READ = (*RECORDED, "outcome", "collided_with")
@@ -27,7 +40,7 @@ class Episode:
     """One episode and its course.
 
     Attributes:
-        start: x [m], y [m], heading [rad] at which it began.
+        start: how it began.
         outcome: ``docked``, ``collision`` or ``timeout``.
         collided_with: name of what was hit, or empty.
         phase: 0 or 1, the phase in which it ended.
@@ -36,7 +49,7 @@ class Episode:
         clearance_m: least distance between hull and harbor, NaN where it was not measured.
     """
 
-    start: Floats
+    start: Start
     outcome: str
     collided_with: str
     phase: int
@@ -84,44 +97,48 @@ class Episode:
 def play(
     env: VectorEnv[Any, Any, Any],
     policy: Policy,
-    poses: Floats,
+    starts: Sequence[Start],
     clearance: LeastClearance | None = None,
     *,
     seed: int = 0,
 ) -> list[Episode]:
-    """Play one episode from each pose, side by side; a boat that has ended takes the next pose.
+    """Play one episode from each start, side by side; a boat that has ended takes the next start.
 
     Args:
-        env: same-step autoreset; takes ``reset(options={"poses": (n, 3), "reset_mask": (n,)})``.
+        env: same-step autoreset; takes ``reset(options={"starts": n, "reset_mask": (n,)})``.
         policy: from observations to actions.
-        poses: (k, 3) x [m], y [m], heading [rad], any k.
-        clearance: the least distance between hull and harbor [m] over the poses (m, 3) of a way.
+        starts: any number of them, k.
+        clearance: of a start and the poses (m, 3) of the way from it, the least distance to the harbor [m].
         seed: of the environment.
 
     Returns:
-        k episodes in the order of the poses.
+        k episodes in the order of the starts.
     """
     boats = range(env.num_envs)
-    assigned = list(boats)  # the pose that each boat sails from; numbers past the last pose are spare boats
-    observation, info = env.reset(seed=seed, options={"poses": np.resize(poses, (env.num_envs, 3))})
+    assigned = list(boats)  # the start that each boat sails from; numbers past the last one are spare boats
+
+    def following() -> list[Start]:
+        return [starts[min(number, len(starts) - 1)] for number in assigned]
+
+    observation, info = env.reset(seed=seed, options={"starts": following()})
     courses = [_Course(info, boat) for boat in boats]
     episodes: dict[int, Episode] = {}
-    while len(episodes) < len(poses):
+    while len(episodes) < len(starts):
         observation, reward, terminated, truncated, info = env.step(policy(observation))
         done = terminated | truncated
         last = {key: np.array(value) for key, value in settled_info(info, done).items() if key in READ}
         for boat in boats:
             courses[boat].add(last, boat, float(reward[boat]))
         for boat in np.flatnonzero(done).tolist():
-            if assigned[boat] < len(poses):
-                episodes[assigned[boat]] = courses[boat].episode(last, boat, poses[assigned[boat]], clearance)
+            if assigned[boat] < len(starts):
+                start = starts[assigned[boat]]
+                episodes[assigned[boat]] = courses[boat].episode(last, boat, start, clearance)
             assigned[boat] = max(assigned) + 1
         if done.any():
-            following = poses[np.minimum(assigned, len(poses) - 1)]
-            observation, info = env.reset(options={"poses": following, "reset_mask": done})
+            observation, info = env.reset(options={"starts": following(), "reset_mask": done})
             for boat in np.flatnonzero(done).tolist():
                 courses[boat] = _Course(info, boat)
-    return [episodes[index] for index in range(len(poses))]
+    return [episodes[index] for index in range(len(starts))]
 
 
 class _Course:
@@ -136,7 +153,7 @@ class _Course:
             record.append(info[key][boat])
         self._rewards.append(reward)
 
-    def episode(self, info: Info, boat: int, start: Floats, clearance: LeastClearance | None) -> Episode:
+    def episode(self, info: Info, boat: int, start: Start, clearance: LeastClearance | None) -> Episode:
         course = {key: np.stack(record) for key, record in self._records.items()}
         return Episode(
             start=start,
@@ -145,7 +162,7 @@ class _Course:
             phase=int(course["phase"][-1]),
             total_reward=sum(self._rewards),
             course={**course, "reward": np.array(self._rewards)},
-            clearance_m=math.nan if clearance is None else clearance(course["pose"]),
+            clearance_m=math.nan if clearance is None else clearance(start, course["pose"]),
         )
 
 

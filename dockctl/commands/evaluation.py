@@ -10,7 +10,6 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-import numpy as np
 from rich import box
 from rich.console import Console
 from rich.table import Table
@@ -19,14 +18,13 @@ from dockctl.agents.checkpoint import PolicyCard
 from dockctl.agents.evaluator import Episode
 from dockctl.agents.summary import ending, summarize
 from dockctl.commands.policies import find
-from dockctl.commands.rooms import player, test_poses
+from dockctl.commands.rooms import judging_starts, player, testing_starts
 from dockctl.envs.vector import DockingVectorEnv
 from dockctl.errors import DockctlError
 from dockctl.runs.directory import RunDirectory, require_writable
 from dockctl.runs.files import write_atomically
 from dockctl.runs.tables import EVALUATION, Value, to_csv
-from dockctl.sim.simulator import build_world
-from dockctl.sim.starts import random_poses
+from dockctl.sim.simulator import build_worlds
 
 MEANS = (
     ("mean time", "time_s", "{:.1f} s"),
@@ -37,6 +35,14 @@ MEANS = (
     ("mean control changes", "control_changes", "{:.0%} of the steps"),
 )
 """What is shown of the docked episodes: name, key of the summary, format."""
+
+GROUPS = {
+    "pose": "test poses",
+    "random": "random starts",
+    "trained": "trained berths",
+    "held_out": "held-out berths",
+}
+"""Sorts of starts, in words."""
 
 LEAST_WIDTH = 80
 """Columns that the tables take; a narrower terminal breaks their lines, and no number is cut short."""
@@ -51,6 +57,7 @@ class Result:
         run: the run folder that the policy lies in, if it does.
         elsewhere: whether the scenario is another than that of the run.
         seed: of the random starts.
+        groups: the episodes by the sort of their starts, keys of `GROUPS`.
     """
 
     policy: Path
@@ -60,14 +67,12 @@ class Result:
     elsewhere: bool
     seed: int
     control_period_s: float
-    from_test_poses: list[Episode]
-    from_random_starts: list[Episode]
+    groups: dict[str, list[Episode]]
 
     @property
     def least_success(self) -> float:
-        """The lower success of the two sorts of starts."""
-        groups = [group for group in (self.from_test_poses, self.from_random_starts) if group]
-        return min(sum(e.docked for e in group) / len(group) for group in groups)
+        """The lowest success of the sorts of starts."""
+        return min(sum(e.docked for e in group) / len(group) for group in self.groups.values())
 
     def rows(self) -> list[dict[str, Value]]:
         """Columns `dockctl.runs.tables.EVALUATION`."""
@@ -75,13 +80,14 @@ class Result:
             {
                 "start_kind": kind,
                 "start": number,
-                "x_m": episode.start[0],
-                "y_m": episode.start[1],
-                "heading_deg": math.degrees(episode.start[2]),
+                "berth": episode.start.berth,
+                "x_m": episode.start.eta[0],
+                "y_m": episode.start.eta[1],
+                "heading_deg": math.degrees(episode.start.eta[2]),
                 **episode.row(),
                 "time_s": episode.steps * self.control_period_s,
             }
-            for kind, episodes in (("pose", self.from_test_poses), ("random", self.from_random_starts))
+            for kind, episodes in self.groups.items()
             for number, episode in enumerate(episodes)
         ]
 
@@ -90,8 +96,10 @@ class Result:
             "policy": {"file": str(self.policy), **self.card.facts()},
             "scenario": self.scenario,
             "random_seed": self.seed,
-            "test_poses": summarize(self.from_test_poses, self.control_period_s),
-            "random_starts": summarize(self.from_random_starts, self.control_period_s),
+            **{
+                GROUPS[kind].replace(" ", "_").replace("-", "_"): summarize(group, self.control_period_s)
+                for kind, group in self.groups.items()
+            },
             "episodes": self.rows(),
         }
 
@@ -112,15 +120,15 @@ def measure(
         require_writable(path.absolute().parent)
     loaded = trained.scenario(source)
     scenario, starts = loaded.scenario, loaded.scenario.evaluation.random_starts
-    world = build_world(loaded.scenario, loaded.base_dir)
-    env = DockingVectorEnv(loaded, 1, world=world)
+    worlds = build_worlds(loaded.scenario, loaded.base_dir)
+    env = DockingVectorEnv(loaded, 1, worlds=worlds)
     trained.require_fit(env)
-    tests = test_poses(scenario)
     seed = starts.seed if seed is None else seed
     count = starts.episodes if episodes is None else episodes
-    drawn = random_poses(scenario, world.obstacles.blocked, episodes=count, seed=seed)
-    with Console(stderr=True).status(f"{len(tests) + count} episodes on '{scenario.name}'"):
-        played = player(loaded, world, np.concatenate([tests, drawn]))(trained.policy)
+    drawn = [*judging_starts(scenario, worlds), *testing_starts(scenario, worlds, count, seed)]
+    with Console(stderr=True).status(f"{len(drawn)} episodes on '{scenario.name}'"):
+        played = player(loaded, worlds, drawn)(trained.policy)
+    kinds = dict.fromkeys(start.kind for start in drawn)
     return Result(
         policy=trained.file,
         card=card,
@@ -129,8 +137,7 @@ def measure(
         elsewhere=source is not None and scenario.name != card.scenario,
         seed=seed,
         control_period_s=scenario.vessel.control_period_s,
-        from_test_poses=played[: len(tests)],
-        from_random_starts=played[len(tests) :],
+        groups={kind: [episode for episode in played if episode.start.kind == kind] for kind in kinds},
     )
 
 
@@ -166,7 +173,8 @@ def show(result: Result) -> None:
         soft_wrap=True,
         highlight=False,
     )
-    console.print(_episode_table(result.from_test_poses, result.control_period_s))
+    if "pose" in result.groups:
+        console.print(_episode_table(result.groups["pose"], result.control_period_s))
     console.print(_summary_table(result))
 
 
@@ -179,7 +187,7 @@ def _episode_table(episodes: Sequence[Episode], control_period_s: float) -> Tabl
     ):  # fmt: skip
         table.add_column(f"{name}\n[dim]{unit}", justify="right", no_wrap=True)
     for episode in episodes:
-        x, y, heading = episode.start
+        x, y, heading = episode.start.eta
         row = episode.row()
         table.add_row(
             f"{x:g}, {y:g}, {math.degrees(heading):.4g}",
@@ -196,17 +204,12 @@ def _episode_table(episodes: Sequence[Episode], control_period_s: float) -> Tabl
 
 
 def _summary_table(result: Result) -> Table:
-    groups = {
-        "test poses": result.from_test_poses,
-        f"random starts, seed {result.seed}": result.from_random_starts,
-    }
     table = Table(header_style="bold", box=box.SIMPLE_HEAD)
     table.add_column("")
     columns = []
-    for title, episodes in groups.items():
-        if episodes:
-            table.add_column(title, justify="right")
-            columns.append(_summary_cells(summarize(episodes, result.control_period_s)))
+    for kind, episodes in result.groups.items():
+        table.add_column(GROUPS[kind] + ("" if kind == "pose" else f", seed {result.seed}"), justify="right")
+        columns.append(_summary_cells(summarize(episodes, result.control_period_s)))
     for name in dict.fromkeys(name for cells in columns for name in cells):
         table.add_row(name, *(cells.get(name, "-") for cells in columns))
     return table

@@ -17,32 +17,59 @@ if TYPE_CHECKING:
     from dockctl.scenarios.loader import LoadedScenario
     from dockctl.scenarios.schema import Scenario
     from dockctl.sim.simulator import World
+    from dockctl.sim.starts import Start
 
 BOATS_SIDE_BY_SIDE = 16
 
 
-def test_poses(scenario: Scenario) -> NDArray[np.float64]:
-    """Return the poses (k, 3) [m, m, rad] that judge a policy: the initial ones where none are given."""
-    poses = scenario.evaluation.poses or scenario.task.initial
-    return np.array([(pose.x_m, pose.y_m, math.radians(pose.heading_deg)) for pose in poses])
+def judging_starts(scenario: Scenario, worlds: Sequence[World]) -> list[Start]:
+    """Return the starts that judge a policy during training.
+
+    They are the test poses, or the initial poses where none are given; where the task has berths, random
+    starts at the trained ones.
+    """
+    from dockctl.sim.sites import free_sites, own_site, pose_array
+    from dockctl.sim.starts import given_start, random_starts
+
+    task, evaluation = scenario.task, scenario.evaluation
+    if task.berths is None:
+        site, poses = own_site(scenario), evaluation.poses or task.initial
+        return [given_start(site, task, pose_array(pose), index) for index, pose in enumerate(poses)]
+    blocked = [world.obstacles.blocked for world in worlds]
+    trained = [site for site in free_sites(scenario, blocked) if site.kind == "trained"]
+    seed = evaluation.random_starts.seed
+    count = evaluation.trained_berths
+    return random_starts(scenario, trained, blocked, episodes=count, seed=seed, kind="trained")
+
+
+def testing_starts(scenario: Scenario, worlds: Sequence[World], episodes: int, seed: int) -> list[Start]:
+    """Return seeded random starts: around the initial poses, at the held-out berths where there are any."""
+    from dockctl.sim.sites import free_sites
+    from dockctl.sim.starts import random_starts
+
+    blocked = [world.obstacles.blocked for world in worlds]
+    sites = free_sites(scenario, blocked)
+    held_out = [site for site in sites if site.kind == "held_out"]
+    kind = "held_out" if held_out else "random"
+    return random_starts(scenario, held_out or sites, blocked, episodes=episodes, seed=seed, kind=kind)
 
 
 def player(
-    loaded: LoadedScenario, world: World, poses: NDArray[np.float64]
+    loaded: LoadedScenario, worlds: Sequence[World], starts: Sequence[Start]
 ) -> Callable[[Policy], list[Episode]]:
-    """Return a function that plays one episode from each pose."""
+    """Return a function that plays one episode from each start."""
     from dockctl.agents.evaluator import play
     from dockctl.envs.vector import DockingVectorEnv
     from dockctl.sim.clearance import hull_reach_m, least_clearance
 
-    boats = min(BOATS_SIDE_BY_SIDE, max(1, len(poses)))
-    env = DockingVectorEnv(loaded, boats, world=world)
+    boats = min(BOATS_SIDE_BY_SIDE, max(1, len(starts)))
+    env = DockingVectorEnv(loaded, boats, worlds=worlds)
     reach_m = hull_reach_m(loaded.scenario.vessel.hull)
 
-    def clearance(way: NDArray[np.float64]) -> float:
-        return least_clearance(way, world.obstacles.clearance, reach_m)
+    def clearance(start: Start, way: NDArray[np.float64]) -> float:
+        return least_clearance(way, worlds[start.harbor].obstacles.clearance, reach_m)
 
-    return lambda policy: play(env, policy, poses, clearance)
+    return lambda policy: play(env, policy, starts, clearance)
 
 
 def trajectory_rows(episodes: Sequence[Episode], control_period_s: float) -> Iterator[dict[str, Value]]:

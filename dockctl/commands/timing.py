@@ -14,22 +14,22 @@ from rich import box
 from rich.console import Console
 from rich.table import Table
 
-from dockctl.agents.checkpoint import find_policy, load_policy, require_shape
+from dockctl.agents.checkpoint import find_policy
 from dockctl.agents.network import DuelingQNetwork
 from dockctl.agents.policy import GreedyPolicy, Policy
 from dockctl.commands.inputs import load_checked
-from dockctl.commands.rooms import test_poses
+from dockctl.commands.policies import RUNS, find
+from dockctl.commands.rooms import judging_starts
 from dockctl.envs.observation import View
 from dockctl.envs.spaces import ObservationEncoder
 from dockctl.envs.vector import DockingVectorEnv
 from dockctl.errors import DockctlError
 from dockctl.reports.latency import PARTS, STATISTICS, THESIS_FORWARD_MS, latency_figure, summarize
 from dockctl.reports.style import house_style, save
-from dockctl.runs.directory import SCENARIO, RunDirectory, require_writable
+from dockctl.runs.directory import RunDirectory, require_writable
 from dockctl.runs.files import write_atomically
 from dockctl.runs.provenance import hardware
 
-RUNS = Path("runs")
 DEFAULT_SCENARIO = "s3"
 WARM_UP = 20  # decisions that are not counted: compilation, tables, caches
 
@@ -91,15 +91,15 @@ def time_decisions(env: DockingVectorEnv, policy: Policy, decisions: int) -> pd.
     scenario, simulator = env.scenario, env.simulator
     encoder = ObservationEncoder(scenario.observation, scenario.sensors.lidar.sectors)
     limit = np.array([scenario.vessel.max_propeller_n, math.radians(scenario.vessel.max_rudder_deg)])
-    poses = test_poses(scenario)
+    starts = judging_starts(scenario, env.worlds)
     rows: list[tuple[float, ...]] = []
     episode, ended = 0, True
     while len(rows) < WARM_UP + decisions or not ended:
         if ended:
-            env.reset(seed=0, options={"poses": poses[[episode % len(poses)]]})
+            env.reset(seed=0, options={"starts": [starts[episode % len(starts)]]})
             episode += 1
         begin = perf_counter()
-        ranges = env.world.lidar.sector_ranges(simulator.eta)
+        ranges = simulator.scan()
         scanned = perf_counter()
         observation = encoder(View.of(simulator, limit, ranges))
         seen = perf_counter()
@@ -137,17 +137,13 @@ def _subject(ckpt: Path | None, source: str | None) -> Subject:
         network = DuelingQNetwork(len(env.observation_names), len(env.action_commands), sizes)
         name = f"a new network with random weights, on scenario {loaded.scenario.name}"
         return Subject(name, GreedyPolicy(network), env, Path("figures") / "latency")
-    file = find_policy(ckpt)
-    network, card = load_policy(file)
-    parents = file.absolute().parents
-    run = parents[2] if len(parents) > 2 and (parents[2] / SCENARIO).is_file() else None
-    loaded = load_checked(source or (str(run / SCENARIO) if run else card.scenario))
-    env = DockingVectorEnv(loaded, 1)
-    scenario = loaded.scenario.name
-    require_shape(card, len(env.observation_names), len(env.action_commands), where=file, scenario=scenario)
-    folder = ckpt / "figures" if run and ckpt.absolute() == run else Path("figures") / "latency"
-    name = f"the policy trained on {card.scenario} (seed {card.seed}), on scenario {scenario}"
-    return Subject(name, GreedyPolicy(network), env, folder)
+    trained = find(ckpt)
+    env = DockingVectorEnv(trained.scenario(source), 1)
+    trained.require_fit(env)
+    run, card = trained.run, trained.card
+    folder = ckpt / "figures" if run and ckpt.absolute() == run.path else Path("figures") / "latency"
+    name = f"the policy trained on {card.scenario} (seed {card.seed}), on scenario {env.scenario.name}"
+    return Subject(name, trained.policy, env, folder)
 
 
 def _table(summary: dict[str, dict[str, float]]) -> Table:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import os
 import signal
 import sys
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
@@ -20,16 +20,18 @@ from dockctl.agents.replay import Replay
 from dockctl.agents.trainer import Trainer
 from dockctl.commands.display import TrainingDisplay, best, clock
 from dockctl.commands.inputs import load_checked
-from dockctl.commands.rooms import player, test_poses, trajectory_rows
+from dockctl.commands.rooms import judging_starts, player, trajectory_rows
 from dockctl.envs.spaces import ObservationEncoder
 from dockctl.envs.vector import DockingVectorEnv
 from dockctl.errors import DockctlError
 from dockctl.runs import provenance
 from dockctl.runs.directory import PROVENANCE, SCENARIO, RunDirectory, require_writable
 from dockctl.runs.tables import TRAJECTORIES, to_csv
+from dockctl.scenarios.interface import PolicyInterface
 from dockctl.scenarios.loader import LoadedScenario, dump
 from dockctl.scenarios.schema import Scenario
-from dockctl.sim.simulator import World, build_world
+from dockctl.sim.simulator import World, build_worlds
+from dockctl.sim.sites import own_site
 
 
 @dataclass(frozen=True, eq=False)
@@ -37,7 +39,7 @@ class Session:
     """A training that is ready to start, in a run folder of its own."""
 
     loaded: LoadedScenario
-    world: World
+    worlds: Sequence[World]
     run: RunDirectory
     taken_up: bool
 
@@ -51,16 +53,16 @@ def begin(source: str, overrides: list[str], plugin_files: list[Path], out: Path
     loaded = load_checked(source, overrides=overrides, plugin_files=plugin_files)
     require_writable(out)
     require_memory(loaded.scenario)
-    world = build_world(loaded.scenario, loaded.base_dir)
+    worlds = build_worlds(loaded.scenario, loaded.base_dir)
     seed = loaded.scenario.training.seed
     run = RunDirectory.create(out, loaded.scenario.name, seed)
     facts = provenance.collect(seed, sys.argv)
     facts["plugins"] = run.copy_plugins(loaded.plugin_files)
     with_copies = loaded.scenario.model_copy(update={"plugins": tuple(facts["plugins"])})
     run.write_text(SCENARIO, dump(with_copies))
-    run.write_json("scene.json", world.scene().to_json())
+    run.write_json("scene.json", worlds[own_site(loaded.scenario).harbor].scene().to_json())
     run.write_json(PROVENANCE, facts)
-    return Session(loaded, world, run, taken_up=False)
+    return Session(loaded, worlds, run, taken_up=False)
 
 
 def take_up(path: Path, steps: int | None) -> Session:
@@ -92,7 +94,7 @@ def take_up(path: Path, steps: int | None) -> Session:
     again = {"at": provenance.now(), "env_steps": card["env_steps"], "command": sys.argv}
     facts |= {"finished": None, "stop_reason": None, "taken_up": [*facts.get("taken_up", []), again]}
     run.write_json(PROVENANCE, facts)
-    return Session(loaded, build_world(loaded.scenario, loaded.base_dir), run, taken_up=True)
+    return Session(loaded, build_worlds(loaded.scenario, loaded.base_dir), run, taken_up=True)
 
 
 def replay_bytes(scenario: Scenario) -> int:
@@ -119,8 +121,8 @@ def carry_out(session: Session, device: str) -> str:
     """Train, record the best policy's trajectories, tell what came of it; return the reason for the end."""
     loaded, run, console = session.loaded, session.run, Console()
     scenario, training = loaded.scenario, loaded.scenario.training
-    env = DockingVectorEnv(loaded, training.boats, exploring=True, world=session.world)
-    play = player(loaded, session.world, test_poses(scenario))
+    env = DockingVectorEnv(loaded, training.boats, exploring=True, worlds=session.worlds)
+    play = player(loaded, session.worlds, judging_starts(scenario, session.worlds))
     memory = replay_bytes(scenario)
     title = f"{scenario.name}, seed {training.seed}"
     boats = f"{training.boats} boat{'s' * (training.boats > 1)}"
@@ -128,8 +130,9 @@ def carry_out(session: Session, device: str) -> str:
     console.print(f"run folder: {run.path}", soft_wrap=True, highlight=False)
     with asked_to_leave() as asked, TrainingDisplay(training, title, console) as display:
         trainer = Trainer(
-            training, scenario.name, env, play, run, device=device, on_progress=display, interrupted=asked
-        )
+            training, scenario.name, env, play, run,
+            interface=PolicyInterface.of(scenario), device=device, on_progress=display, interrupted=asked,
+        )  # fmt: skip
         if session.taken_up:
             trainer.restore()
         reason = trainer.run()

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
@@ -64,7 +65,7 @@ class DockingEnv(gymnasium.Env[NDArray[np.float32], np.int64]):
         base_dir: what the mesh paths of a bare `Scenario` are relative to.
         exploring: begin episodes as in training.
         render_mode: "rgb_array" for pictures of the harbor from above, or None.
-        world: obstacles and LiDAR, instead of those that the scenario describes.
+        worlds: the harbors, instead of those that the scenario describes.
 
     Raises:
         DockctlError: the scenario is wrong.
@@ -79,7 +80,7 @@ class DockingEnv(gymnasium.Env[NDArray[np.float32], np.int64]):
         base_dir: Path | None = None,
         exploring: bool = False,
         render_mode: str | None = None,
-        world: World | None = None,
+        worlds: Sequence[World] | None = None,
     ) -> None:
         self.batch = DockingVectorEnv(
             scenario,
@@ -87,7 +88,7 @@ class DockingEnv(gymnasium.Env[NDArray[np.float32], np.int64]):
             exploring=exploring,
             render_mode=render_mode,
             autoreset_mode=AutoresetMode.DISABLED,
-            world=world,
+            worlds=worlds,
         )
         self.render_mode = render_mode
         self.action_commands = self.batch.action_commands

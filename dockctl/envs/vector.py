@@ -20,13 +20,14 @@ from dockctl.rewards.compose import RewardFunction
 from dockctl.scenarios.loader import LoadedScenario, load
 from dockctl.scenarios.schema import Scenario
 from dockctl.sim.checks import check_poses
-from dockctl.sim.simulator import Simulator, World, build_world
+from dockctl.sim.simulator import Simulator, World, build_worlds
+from dockctl.sim.sites import free_sites, own_site
 from dockctl.sim.starts import Start, StartSampler, given_start
 from dockctl.sim.status import Bools, Floats, Ints, StepStatus
 
 Observations = NDArray[np.float32]
 Info = dict[str, Any]
-OPTIONS = ("poses", "reset_mask")
+OPTIONS = ("poses", "starts", "reset_mask")
 ScenarioSource = LoadedScenario | Scenario | str | Path
 
 
@@ -49,7 +50,7 @@ class DockingVectorEnv(VectorEnv[Observations, Ints, NDArray[Any]]):
         exploring: begin episodes as in training, with the scenario's exploring starts.
         render_mode: "rgb_array" or None.
         autoreset_mode: `SAME_STEP` or `DISABLED`.
-        world: obstacles and LiDAR, instead of those that the scenario describes.
+        worlds: the harbors, instead of those that the scenario describes.
 
     Raises:
         DockctlError: the scenario is wrong.
@@ -70,7 +71,7 @@ class DockingVectorEnv(VectorEnv[Observations, Ints, NDArray[Any]]):
         exploring: bool = False,
         render_mode: str | None = None,
         autoreset_mode: AutoresetMode | str = AutoresetMode.SAME_STEP,
-        world: World | None = None,
+        worlds: Sequence[World] | None = None,
     ) -> None:
         if render_mode not in (None, *self.metadata["render_modes"]):
             raise DockctlError(f"unknown render_mode '{render_mode}' (allowed: rgb_array, None)")
@@ -81,11 +82,14 @@ class DockingVectorEnv(VectorEnv[Observations, Ints, NDArray[Any]]):
         self.render_mode = render_mode
         self.num_envs = num_envs
         self.scenario, directory = _resolve(scenario, base_dir)
-        self.world = world or build_world(self.scenario, directory)
-        self.simulator = Simulator(self.scenario, self.world, num_envs)
+        self.worlds = worlds or build_worlds(self.scenario, directory)
+        self.simulator = Simulator(self.scenario, self.worlds, num_envs)
         self.reward = RewardFunction(self.scenario.reward)
         self.action_commands = action_commands(self.scenario.actions)
-        self._sampler = StartSampler(self.scenario, self.world.obstacles.blocked, exploring=exploring)
+        blocked = [world.obstacles.blocked for world in self.worlds]
+        self._own = own_site(self.scenario)
+        trained = [site for site in free_sites(self.scenario, blocked) if site.kind != "held_out"]
+        self._sampler = StartSampler(self.scenario, trained, blocked, exploring=exploring)
         self._encoder = ObservationEncoder(self.scenario.observation, self.scenario.sensors.lidar.sectors)
         vessel = self.scenario.vessel
         self._command_limit = np.array([vessel.max_propeller_n, np.radians(vessel.max_rudder_deg)])
@@ -108,6 +112,7 @@ class DockingVectorEnv(VectorEnv[Observations, Ints, NDArray[Any]]):
         Args:
             seed: one for all, from which each row's is spawned, or one a row; None lets the generators go on.
             options: `poses`: (n, 3) x [m], y [m] and heading [rad] at which the rows begin, at rest.
+                `starts`: n starts (`dockctl.sim.starts.Start`), which say more: goals, phase, harbor.
                 `reset_mask`: (n,) bool, the rows to reset; the others go on.
 
         Raises:
@@ -124,8 +129,12 @@ class DockingVectorEnv(VectorEnv[Observations, Ints, NDArray[Any]]):
         if mask.shape != (self.num_envs,) or mask.dtype != np.bool_ or not mask.any():
             raise DockctlError(f"options['reset_mask'] must be {self.num_envs} booleans, one of them true")
         rows = np.flatnonzero(mask)
-        poses = options.get("poses")
-        starts = self._draw(rows) if poses is None else self._given(rows, np.asarray(poses, float))
+        if "starts" in options:
+            starts = [options["starts"][row] for row in rows]
+        elif "poses" in options:
+            starts = self._given(rows, np.asarray(options["poses"], float))
+        else:
+            starts = self._draw(rows)
         self._begin(rows, starts)
         return self._observe(), self._info(self._no_events())
 
@@ -153,9 +162,9 @@ class DockingVectorEnv(VectorEnv[Observations, Ints, NDArray[Any]]):
             observations, info = self._restart(observations, info)
         return observations, reward, terminated, truncated, info
 
-    def clearance(self, eta: Floats | None = None) -> Floats:
-        """Return the least distance (k,) [m] between the harbor and hulls at `eta` (k, 3), or the boats."""
-        return self.world.obstacles.clearance(self.simulator.eta if eta is None else eta)
+    def clearance(self) -> Floats:
+        """Return the least distance (n,) [m] between each boat's hull and its harbor."""
+        return self.simulator.in_harbors(lambda world, eta: world.obstacles.clearance(eta))
 
     def render(self) -> tuple[NDArray[np.uint8], ...] | None:
         """Return a picture (height, width, 3) of the harbor from above for each boat, if there is a mode."""
@@ -163,8 +172,9 @@ class DockingVectorEnv(VectorEnv[Observations, Ints, NDArray[Any]]):
             return None
         from dockctl.envs.render import draw_frame
 
-        boats = zip(self.simulator.eta, self.simulator.goal, self._trails, strict=True)
-        return tuple(draw_frame(self.world.scene(), eta, goal, np.array(trail)) for eta, goal, trail in boats)
+        scenes = [self.worlds[harbor].scene() for harbor in self.simulator.harbor.tolist()]
+        boats = zip(scenes, self.simulator.eta, self.simulator.goal, self._trails, strict=True)
+        return tuple(draw_frame(scene, eta, goal, np.array(trail)) for scene, eta, goal, trail in boats)
 
     def _reseed(self, seed: int | Sequence[int | None] | None) -> None:
         """Give every row its own generator; without a seed, rows keep the ones they have."""
@@ -184,9 +194,10 @@ class DockingVectorEnv(VectorEnv[Observations, Ints, NDArray[Any]]):
     def _given(self, rows: Ints, poses: Floats) -> list[Start]:
         if poses.shape != (self.num_envs, 3) or not np.isfinite(poses).all():
             raise DockctlError(f"options['poses'] must be finite numbers of shape ({self.num_envs}, 3)")
-        for x, y, heading in poses[rows][self.world.obstacles.blocked(poses[rows])]:
+        blocked = self.worlds[self._own.harbor].obstacles.blocked
+        for x, y, heading in poses[rows][blocked(poses[rows])]:
             raise DockctlError(f"the start pose ({x:g}, {y:g}, {np.degrees(heading):g}°) lies in an obstacle")
-        return [given_start(self.scenario.task, poses[row], int(row)) for row in rows]
+        return [given_start(self._own, self.scenario.task, poses[row], int(row)) for row in rows]
 
     def _begin(self, rows: Ints, starts: Sequence[Start]) -> None:
         self.simulator.reset(rows, starts)
@@ -243,7 +254,8 @@ class DockingVectorEnv(VectorEnv[Observations, Ints, NDArray[Any]]):
         for outcome, rows in happened.items():
             events["outcome"][rows] = outcome
         for row in np.flatnonzero(status.collided):
-            events["collided_with"][row] = self.world.obstacles.collided_part(self.simulator.eta[row]) or ""
+            world = self.worlds[int(self.simulator.harbor[row])]
+            events["collided_with"][row] = world.obstacles.collided_part(self.simulator.eta[row]) or ""
         return events
 
     def _extend_trails(self) -> None:

@@ -13,6 +13,8 @@ ModelName = Literal[
     "sedan", "express", "flybridge", "inflatable", "catamaran",
 ]  # fmt: skip
 
+Side = Literal["east", "west", "north", "south"]
+
 
 class Basin(Model):
     """The water, between the faces of the quays; metres."""

@@ -8,6 +8,7 @@ from typing import Any, Self
 from pydantic import Field, model_validator
 
 from dockctl.scenarios.base import Count, Model, NonNegative, Number, Pose, Positive
+from dockctl.scenarios.berths import Berths, missing_berth
 from dockctl.scenarios.harbor import HarborSpec
 from dockctl.scenarios.sensors import Sensors
 from dockctl.scenarios.training import Evaluation, Training
@@ -53,6 +54,7 @@ class Task(Model):
     final_tolerance: Tolerance = Tolerance(distance_m=1.0, heading_rad=0.07, speed_mps=0.1)
     intermediate_tolerance: Tolerance = Tolerance(distance_m=1.5, heading_deg=5.0, speed_mps=0.1)
     max_steps: Count = 500
+    berths: Berths | None = Field(default=None, description="carry the poses above to many berths")
 
 
 class ActionGrid(Model):
@@ -140,4 +142,10 @@ class Scenario(Model):
             limit = getattr(self.vessel, f"max_{actuator}")
             if max(map(abs, getattr(self.actions, actuator))) > limit:
                 raise ValueError(f"actions.{actuator} exceeds the vessel's max_{actuator}, {limit:g}")
+        return self
+
+    @model_validator(mode="after")
+    def _berths_exist(self) -> Self:
+        if self.task.berths is not None and (flaw := missing_berth(self.harbor, self.task.berths)):
+            raise ValueError(f"task.{flaw}")
         return self

@@ -100,7 +100,7 @@ class Training(Model):
 
 
 class RandomStarts(Model):
-    """Evaluation starts drawn uniformly around the initial poses."""
+    """Evaluation starts drawn uniformly around the initial poses, at held-out berths where there are any."""
 
     episodes: int = Field(default=100, ge=0, le=100_000, strict=True)
     seed: int = Field(default=12345, ge=0, strict=True)
@@ -113,3 +113,6 @@ class Evaluation(Model):
 
     poses: tuple[Pose, ...] = Field(default=(), description="test poses; the initial poses where empty")
     random_starts: RandomStarts = RandomStarts()
+    trained_berths: Count = Field(
+        default=64, description="random starts at trained berths, which judge the policy during training"
+    )

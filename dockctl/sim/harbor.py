@@ -16,7 +16,8 @@ from numpy.typing import NDArray
 
 from dockctl.errors import DockctlError, InputError, Problem
 from dockctl.runs.scene import Polygon, Scene
-from dockctl.scenarios.harbor import Basin, EndRow, HarborSpec, Marina, SideRow
+from dockctl.scenarios.berths import BerthPlace
+from dockctl.scenarios.harbor import Basin, EndRow, HarborSpec, Marina, Side, SideRow
 from dockctl.scenarios.vessel import Hull
 from dockctl.sim.fleet import VesselModel, vessel_model
 from dockctl.sim.hulls import hull_outline
@@ -26,7 +27,6 @@ from dockctl.sim.solids import Solid, box, together, tube
 
 Floats = NDArray[np.float64]
 PartKind = Literal["quay", "finger", "pile", "vessel", "mesh"]
-Side = Literal["east", "west", "north", "south"]
 Corners = tuple[tuple[float, float], tuple[float, float]]
 
 QUAY_HEIGHT_M = 1.0
@@ -217,8 +217,13 @@ def pile(x: float, y: float, height: float, radius: float = 0.13) -> Solid:
 def _berths(spec: Marina) -> Iterator[Berth]:
     for row in spec.rows:
         for at in row.berths:
-            pose = Place.of(row.side, spec.basin, at, gap=BERTH_POSE_GAP_M).pose
+            pose = berth_pose(spec, BerthPlace(row.side, at))
             yield Berth(f"{row.side} berth {row.axis}={at:g}", row.side, pose, at not in row.free)
+
+
+def berth_pose(spec: Marina, place: BerthPlace) -> tuple[float, float, float]:
+    """Return x, y [m] and heading [rad] of a boat that is docked at a berth, its stern to the quay."""
+    return Place.of(place.side, spec.basin, place.at_m, gap=BERTH_POSE_GAP_M).pose
 
 
 def _moored(spec: Marina, berths: Sequence[Berth]) -> Iterator[Part]:

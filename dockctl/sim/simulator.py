@@ -6,11 +6,13 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import cache, lru_cache, partial
 from pathlib import Path
-from typing import Protocol
+from typing import Any, Protocol, TypeVar, cast
 
 import numpy as np
+from numpy.typing import NDArray
 
 from dockctl.runs.scene import Scene
+from dockctl.scenarios.berths import layouts
 from dockctl.scenarios.harbor import HarborSpec
 from dockctl.scenarios.schema import Scenario
 from dockctl.scenarios.sensors import Lidar
@@ -22,6 +24,8 @@ from dockctl.sim.lidar import LidarArray
 from dockctl.sim.starts import Start
 from dockctl.sim.status import Bools, Floats, Ints, StepStatus
 from dockctl.sim.vessel import VesselModel
+
+Answer = TypeVar("Answer", bound=NDArray[Any])
 
 
 class Obstacles(Protocol):
@@ -41,25 +45,29 @@ class RangeSensor(Protocol):
 
 @dataclass(frozen=True, eq=False)
 class World:
-    """What the boats share, built once for all the simulators of a scenario; `scene` draws it from above."""
+    """One harbor and its sensors, built once for all the simulators; `scene` draws it from above."""
 
     obstacles: Obstacles
     lidar: RangeSensor
     scene: Callable[[], Scene]
 
 
-def build_world(scenario: Scenario, base_dir: Path) -> World:
-    """Return harbor, collision bodies and LiDAR of a scenario; mesh paths are relative to `base_dir`.
+def build_worlds(scenario: Scenario, base_dir: Path) -> tuple[World, ...]:
+    """Return harbor, collision bodies and LiDAR for each harbor of a scenario, as `layouts` lists them.
+
+    Mesh paths are relative to `base_dir`.
 
     Raises:
         DockctlError: the harbor cannot be built.
     """
     # Without mesh files the folder does not matter, and one world serves the scenarios of all folders.
     directory = base_dir if scenario.harbor.meshes else Path()
-    return _build_world(scenario.harbor, scenario.vessel.hull, scenario.sensors.lidar, directory)
+    hull, lidar = scenario.vessel.hull, scenario.sensors.lidar
+    harbors = (layout.harbor for layout in layouts(scenario.harbor, scenario.task.berths))
+    return tuple(_build_world(harbor, hull, lidar, directory) for harbor in harbors)
 
 
-@lru_cache(maxsize=4)
+@lru_cache(maxsize=16)
 def _build_world(harbor_spec: HarborSpec, hull: Hull, lidar: Lidar, base_dir: Path) -> World:
     harbor = build_harbor(harbor_spec, base_dir)
     return World(
@@ -72,26 +80,31 @@ def _build_world(harbor_spec: HarborSpec, hull: Hull, lidar: Lidar, base_dir: Pa
 class Simulator:
     """The state of n boats and the one rule by which a control step changes it.
 
+    Args:
+        worlds: the harbors of the scenario; a boat is in the one that its start names.
+
     Attributes (rows are boats):
         eta: (n, 3) x, y [m] and heading [rad].
         nu: (n, 3) u, v [m/s] and r [rad/s].
         command: (n, 2) propeller force [N] and rudder angle [rad] of the last step; zero at a start.
         phase: (n,) 0 on the way to the intermediate pose, 1 on the way to the final pose.
         goals: (n, 2, 3) intermediate and final pose of each boat.
+        harbor: (n,) index of the world that each boat is in.
         steps, max_steps: (n,) control steps taken in this episode, and allowed.
         distance_m, heading_error_rad: (n,) from the goal of the current phase.
         sector_ranges_m: (n, sectors) nearest LiDAR returns.
     """
 
-    def __init__(self, scenario: Scenario, world: World, num_boats: int) -> None:
+    def __init__(self, scenario: Scenario, worlds: Sequence[World], num_boats: int) -> None:
         self.task = scenario.task
-        self.world = world
+        self.worlds = worlds
         self.vessel = VesselModel(scenario.vessel)
         self.eta = np.zeros((num_boats, 3))
         self.nu = np.zeros((num_boats, 3))
         self.command = np.zeros((num_boats, 2))
         self.phase = np.zeros(num_boats, np.int64)
         self.goals = np.zeros((num_boats, 2, 3))
+        self.harbor = np.zeros(num_boats, np.int64)
         self.steps = np.zeros(num_boats, np.int64)
         self.max_steps = np.zeros(num_boats, np.int64)
         self.distance_m = np.zeros(num_boats)
@@ -110,11 +123,12 @@ class Simulator:
         self.nu[rows] = [start.nu for start in starts]
         self.phase[rows] = [start.phase for start in starts]
         self.goals[rows] = [start.goals for start in starts]
+        self.harbor[rows] = [start.harbor for start in starts]
         self.max_steps[rows] = [start.max_steps for start in starts]
         self.steps[rows] = 0
         self.command[rows] = 0.0
         self._measure()
-        self.sector_ranges_m[rows] = self.world.lidar.sector_ranges(self.eta[rows])
+        self.sector_ranges_m[rows] = self.scan(rows)
 
     def step(self, command: Floats) -> StepStatus:
         """Hold the commands (n, 2) [N, rad] for one control period and return what came of it.
@@ -126,11 +140,11 @@ class Simulator:
         previous_command, self.command = self.command, command.astype(float)
         self.eta, self.nu = self.vessel.step(self.eta, self.nu, self.command)
         self.steps += 1
-        collided = self.world.obstacles.collides(self.eta)
+        collided = self.in_harbors(lambda world, eta: world.obstacles.collides(eta))
         self._measure()
         speed = np.hypot(self.nu[:, 0], self.nu[:, 1])
         intermediate, final = reached(self.task, phase, self.distance_m, self.heading_error_rad, speed)
-        self.sector_ranges_m = self.world.lidar.sector_ranges(self.eta)
+        self.sector_ranges_m = self.scan()
         status = StepStatus(
             phase=phase,
             distance_m=self.distance_m,
@@ -149,6 +163,29 @@ class Simulator:
             self.phase[status.reached_intermediate] = TO_FINAL
             self._measure()
         return status
+
+    def scan(self, rows: Ints | None = None) -> Floats:
+        """Return what the LiDARs of the boats, or of some rows (k,), see now: (k, sectors) [m]."""
+        return self.in_harbors(lambda world, eta: world.lidar.sector_ranges(eta), rows)
+
+    def in_harbors(self, query: Callable[[World, Floats], Answer], rows: Ints | None = None) -> Answer:
+        """Ask each boat's own world about the boat's pose.
+
+        Args:
+            query: takes a world and poses (m, 3), and answers with m rows.
+            rows: (k,) which boats; all by default.
+
+        Returns:
+            the answers in the order of the boats.
+        """
+        harbor, eta = (self.harbor, self.eta) if rows is None else (self.harbor[rows], self.eta[rows])
+        if len(self.worlds) == 1:
+            return query(self.worlds[0], eta)
+        order = np.argsort(harbor, kind="stable")
+        numbers, first = np.unique(harbor[order], return_index=True)
+        groups = np.split(order, first[1:])
+        answers = [query(self.worlds[i], eta[group]) for i, group in zip(numbers, groups, strict=True)]
+        return cast(Answer, np.concatenate(answers)[np.argsort(order)])
 
     def _measure(self) -> None:
         self.distance_m, self.heading_error_rad = measure(self.eta, self.goal)

@@ -7,10 +7,10 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from dockctl.scenarios.base import Pose
 from dockctl.scenarios.schema import Scenario, Task
 from dockctl.scenarios.training import ExploringStarts
 from dockctl.sim.goal import TO_FINAL, TO_INTERMEDIATE, wrap
+from dockctl.sim.sites import Site
 from dockctl.sim.status import Bools, Floats
 
 TRIES = 100
@@ -27,8 +27,10 @@ class Start:
         phase: 0 on the way to the intermediate pose, 1 on the way to the final pose.
         goals: (2, 3) intermediate and final pose; both the final pose where there is no intermediate.
         max_steps: control steps until the episode is cut.
-        kind: "pose", "exploring" or "random".
+        kind: "pose", "exploring", "random", "trained" or "held_out".
         index: of the initial pose, or of the given pose.
+        harbor: index of the harbor in which the boat is.
+        berth: name of the berth; empty where the task stays where it is written.
     """
 
     eta: Floats
@@ -38,48 +40,41 @@ class Start:
     max_steps: int
     kind: str
     index: int
+    harbor: int = 0
+    berth: str = ""
 
 
-def pose_array(pose: Pose) -> Floats:
-    """Return x, y [m] and heading [rad], (3,)."""
-    return np.array([pose.x_m, pose.y_m, np.radians(pose.heading_deg)])
-
-
-def goal_poses(task: Task) -> Floats:
-    """Return the intermediate and the final pose (2, 3) of a task."""
-    final = pose_array(task.final)
-    return np.stack([final if task.intermediate is None else pose_array(task.intermediate), final])
-
-
-def given_start(task: Task, pose: Floats, index: int) -> Start:
+def given_start(site: Site, task: Task, pose: Floats, index: int, kind: str = "pose") -> Start:
     """Return a start at rest at `pose` (3,) [m, m, rad], in the first phase of the task."""
-    phase = TO_FINAL if task.intermediate is None else TO_INTERMEDIATE
-    return Start(np.asarray(pose, float), np.zeros(3), phase, goal_poses(task), task.max_steps, "pose", index)
+    eta, rest = np.asarray(pose, float), np.zeros(3)
+    return Start(
+        eta, rest, site.first_phase, site.goals, task.max_steps, kind, index, site.harbor, site.berth
+    )
 
 
-def initial_start(task: Task, rng: np.random.Generator, blocked: Blocked) -> Start:
+def initial_start(
+    site: Site, task: Task, rng: np.random.Generator, blocked: Blocked, kind: str = "pose"
+) -> Start:
     """Draw one of the initial poses and its offset; an offset into an obstacle is drawn again."""
-    index = int(rng.integers(len(task.initial)))
+    index = int(rng.integers(len(site.initial)))
     initial = task.initial[index]
-    start = given_start(task, pose_array(initial), index)
-    reach = _reach(initial.position_offset_m, initial.heading_offset_deg)
-    return _nearby(start, reach, rng, blocked) if reach.any() else start
+    start = given_start(site, task, site.initial[index], index, kind)
+    return _nearby(start, _reach(initial.position_offset_m, initial.heading_offset_deg), rng, blocked)
 
 
 def exploring_start(
-    task: Task, exploring: ExploringStarts, rng: np.random.Generator, blocked: Blocked
+    site: Site, task: Task, exploring: ExploringStarts, rng: np.random.Generator, blocked: Blocked
 ) -> Start:
     """Draw a start on the way: a leg of the task, a place on its straight line, and noise of a drawn size.
 
     The heading turns along the leg by the shorter way round. Where nothing is free, it is an initial pose.
     """
-    initial = given_start(task, pose_array(task.initial[0]), 0)
 
     def draw() -> Start:
-        index = int(rng.integers(len(task.initial)))
-        intermediate, final = initial.goals
-        begin, end, phase = pose_array(task.initial[index]), final, TO_FINAL
-        if task.intermediate is not None:
+        index = int(rng.integers(len(site.initial)))
+        intermediate, final = site.goals
+        begin, end, phase = site.initial[index], final, TO_FINAL
+        if site.first_phase == TO_INTERMEDIATE:
             if rng.random() < 0.5:
                 begin = intermediate
             else:
@@ -92,53 +87,64 @@ def exploring_start(
             _between(exploring.position_noise_m, size), _between(exploring.heading_noise_deg, size)
         )
         surge = rng.uniform(-exploring.max_surge_mps, exploring.max_surge_mps)
-        return Start(
-            eta + rng.uniform(-reach, reach),
-            np.array([surge, 0.0, 0.0]),
-            phase,
-            initial.goals,
-            exploring.steps,
-            "exploring",
-            index,
-        )
+        place = given_start(site, task, eta + rng.uniform(-reach, reach), index, "exploring")
+        return replace(place, nu=np.array([surge, 0.0, 0.0]), phase=phase, max_steps=exploring.steps)
 
-    return _first_free(draw, blocked) or initial_start(task, rng, blocked)
+    return _first_free(draw, blocked) or initial_start(site, task, rng, blocked)
 
 
 class StartSampler:
-    """Draws the episodes' starts of one scenario.
+    """Draws the starts of episodes at the sites of one scenario.
 
     Args:
-        blocked: tells of poses (n, 3) whether the boat would touch or lie in an obstacle.
+        sites: where; one is drawn for each episode.
+        blocked: for each harbor, tells of poses (n, 3) whether the boat would touch or lie in an obstacle.
         exploring: draw `training.exploring_starts` too, as in training; else only the initial poses.
     """
 
-    def __init__(self, scenario: Scenario, blocked: Blocked, *, exploring: bool = False) -> None:
-        self._task = scenario.task
+    def __init__(
+        self,
+        scenario: Scenario,
+        sites: Sequence[Site],
+        blocked: Sequence[Blocked],
+        *,
+        exploring: bool = False,
+    ) -> None:
+        self._task, self._sites, self._blocked = scenario.task, sites, blocked
         self._exploring = scenario.training.exploring_starts if exploring else None
-        self._blocked = blocked
 
     def draw(self, rng: np.random.Generator) -> Start:
         """Draw the start of one episode."""
+        site = self._sites[int(rng.integers(len(self._sites)))]
+        blocked = self._blocked[site.harbor]
         if self._exploring is not None and rng.random() < self._exploring.fraction:
-            return exploring_start(self._task, self._exploring, rng, self._blocked)
-        return initial_start(self._task, rng, self._blocked)
+            return exploring_start(site, self._task, self._exploring, rng, blocked)
+        return initial_start(site, self._task, rng, blocked)
 
 
-def random_poses(scenario: Scenario, blocked: Blocked, *, episodes: int, seed: int) -> Floats:
-    """Draw free poses (episodes, 3) [m, m, rad] around the initial poses, as `evaluation.random_starts` says.
+def random_starts(
+    scenario: Scenario,
+    sites: Sequence[Site],
+    blocked: Sequence[Blocked],
+    *,
+    episodes: int,
+    seed: int,
+    kind: str = "random",
+) -> list[Start]:
+    """Draw free starts around the initial poses of the sites, as `evaluation.random_starts` says.
 
-    Pose i does not depend on how many are drawn. A draw that finds nothing free is the initial pose itself.
+    Start i does not depend on how many are drawn. A draw that finds nothing free is the initial pose itself.
     """
-    around = scenario.evaluation.random_starts
+    around, task = scenario.evaluation.random_starts, scenario.task
     reach = _reach(around.position_m, around.heading_deg)
-    poses = np.empty((episodes, 3))
-    for row, child in enumerate(np.random.SeedSequence(seed).spawn(episodes)):
+    starts = []
+    for child in np.random.SeedSequence(seed).spawn(episodes):
         rng = np.random.default_rng(child)
-        index = int(rng.integers(len(scenario.task.initial)))
-        start = given_start(scenario.task, pose_array(scenario.task.initial[index]), index)
-        poses[row] = _nearby(start, reach, rng, blocked).eta
-    return poses
+        site = sites[int(rng.integers(len(sites)))]
+        index = int(rng.integers(len(site.initial)))
+        start = given_start(site, task, site.initial[index], index, kind)
+        starts.append(_nearby(start, reach, rng, blocked[site.harbor]))
+    return starts
 
 
 def _reach(position_m: float, heading_deg: float) -> Floats:
@@ -151,6 +157,8 @@ def _between(bounds: Sequence[float], fraction: float) -> float:
 
 def _nearby(start: Start, reach: Floats, rng: np.random.Generator, blocked: Blocked) -> Start:
     """Return `start` moved by up to `reach` to a free pose, or unmoved where none is found."""
+    if not reach.any():
+        return start
     return _first_free(lambda: replace(start, eta=start.eta + rng.uniform(-reach, reach)), blocked) or start
 
 

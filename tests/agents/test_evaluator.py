@@ -8,7 +8,7 @@ from scipy.stats import binomtest
 
 from dockctl.agents.evaluator import Episode, play, score
 from dockctl.agents.summary import ending, summarize, wilson_interval
-from tests.agents.toy import ToyDocking
+from tests.agents.toy import ToyDocking, starts_at
 
 
 def brake_at_zero(observation: np.ndarray) -> np.ndarray:
@@ -18,28 +18,24 @@ def brake_at_zero(observation: np.ndarray) -> np.ndarray:
     return np.sign((wanted - u).round(3)).astype(int) + 1
 
 
-def poses(*x: float) -> np.ndarray:
-    return np.array([[value, 0.0, 0.0] for value in x])
-
-
 @pytest.mark.parametrize("boats", [1, 2, 3, 7])
 def test_episodes_are_the_same_however_many_boats_play_them(boats: int) -> None:
-    starts = poses(-0.95, 0.45, -0.55, -1.35, 0.4)
+    starts = starts_at(-0.95, 0.45, -0.55, -1.35, 0.4)
     episodes = play(
-        ToyDocking(boats), brake_at_zero, starts, clearance=lambda way: float((0.5 - way[:, 0]).min())
+        ToyDocking(boats), brake_at_zero, starts, clearance=lambda start, way: float((0.5 - way[:, 0]).min())
     )
     assert [e.outcome for e in episodes] == ["docked", "collision", "docked", "docked", "collision"]
     assert [e.collided_with for e in episodes] == ["", "wall", "", "", "wall"]
-    alone = [play(ToyDocking(1), brake_at_zero, starts[[i]])[0] for i in range(len(starts))]
+    alone = [play(ToyDocking(1), brake_at_zero, starts[i : i + 1])[0] for i in range(len(starts))]
     for together, single, start in zip(episodes, alone, starts, strict=True):
-        assert (together.start == start).all()
+        assert together.start is start
         assert together.total_reward == single.total_reward
         for key, values in single.course.items():
             np.testing.assert_array_equal(together.course[key], values)
 
 
 def test_what_an_episode_records() -> None:
-    (episode,) = play(ToyDocking(1), brake_at_zero, poses(-0.35))
+    (episode,) = play(ToyDocking(1), brake_at_zero, starts_at(-0.35))
     np.testing.assert_allclose(episode.course["pose"][:, 0], [-0.35, -0.25, -0.15, -0.05, -0.05], atol=1e-12)
     np.testing.assert_allclose(episode.course["command"][:, 0], [0, 0.1, 0, 0, -0.1], atol=1e-12)
     assert episode.steps == 4
@@ -60,7 +56,7 @@ def episode(outcome: str, steps: int, phase: int = 1, what: str = "", clearance:
         "heading_error_rad": np.full(steps + 1, -0.1),
         "reward": np.ones(steps + 1),
     }
-    return Episode(np.zeros(3), outcome, what, phase, float(steps), course, clearance)
+    return Episode(starts_at(0.0)[0], outcome, what, phase, float(steps), course, clearance)
 
 
 def test_summary() -> None:

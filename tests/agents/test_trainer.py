@@ -17,7 +17,7 @@ from dockctl.agents.schedules import updates_due
 from dockctl.agents.trainer import Trainer
 from dockctl.runs.directory import RunDirectory
 from dockctl.scenarios.training import StopRule, Training
-from tests.agents.toy import ToyDocking
+from tests.agents.toy import ToyDocking, starts_at
 
 SETTINGS: dict[str, Any] = {
     "boats": 8, "hidden_sizes": (32, 32), "total_steps": 20_000, "warmup_steps": 200, "batch_size": 32,
@@ -41,9 +41,9 @@ def trainer(root: Path, **changes: Any) -> Trainer:
 
 def trainer_in(run: RunDirectory, training: Training, **options: Any) -> Trainer:
     judge = ToyDocking(2)
-    poses = np.array([[-1.0, 0, 0], [-0.9, 0, 0]])
+    starts = starts_at(-1.0, -0.9)
     return Trainer(
-        training, "toy", ToyDocking(training.boats), lambda p: play(judge, p, poses), run, **options
+        training, "toy", ToyDocking(training.boats), lambda p: play(judge, p, starts), run, **options
     )
 
 
@@ -52,7 +52,7 @@ def test_it_learns_and_stops_when_the_task_is_mastered(tmp_path: Path) -> None:
     assert learner.run() == "mastered"
     best, card = load_policy(learner.run_directory.path)
     assert card.env_steps <= learner.progress.env_steps
-    starts = np.array([[x, 0, 0] for x in np.linspace(-1.1, -0.9, 9)])
+    starts = starts_at(*np.linspace(-1.1, -0.9, 9))
     assert all(episode.docked for episode in play(ToyDocking(4), GreedyPolicy(best), starts))
     rows = read_table(learner.run_directory.path / "episodes.csv")
     assert [int(row["episode"]) for row in rows] == list(range(1, len(rows) + 1))

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -9,6 +10,17 @@ from gymnasium.spaces import Box, Discrete, MultiDiscrete
 from gymnasium.vector import AutoresetMode, VectorEnv
 
 PUSH = np.array([-0.1, 0.0, 0.1])
+
+
+@dataclass(frozen=True)
+class ToyStart:
+    eta: np.ndarray
+    kind: str = "pose"
+    berth: str = ""
+
+
+def starts_at(*x: float) -> list[ToyStart]:
+    return [ToyStart(np.array([value, 0.0, 0.0])) for value in x]
 
 
 class ToyDocking(VectorEnv[Any, Any, Any]):
@@ -30,8 +42,8 @@ class ToyDocking(VectorEnv[Any, Any, Any]):
         options = options or {}
         rows = np.array(options.get("reset_mask", np.ones(self.num_envs, bool)))
         self._place(rows)
-        if "poses" in options:
-            self.x = np.where(rows, np.array(options["poses"])[:, 0], self.x)
+        if "starts" in options:
+            self.x = np.where(rows, [start.eta[0] for start in options["starts"]], self.x)
         return self._observation(), self._info()
 
     def _place(self, rows: np.ndarray) -> None:

@@ -25,7 +25,7 @@ def scenario(steps: int = 500) -> LoadedScenario:
 
 
 def boats(count: int, *, steps: int = 500, wall: float = math.inf, **options: Any) -> DockingVectorEnv:
-    return DockingVectorEnv(scenario(steps), count, world=walled(wall), **options)
+    return DockingVectorEnv(scenario(steps), count, worlds=[walled(wall)], **options)
 
 
 def placed(env: DockingVectorEnv, *poses: tuple[float, float, float]) -> Any:
@@ -119,10 +119,10 @@ def test_disabled_waits_for_the_reset_of_the_ended_rows() -> None:
 
 def test_same_as_gymnasiums_synchronous_vector_of_single_boats() -> None:
     """Step for step, key for key, through several ends of episodes; the initial pose is the same for all."""
-    world = walled(23.3)
-    ours = DockingVectorEnv(scenario(7), 3, world=world)
+    worlds = [walled(23.3)]
+    ours = DockingVectorEnv(scenario(7), 3, worlds=worlds)
     theirs = SyncVectorEnv(
-        [lambda: DockingEnv(scenario(7), world=world)] * 3, autoreset_mode=AutoresetMode.SAME_STEP
+        [lambda: DockingEnv(scenario(7), worlds=worlds)] * 3, autoreset_mode=AutoresetMode.SAME_STEP
     )
     rng = np.random.default_rng(5)
     assert_same(ours.reset(seed=1), theirs.reset(seed=1))

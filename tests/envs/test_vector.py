@@ -19,7 +19,7 @@ S2, S3 = load("s2"), load("s3", overrides=["task.max_steps=40", "training.explor
 
 
 def env(boats: int, *, exploring: bool = True, source: Any = S3, wall: float = 24.0) -> DockingVectorEnv:
-    return DockingVectorEnv(source, boats, exploring=exploring, world=walled(wall))
+    return DockingVectorEnv(source, boats, exploring=exploring, worlds=[walled(wall)])
 
 
 def record(vector: DockingVectorEnv, seed: Any, actions: np.ndarray) -> list[np.ndarray]:
@@ -137,9 +137,9 @@ def test_wrong_arguments_are_refused() -> None:
     with pytest.raises(DockctlError, match="2 seeds"):
         env(2).reset(seed=[1, 2, 3])
     with pytest.raises(DockctlError, match="render_mode 'human'"):
-        DockingVectorEnv(S3, 1, world=walled(), render_mode="human")
+        DockingVectorEnv(S3, 1, worlds=[walled()], render_mode="human")
     with pytest.raises(DockctlError, match="autoreset_mode"):
-        DockingVectorEnv(S3, 1, world=walled(), autoreset_mode="NextStep")
+        DockingVectorEnv(S3, 1, worlds=[walled()], autoreset_mode="NextStep")
 
 
 @pytest.mark.parametrize("actions", [[0], [0, 77], [-1, 0], [0, 0, 0]])
@@ -155,8 +155,7 @@ def test_a_step_before_the_first_reset_is_refused() -> None:
         env(2).step(np.array([0, 0]))
 
 
-def test_clearance_of_the_boats_and_of_given_poses() -> None:
+def test_clearance_of_the_boats() -> None:
     vector = env(2)
     vector.reset(options={"poses": np.array([[20.0, 3.0, 2.5], [19.0, -1.0, 3.0]])})
     assert vector.clearance().tolist() == [4, 5]
-    assert vector.clearance(np.array([[23.0, 0, 0]])).tolist() == [1]

@@ -16,7 +16,7 @@ from dockctl.sim import lidar as lidar_module
 from dockctl.sim.heightgrid import HeightGrid, bands_between
 from dockctl.sim.lidar import LidarArray, Rays, rotation
 from dockctl.sim.raycast import BoundingVolumes, closest_hits
-from dockctl.sim.simulator import build_world
+from dockctl.sim.simulator import build_worlds
 
 COARSE = Lidar(azimuth_steps=180)
 
@@ -137,7 +137,8 @@ def test_fast_scan_equals_full_scan_for_any_sensor(
 def test_fast_scan_equals_full_scan_in_the_reference_marina() -> None:
     """At full resolution: in the fairway, in the berth, alongside piers and across moored vessels."""
     loaded = load("s3")
-    array = build_world(loaded.scenario, loaded.base_dir).lidar
+    (world,) = build_worlds(loaded.scenario, loaded.base_dir)
+    array = world.lidar
     anywhere = np.random.default_rng(4).uniform((4.5, -40, -4), (38.5, 40, 4), (12, 3))
     chosen = [[20, 2, 2.8], [36, 0, np.pi], [33, 4, 0.3], [36, -2, 1.0], [7, -2, 0.0], [30.6, -2.5, 2.0]]
     poses = np.concatenate([anywhere, chosen])

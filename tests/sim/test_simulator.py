@@ -10,6 +10,7 @@ import pytest
 
 from dockctl.scenarios.loader import load
 from dockctl.sim.simulator import Simulator
+from dockctl.sim.sites import own_site
 from dockctl.sim.starts import Start, given_start
 from dockctl.sim.vessel import VesselModel
 from tests.sim.worlds import Rings, walled
@@ -19,12 +20,12 @@ IDLE = np.zeros((1, 2))
 
 
 def start_at(x: float, y: float, heading_deg: float, *, phase: int = 0, surge: float = 0.0) -> Start:
-    start = given_start(S3.task, np.array([x, y, math.radians(heading_deg)]), 0)
+    start = given_start(own_site(S3), S3.task, np.array([x, y, math.radians(heading_deg)]), 0)
     return replace(start, phase=phase, nu=np.array([surge, 0.0, 0.0]))
 
 
 def simulator(*starts: Start, wall: float = math.inf) -> Simulator:
-    sim = Simulator(S3, walled(wall), len(starts))
+    sim = Simulator(S3, [walled(wall)], len(starts))
     sim.reset(np.arange(len(starts)), starts)
     return sim
 
@@ -94,7 +95,7 @@ def test_reset_touches_its_rows_only() -> None:
 
 def test_a_reset_scans_the_boats_that_begin_and_no_others() -> None:
     sim = simulator(*[start_at(23, -10, 90)] * 5)
-    lidar = sim.world.lidar
+    lidar = sim.worlds[0].lidar
     assert isinstance(lidar, Rings)
     lidar.scanned = 0
     sim.reset(np.array([2]), [start_at(20, 0, 0)])
@@ -118,6 +119,21 @@ def test_boats_may_have_berths_of_their_own() -> None:
 
 
 def test_without_an_intermediate_pose_there_is_one_phase() -> None:
-    sim = Simulator(S1, walled(), 1)
-    sim.reset(np.array([0]), [given_start(S1.task, np.array([36.0, 0.0, math.pi]), 0)])
+    sim = Simulator(S1, [walled()], 1)
+    sim.reset(np.array([0]), [given_start(own_site(S1), S1.task, np.array([36.0, 0.0, math.pi]), 0)])
     assert sim.step(IDLE).reached_final.tolist() == [True]
+
+
+def test_each_boat_sees_and_meets_its_own_harbor() -> None:
+    """Three boats at the same place in open water, before a wall and in open water again, in mixed order."""
+    starts = [replace(start_at(20, 0, 180), harbor=harbor) for harbor in (1, 0, 1, 0)]
+    open_water, before_a_wall = walled(), walled(19.0)
+    sim = Simulator(S3, [open_water, before_a_wall], 4)
+    sim.reset(np.arange(4), starts)
+    for world in (open_water, before_a_wall):
+        assert isinstance(world.lidar, Rings)
+        assert world.lidar.scanned == 2
+    assert sim.step(np.zeros((4, 2))).collided.tolist() == [True, False, True, False]
+    sim.eta = np.array([[x, 0.0, 0.1] for x in (1.0, 2.0, 3.0, 4.0)])
+    assert np.array_equal(sim.scan(), Rings().sector_ranges(sim.eta))
+    assert np.array_equal(sim.scan(np.array([2, 1])), Rings().sector_ranges(sim.eta[[2, 1]]))

@@ -11,11 +11,11 @@ from hypothesis import strategies as st
 
 from dockctl.scenarios.loader import load
 from dockctl.scenarios.schema import Scenario
-from dockctl.sim.starts import Start, StartSampler, exploring_start, given_start, goal_poses, random_poses
+from dockctl.sim.sites import own_site
+from dockctl.sim.starts import Start, StartSampler, exploring_start, given_start, random_starts
 from tests.sim.worlds import Floats, Wall
 
 S1, S2, S3 = (load(name).scenario for name in ("s1", "s2", "s3"))
-OPEN = Wall(math.inf).blocked
 seeds = st.integers(0, 10_000)
 
 
@@ -28,11 +28,16 @@ def with_offsets(scenario: Scenario, position_m: float, heading_deg: float) -> S
 def draw_exploring(scenario: Scenario, seed: int, wall: float = math.inf) -> Start:
     exploring = scenario.training.exploring_starts
     assert exploring is not None
-    return exploring_start(scenario.task, exploring, np.random.default_rng(seed), Wall(wall).blocked)
+    site, rng = own_site(scenario), np.random.default_rng(seed)
+    return exploring_start(site, scenario.task, exploring, rng, Wall(wall).blocked)
+
+
+def sampler_of(scenario: Scenario, wall: float = math.inf, *, exploring: bool = False) -> StartSampler:
+    return StartSampler(scenario, [own_site(scenario)], [Wall(wall).blocked], exploring=exploring)
 
 
 def test_poses_without_offset_are_exact_and_all_are_drawn() -> None:
-    sampler, rng = StartSampler(S2, OPEN), np.random.default_rng(0)
+    sampler, rng = sampler_of(S2), np.random.default_rng(0)
     starts = [sampler.draw(rng) for _ in range(60)]
     assert {start.index for start in starts} == {0, 1, 2}
     for start in starts:
@@ -44,17 +49,18 @@ def test_poses_without_offset_are_exact_and_all_are_drawn() -> None:
 
 def test_phase_and_goals_with_and_without_an_intermediate_pose() -> None:
     pose = np.array([23.0, -10.0, 1.5])
-    assert given_start(S3.task, pose, 4).phase == 0
-    assert given_start(S3.task, pose, 4).index == 4
-    assert goal_poses(S3.task) == pytest.approx(np.array([[18, 3, math.radians(150)], [36, 0, math.pi]]))
-    assert given_start(S1.task, pose, 0).phase == 1
-    assert goal_poses(S1.task) == pytest.approx(np.array([[36, 0, math.pi]] * 2))
+    in_two_phases = given_start(own_site(S3), S3.task, pose, 4)
+    assert (in_two_phases.phase, in_two_phases.index) == (0, 4)
+    assert in_two_phases.goals == pytest.approx(np.array([[18, 3, math.radians(150)], [36, 0, math.pi]]))
+    in_one = given_start(own_site(S1), S1.task, pose, 0)
+    assert in_one.phase == 1
+    assert in_one.goals == pytest.approx(np.array([[36, 0, math.pi]] * 2))
 
 
 @given(seed=seeds)
 def test_offsets_stay_within_their_bounds_and_in_free_water(seed: int) -> None:
     scenario = with_offsets(S1, 3.0, 15.0)
-    start = StartSampler(scenario, Wall(21.0).blocked).draw(np.random.default_rng(seed))
+    start = sampler_of(scenario, 21.0).draw(np.random.default_rng(seed))
     off = np.abs(start.eta - [20, 2, math.radians(160)])
     assert (off <= [3, 3, math.radians(15)]).all()
     assert start.eta[0] <= 21
@@ -62,7 +68,7 @@ def test_offsets_stay_within_their_bounds_and_in_free_water(seed: int) -> None:
 
 def test_where_everything_is_blocked_the_initial_pose_stands() -> None:
     scenario = with_offsets(S1, 3.0, 15.0)
-    start = StartSampler(scenario, Wall(-1e9).blocked).draw(np.random.default_rng(0))
+    start = sampler_of(scenario, -1e9).draw(np.random.default_rng(0))
     assert start.eta.tolist() == [20, 2, math.radians(160)]
     blocked_everywhere = draw_exploring(S1, 0, wall=-1e9)
     assert blocked_everywhere.kind == "pose"
@@ -115,25 +121,31 @@ def test_exploring_starts_avoid_obstacles(seed: int) -> None:
 
 def test_the_fraction_of_exploring_starts_is_the_scenarios() -> None:
     rng = np.random.default_rng(1)
-    kinds = [StartSampler(S3, OPEN, exploring=True).draw(rng).kind for _ in range(400)]
+    kinds = [sampler_of(S3, exploring=True).draw(rng).kind for _ in range(400)]
     assert 160 < kinds.count("exploring") < 240
-    plain = StartSampler(S3, OPEN)
+    plain = sampler_of(S3)
     assert {plain.draw(rng).kind for _ in range(50)} == {"pose"}
 
 
 def test_the_same_seed_draws_the_same_starts() -> None:
     def draw() -> Floats:
         rng = np.random.default_rng(7)
-        return np.stack([StartSampler(S3, OPEN, exploring=True).draw(rng).eta for _ in range(20)])
+        return np.stack([sampler_of(S3, exploring=True).draw(rng).eta for _ in range(20)])
 
     assert np.array_equal(draw(), draw())
 
 
 def test_random_evaluation_poses_are_bounded_free_and_do_not_depend_on_their_number() -> None:
-    many = random_poses(S1, Wall(20.5).blocked, episodes=50, seed=3)
+    def draw(episodes: int, seed: int) -> Floats:
+        free = [Wall(20.5).blocked]
+        starts = random_starts(S1, [own_site(S1)], free, episodes=episodes, seed=seed)
+        assert {start.kind for start in starts} == {"random"}
+        return np.stack([start.eta for start in starts])
+
+    many = draw(50, 3)
     around = S1.evaluation.random_starts
     reach = [around.position_m, around.position_m, math.radians(around.heading_deg)]
     assert (np.abs(many - [20, 2, math.radians(160)]) <= reach).all()
     assert (many[:, 0] <= 20.5).all()
-    assert np.array_equal(random_poses(S1, Wall(20.5).blocked, episodes=5, seed=3), many[:5])
-    assert not np.array_equal(random_poses(S1, Wall(20.5).blocked, episodes=5, seed=4), many[:5])
+    assert np.array_equal(draw(5, 3), many[:5])
+    assert not np.array_equal(draw(5, 4), many[:5])

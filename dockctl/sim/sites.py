@@ -1,0 +1,117 @@
+"""Where a task is to be done: at the berth it is written for, or carried to many."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from dockctl.scenarios.base import Pose
+from dockctl.scenarios.berths import BerthPlace, layouts
+from dockctl.scenarios.harbor import Marina
+from dockctl.scenarios.schema import Scenario, Task
+from dockctl.sim.goal import TO_FINAL, TO_INTERMEDIATE, wrap
+from dockctl.sim.harbor import berth_pose
+from dockctl.sim.status import Bools, Floats
+
+
+@dataclass(frozen=True, eq=False)
+class Site:
+    """The poses of a task at one berth.
+
+    Attributes:
+        initial: (k, 3) the initial poses, x, y [m] and heading [rad].
+        goals: (2, 3) intermediate and final pose; both the final pose where there is no intermediate.
+        first_phase: in which an episode begins.
+        harbor: index of the harbor, among those of the scenario, in which the berth is free.
+        kind: "trained" or "held_out"; empty where the task stays where it is written.
+        berth: its name; empty where the task stays where it is written.
+    """
+
+    initial: Floats
+    goals: Floats
+    first_phase: int
+    harbor: int = 0
+    kind: str = ""
+    berth: str = ""
+
+
+def pose_array(pose: Pose) -> Floats:
+    """Return x, y [m] and heading [rad], (3,)."""
+    return np.array([pose.x_m, pose.y_m, np.radians(pose.heading_deg)])
+
+
+def _written(task: Task) -> Site:
+    """Return the task where it is written."""
+    final = pose_array(task.final)
+    intermediate = final if task.intermediate is None else pose_array(task.intermediate)
+    phase = TO_FINAL if task.intermediate is None else TO_INTERMEDIATE
+    return Site(np.stack([pose_array(pose) for pose in task.initial]), np.stack([intermediate, final]), phase)
+
+
+def own_site(scenario: Scenario) -> Site:
+    """Return the task where it is written, in the harbor in which its berth is free."""
+    own = _written(scenario.task)
+    at_berth = (site.harbor for site in sites(scenario) if np.allclose(site.goals[1], own.goals[1]))
+    return replace(own, harbor=next(at_berth, 0))
+
+
+def sites(scenario: Scenario) -> list[Site]:
+    """Return every site of a scenario: the task where it is written, or each berth from one side or both."""
+    own, berths = _written(scenario.task), scenario.task.berths
+    if berths is None:
+        return [own]
+    assert isinstance(scenario.harbor, Marina)  # held by the scenario's validator
+    return [
+        _carried(own, berth_pose(scenario.harbor, place), mirrored, harbor, layout.kind or "", place)
+        for harbor, layout in enumerate(layouts(scenario.harbor, berths))
+        for place in layout.berths
+        for mirrored in ((False, True) if berths.mirrored else (False,))
+    ]
+
+
+def free_sites(scenario: Scenario, blocked: Sequence[Callable[[Floats], Bools]]) -> list[Site]:
+    """Return the sites whose poses are free; at the end of a quay one side of a berth may have no room.
+
+    Args:
+        blocked: for each harbor, tells of poses (n, 3) whether the boat would touch or lie in an obstacle.
+    """
+    every = sites(scenario)
+    if scenario.task.berths is None:
+        return every
+    return [
+        site for site in every if not blocked[site.harbor](np.concatenate([site.initial, site.goals])).any()
+    ]
+
+
+def _carried(
+    own: Site, to: tuple[float, float, float], mirrored: bool, harbor: int, kind: str, place: BerthPlace
+) -> Site:
+    final = own.goals[1]
+    berth = f"{place.side} {place.at_m:g}{' mirrored' if mirrored else ''}"
+    initial, goals = (carry(poses, final, np.array(to), mirrored) for poses in (own.initial, own.goals))
+    return Site(initial, goals, own.first_phase, harbor, kind, berth)
+
+
+def carry(poses: Floats, origin: Floats, to: Floats, mirrored: bool) -> Floats:
+    """Move poses rigidly, as `origin` is moved to `to`.
+
+    Args:
+        poses: (k, 3) x, y [m] and heading [rad].
+        origin, to: (3,) poses.
+        mirrored: reflect the poses in the line along `origin` first, port to starboard.
+
+    Returns:
+        (k, 3), headings in (-pi, pi].
+    """
+    forward, port = _turn(poses[:, 0] - origin[0], poses[:, 1] - origin[1], -origin[2])
+    side = -1.0 if mirrored else 1.0
+    x, y = _turn(forward, side * port, to[2])
+    heading = wrap(to[2] + side * (poses[:, 2] - origin[2]))
+    return np.column_stack([to[0] + x, to[1] + y, heading])
+
+
+def _turn(x: Floats, y: Floats, angle: float) -> tuple[Floats, Floats]:
+    cosine, sine = np.cos(angle), np.sin(angle)
+    return cosine * x - sine * y, sine * x + cosine * y

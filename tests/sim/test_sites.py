@@ -1,0 +1,110 @@
+"""A task carried to many berths: the same manoeuvre everywhere, in a harbor where the berth is free."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from dockctl.errors import InputError
+from dockctl.scenarios.berths import BerthPlace, layouts
+from dockctl.scenarios.harbor import Marina
+from dockctl.scenarios.loader import load
+from dockctl.sim.goal import measure, wrap
+from dockctl.sim.sites import carry, free_sites, own_site, sites
+from dockctl.sim.starts import StartSampler, random_starts
+from tests.sim.worlds import Wall
+
+S3, MARINA = load("s3").scenario, load("marina").scenario
+OPEN = [Wall(math.inf).blocked] * 5
+coordinate, angle = st.floats(-50, 50), st.floats(-math.pi, math.pi)
+poses = st.tuples(coordinate, coordinate, angle).map(np.array)
+
+
+@given(first=poses, second=poses, origin=poses, to=poses, mirrored=st.booleans())
+def test_carrying_keeps_distances_and_turns_and_mirroring_swaps_the_sides(
+    first: np.ndarray, second: np.ndarray, origin: np.ndarray, to: np.ndarray, mirrored: bool
+) -> None:
+    before = np.stack([first, second])
+    after = carry(before, origin, to, mirrored)
+    assert np.hypot(*(after[0] - after[1])[:2]) == pytest.approx(np.hypot(*(first - second)[:2]), abs=1e-9)
+    turned = wrap(np.array([second[2] - first[2], after[1, 2] - after[0, 2]]))
+    assert math.cos(turned[0]) == pytest.approx(math.cos(turned[1]), abs=1e-9)
+    assert math.sin(turned[0]) == pytest.approx(math.sin(turned[1]) * (-1 if mirrored else 1), abs=1e-9)
+    assert measure(carry(origin[None], origin, to, mirrored), to[None])[0] == pytest.approx(0, abs=1e-9)
+    back = carry(after, to, origin, mirrored)
+    assert back[:, :2] == pytest.approx(before[:, :2], abs=1e-9)
+
+
+def test_a_task_carried_to_its_own_berth_stays_and_its_mirror_image_is_the_other_side() -> None:
+    by_name = {site.berth: site for site in sites(MARINA)}
+    own = own_site(S3)
+    assert by_name["east 0"].initial == pytest.approx(own.initial)
+    assert by_name["east 0"].goals == pytest.approx(own.goals)
+    mirrored = by_name["east 0 mirrored"]
+    assert mirrored.initial == pytest.approx(np.array([[23, 10, -math.pi / 2]]))
+    assert mirrored.goals == pytest.approx(np.array([[18, -3, math.radians(-150)], [36, 0, math.pi]]))
+    # half a turn about the middle between the berths brings the east berth to the west one
+    assert by_name["west -2"].initial == pytest.approx(np.array([[20, 8, -math.pi / 2]]))
+    assert by_name["west -2"].goals[1] == pytest.approx([7, -2, 0])
+
+
+def test_each_berth_is_free_in_its_harbor_and_all_the_others_there_are_taken_or_free_together() -> None:
+    assert MARINA.task.berths is not None
+    free_somewhere: list[BerthPlace] = []
+    for layout in layouts(MARINA.harbor, MARINA.task.berths):
+        assert isinstance(layout.harbor, Marina)
+        free = {BerthPlace(row.side, at) for row in layout.harbor.rows for at in row.free}
+        assert free == set(layout.berths)
+        assert 0 < len(free) <= MARINA.task.berths.vacant
+        free_somewhere += layout.berths
+    every = {BerthPlace(row.side, at) for row in MARINA.harbor.rows for at in row.berths}  # type: ignore[union-attr]
+    assert sorted(free_somewhere) == sorted(every)
+
+
+def test_held_out_berths_are_never_a_goal_of_training() -> None:
+    assert MARINA.task.berths is not None
+    held_out = {site.berth for site in sites(MARINA) if site.kind == "held_out"}
+    trained = [site for site in sites(MARINA) if site.kind == "trained"]
+    assert len(held_out) >= len(sites(MARINA)) / 3
+    sampler, rng = StartSampler(MARINA, trained, OPEN, exploring=True), np.random.default_rng(0)
+    drawn = [sampler.draw(rng) for _ in range(600)]
+    assert not {start.berth for start in drawn} & held_out
+    assert {start.berth for start in drawn} == {site.berth for site in trained}
+    harbors = {site.berth: site.harbor for site in trained}
+    assert all(start.harbor == harbors[start.berth] for start in drawn)
+
+
+def test_sites_without_room_are_left_out() -> None:
+    """The berths next to the closed ends of the basin have room on one side only."""
+    south_of_a_wall = free_sites(MARINA, [Wall(24.0).blocked] * 5)
+    assert {site.berth.split()[0] for site in south_of_a_wall} == set()
+    assert len(free_sites(MARINA, OPEN)) == len(sites(MARINA))
+    assert free_sites(S3, [Wall(-1e9).blocked])[0].berth == ""
+
+
+def test_random_starts_lie_around_their_own_site() -> None:
+    held_out = [site for site in sites(MARINA) if site.kind == "held_out"]
+    around = {site.berth: site.initial[0] for site in held_out}
+    starts = random_starts(MARINA, held_out, OPEN, episodes=200, seed=1, kind="held_out")
+    assert {start.berth for start in starts} == set(around)
+    for start in starts:
+        off = start.eta - around[start.berth]
+        assert (np.abs(off) <= [3, 3, math.radians(20)]).all()
+
+
+@pytest.mark.parametrize(
+    ("override", "message"),
+    [
+        ("task.berths.held_out.east=[1]", "no berth on the east quay at 1; the nearest one is at 0"),
+        ("task.berths.held_out.north=[1]", "no berth on the north quay at 1; there is none on that quay"),
+        ("task.berths.held_out.east=[4]", "the east berth at 4 is trained already"),
+        ("task.berths.trained={east: [], west: []}", "name at least one berth"),
+    ],
+)
+def test_berths_that_cannot_be_are_refused(override: str, message: str) -> None:
+    with pytest.raises(InputError, match=message):
+        load("marina", overrides=[override])
