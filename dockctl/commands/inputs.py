@@ -6,8 +6,7 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from dockctl.errors import DockctlError, InputError
-from dockctl.runs.directory import require_writable
+from dockctl.errors import InputError
 
 if TYPE_CHECKING:
     from dockctl.scenarios.loader import LoadedScenario
@@ -33,14 +32,3 @@ def load_checked(
     if found:
         raise InputError(loaded.problem(path, message) for path, message in found) from None
     return loaded
-
-
-def require_place(file: Path) -> None:
-    """Check that a file can be written, before any work is done for it.
-
-    Raises:
-        DockctlError: its folder does not exist or cannot be written, or it is a folder itself.
-    """
-    if not file.absolute().parent.is_dir() or file.is_dir():
-        raise DockctlError(f"{file}: cannot be written: not a file name in an existing folder")
-    require_writable(file.absolute().parent)

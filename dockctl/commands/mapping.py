@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import io
 import math
-import os
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -19,15 +18,13 @@ from rich.progress import Progress
 from rich.table import Table
 
 from dockctl.agents.evaluator import Episode
-from dockctl.commands.inputs import require_place
+from dockctl.commands.outputs import Places
 from dockctl.commands.policies import Trained, find
 from dockctl.commands.rooms import player
 from dockctl.envs.vector import DockingVectorEnv
 from dockctl.errors import DockctlError
 from dockctl.reports.map import free_starts, map_figure, radius_words, reach_of, success_radius, turned_within
-from dockctl.reports.style import house_style, save
-from dockctl.runs.directory import require_writable
-from dockctl.runs.files import write_atomically
+from dockctl.reports.style import house_style
 from dockctl.runs.statistics import wilson_interval
 from dockctl.runs.tables import MAP, Value, to_csv
 from dockctl.scenarios.berths import layouts
@@ -96,25 +93,16 @@ def chart(ckpt: Path | None, source: str | None, grid: Grid, csv: Path | None, o
     """
     trained = find(ckpt)
     loaded = trained.scenario(source)
-    table_folder, figure_folder, stem = _places(trained, loaded.scenario.name, source, out)
-    if csv:
-        require_place(csv)
+    places = Places.of("map", trained, loaded.scenario.name, source, out, csv)
     worlds = build_worlds(loaded.scenario, loaded.base_dir)
     trained.require_fit(DockingVectorEnv(loaded, 1, worlds=worlds))
     text = to_csv(measure(trained, loaded, worlds, grid), MAP)
     table = pd.read_csv(io.StringIO(text), keep_default_na=False, na_values=[""])
     plan = worlds[own_site(loaded.scenario).harbor].scene()
     caption = f"policy of {trained.card.scenario}, seed {trained.card.seed}"
-    with house_style():
-        figure = map_figure(table, plan, loaded.scenario.task, caption)
-        table_folder.mkdir(parents=True, exist_ok=True)
-        written = [
-            write_atomically(path, text.encode()) for path in (table_folder / f"{stem}.csv", csv) if path
-        ]
-        written += save({stem: figure}, figure_folder)
     show(table, trained, loaded.scenario.name)
-    for path in written:
-        Console().print(str(path), soft_wrap=True, highlight=False)
+    with house_style():
+        places.store(text, map_figure(table, plan, loaded.scenario.task, caption))
 
 
 def measure(
@@ -162,23 +150,6 @@ def _row(offset: Floats, pose: Floats, episode: Episode | None, control_period_s
     return (
         place if episode is None else {**place, **episode.row(), "time_s": episode.steps * control_period_s}
     )
-
-
-def _places(trained: Trained, scenario: str, source: str | None, out: Path | None) -> tuple[Path, Path, str]:
-    """Folder of the table, folder of the figure, and the name of both files.
-
-    Raises:
-        DockctlError: a folder cannot be written.
-    """
-    run = trained.run.path if trained.run else None
-    elsewhere = source is not None and scenario != trained.card.scenario
-    stem = f"map-{scenario}" if elsewhere or not run else "map"
-    if out is None and run and not os.access(run, os.W_OK):
-        raise DockctlError(f"{run}: cannot write here; give a folder with --out")
-    tables, figures = (out, out) if out else (run, run / "figures") if run else (Path("figures/map"),) * 2
-    for folder in (tables, figures):
-        require_writable(folder)
-    return tables, figures, stem
 
 
 def show(table: pd.DataFrame, trained: Trained, scenario: str) -> None:

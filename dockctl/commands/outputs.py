@@ -1,0 +1,81 @@
+"""Where the commands that measure a policy leave what they found."""
+
+from __future__ import annotations
+
+import os
+from dataclasses import dataclass
+from pathlib import Path
+
+from matplotlib.figure import Figure
+from rich.console import Console
+
+from dockctl.commands.policies import Trained
+from dockctl.errors import DockctlError
+from dockctl.reports.style import save
+from dockctl.runs.directory import require_writable
+from dockctl.runs.files import write_atomically, writing
+
+
+@dataclass(frozen=True)
+class Places:
+    """A table and a figure of one name, and a second place for the table."""
+
+    tables: Path
+    figures: Path
+    stem: str
+    csv: Path | None
+
+    @classmethod
+    def of(
+        cls,
+        what: str,
+        trained: Trained,
+        scenario: str,
+        source: str | None,
+        out: Path | None,
+        csv: Path | None,
+    ) -> Places:
+        """Choose the run folder of the policy, or `out`, or a folder of its own under ``figures/``.
+
+        Args:
+            what: names the files, together with the scenario where that is not the policy's own.
+            source: the scenario that was asked for, if one was.
+
+        Raises:
+            DockctlError: a place cannot be written.
+        """
+        run = trained.run.path if trained.run else None
+        if out is None and run and not os.access(run, os.W_OK):
+            raise DockctlError(f"{run}: cannot write here; give a folder with --out")
+        tables = out or run or Path("figures") / what
+        figures = run / "figures" if run and not out else tables
+        for folder in (tables, figures):
+            require_writable(folder)
+        if csv:
+            require_place(csv)
+        elsewhere = source is not None and scenario != trained.card.scenario
+        return cls(tables, figures, f"{what}-{scenario}" if elsewhere or not run else what, csv)
+
+    def store(self, table: str, figure: Figure) -> None:
+        """Write the table as CSV and the figure, and print their paths.
+
+        Raises:
+            DockctlError: one cannot be written.
+        """
+        with writing(self.tables):
+            self.tables.mkdir(parents=True, exist_ok=True)
+        places = (self.tables / f"{self.stem}.csv", self.csv)
+        written = [write_atomically(path, table.encode()) for path in places if path]
+        for path in [*written, *save({self.stem: figure}, self.figures)]:
+            Console().print(str(path), soft_wrap=True, highlight=False)
+
+
+def require_place(file: Path) -> None:
+    """Check that a file can be written, before any work is done for it.
+
+    Raises:
+        DockctlError: its folder does not exist or cannot be written, or it is a folder itself.
+    """
+    if not file.absolute().parent.is_dir() or file.is_dir():
+        raise DockctlError(f"{file}: cannot be written: not a file name in an existing folder")
+    require_writable(file.absolute().parent)
