@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import gzip
 import json
 from dataclasses import dataclass
 from pathlib import Path
@@ -11,6 +12,7 @@ import yaml
 from pydantic import ValidationError
 
 from dockctl.errors import DockctlError
+from dockctl.runs.keep import POINTER
 from dockctl.runs.scene import Scene
 from dockctl.scenarios.base import Pose
 from dockctl.scenarios.schema import Task
@@ -102,28 +104,33 @@ def read_run(folder: Path) -> Run:
 
 
 def read_scene(path: Path) -> Scene:
-    """Read the plan view of the harbor.
+    """Read the plan view of the harbor, or the one that a kept run points to.
 
     Raises:
         DockctlError: it is missing or broken.
     """
     try:
-        return Scene.from_json(json.loads(path.read_text(encoding="utf-8")))
-    except (OSError, KeyError, TypeError, ValueError) as error:
+        data = json.loads(path.read_text(encoding="utf-8"))
+        if POINTER in data:
+            data = json.loads(gzip.decompress((path.parent / data[POINTER]).read_bytes()))
+        return Scene.from_json(data)
+    except (OSError, EOFError, KeyError, TypeError, ValueError) as error:
         raise DockctlError(f"{path}: not a readable scene: {error}") from error
 
 
 def read_table(path: Path, columns: tuple[str, ...]) -> pd.DataFrame | None:
-    """Return a CSV table, or None where it is missing or has no rows.
+    """Return a CSV table, as it is or compressed, or None where it is missing or has no rows.
 
     Raises:
         DockctlError: it cannot be read as a table, lacks a column, or holds text where a number belongs.
     """
+    if not path.exists():
+        path = path.with_name(f"{path.name}.gz")
     try:
         table = pd.read_csv(path, keep_default_na=False, na_values=["", "nan"])
     except (FileNotFoundError, pd.errors.EmptyDataError):
         return None
-    except (OSError, UnicodeDecodeError, pd.errors.ParserError) as error:
+    except (OSError, EOFError, UnicodeDecodeError, pd.errors.ParserError) as error:
         raise DockctlError(f"{path}: not a readable table: {error}") from error
     missing = [column for column in columns if column not in table]
     if missing:
