@@ -42,6 +42,27 @@ def judging_starts(scenario: Scenario, worlds: Sequence[World]) -> list[Start]:
     return random_starts(scenario, trained, blocked, episodes=count, seed=seed, kind="trained")
 
 
+def shown_starts(scenario: Scenario, worlds: Sequence[World]) -> list[Start]:
+    """Return the starts whose trajectories are kept and drawn.
+
+    They are those that judge the policy; where the task has berths, its initial poses at the berths that are
+    free in the harbor that is drawn.
+    """
+    from dockctl.sim.sites import free_sites, own_site
+    from dockctl.sim.starts import given_start
+
+    if scenario.task.berths is None:
+        return judging_starts(scenario, worlds)
+    here = own_site(scenario).harbor
+    sites = free_sites(scenario, [world.obstacles.blocked for world in worlds])
+    return [
+        given_start(site, scenario.task, pose, index, site.kind)
+        for site in sites
+        if site.harbor == here
+        for index, pose in enumerate(site.initial)
+    ]
+
+
 def testing_starts(scenario: Scenario, worlds: Sequence[World], episodes: int, seed: int) -> list[Start]:
     """Return seeded random starts: around the initial poses, at the held-out berths where there are any."""
     from dockctl.sim.sites import free_sites

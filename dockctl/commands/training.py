@@ -20,7 +20,7 @@ from dockctl.agents.replay import Replay
 from dockctl.agents.trainer import Trainer
 from dockctl.commands.display import TrainingDisplay, best, clock
 from dockctl.commands.inputs import load_checked
-from dockctl.commands.rooms import judging_starts, player, trajectory_rows
+from dockctl.commands.rooms import judging_starts, player, shown_starts, trajectory_rows
 from dockctl.envs.spaces import ObservationEncoder
 from dockctl.envs.vector import DockingVectorEnv
 from dockctl.errors import DockctlError
@@ -142,7 +142,8 @@ def carry_out(session: Session, device: str) -> str:
     run.write_json(PROVENANCE, facts)
     if trainer.progress.best is not None:
         network, _ = load_policy(run.checkpoint("best"))
-        rows = list(trajectory_rows(play(GreedyPolicy(network)), scenario.vessel.control_period_s))
+        show = player(loaded, session.worlds, shown_starts(scenario, session.worlds))
+        rows = list(trajectory_rows(show(GreedyPolicy(network)), scenario.vessel.control_period_s))
         ranges = [name for name in rows[0] if name not in TRAJECTORIES]
         run.write_text("trajectories.csv", to_csv(rows, [*TRAJECTORIES, *ranges]))
     tell(console, run, trainer.progress, reason)
