@@ -16,6 +16,7 @@ COMMANDS = {
     "train": "train",
     "evaluate": "evaluate",
     "plot": "plot",
+    "record": "record",
     "reproduce": "reproduce",
     "map": "map_",
     "latency": "latency",

@@ -18,7 +18,6 @@ from dockctl.reports.style import house_style, save
 from dockctl.reports.view3d import Body
 from dockctl.runs.directory import require_writable
 from dockctl.scenarios.base import Pose
-from dockctl.scenarios.schema import Scenario
 from dockctl.sim.checks import PoseCheck
 from dockctl.sim.harbor import build_harbor, scene_of
 from dockctl.sim.hulls import hull_mesh
@@ -37,7 +36,7 @@ def show(source: str, pose: str | None, out: Path | None, plugin_files: Sequence
     loaded = load_checked(source, plugin_files=plugin_files)
     scenario = loaded.scenario
     harbor = build_harbor(scenario.harbor, loaded.base_dir)
-    where = _pose(pose, scenario)
+    where = scenario.task.initial[0] if pose is None else pose_of(pose)
     if flaw := PoseCheck.of(scenario, harbor).flaw(where):
         raise DockctlError(f"--pose {pose}: {flaw}")
     place = np.array([where.x_m, where.y_m, math.radians(where.heading_deg)])
@@ -75,10 +74,12 @@ def sector_table(scan: Scan) -> Table:
     return table
 
 
-def _pose(text: str | None, scenario: Scenario) -> Pose:
-    """Read ``x,y,heading`` [m, m, degrees]; the first initial pose where nothing is given."""
-    if text is None:
-        return scenario.task.initial[0]
+def pose_of(text: str) -> Pose:
+    """Read ``x,y,heading`` [m, m, degrees].
+
+    Raises:
+        DockctlError: it is something else.
+    """
     try:
         x, y, heading = (float(part) for part in text.split(","))
     except ValueError:

@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import csv
 import json
+import math
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -11,10 +13,13 @@ from typing import Any
 from dockctl.commands.inputs import load_checked
 from dockctl.errors import DockctlError
 from dockctl.runs.directory import PROVENANCE, SCENARIO, RunDirectory
+from dockctl.runs.keep import ELSEWHERE, FAILURES
 from dockctl.scenarios.loader import load
 from dockctl.scenarios.schema import Scenario
 from dockctl.scenarios.study import Experiment
 
+TRAJECTORIES = "trajectories.csv"
+ASKEW_DEG = 20.0
 WORDS = {"title", "description", "plugins"}
 """Fields of a scenario that a training does not depend on."""
 
@@ -91,25 +96,53 @@ class Job:
         return (stage for stage in self._measurements(run) if stage.leaves and not stage.leaves.is_file())
 
     def _measurements(self, run: Path) -> Iterator[Stage]:
-        policy = ("--ckpt", str(run))
+        policy, records = ("--ckpt", str(run)), run / ELSEWHERE
         yield Stage("evaluate", ("evaluate", *policy), run / "evaluation.json")
         for source, name in self.elsewhere:
-            elsewhere = ("evaluate", *policy, "--scenario", source)
-            yield Stage(f"evaluate on {name}", elsewhere, run / f"evaluation-{name}.json")
+            there = (*policy, "--scenario", source)
+            yield Stage(f"evaluate on {name}", ("evaluate", *there), run / f"evaluation-{name}.json")
+            yield Stage(f"record on {name}", ("record", *there), records / name / TRAJECTORIES)
         yield Stage("plot", ("plot", str(run)), run / "figures" / "overview.png")
         probes = {"latency": run / "figures" / "latency.json", "map": run / "map.csv"}
         for probe in self.experiment.probes:
             yield Stage(probe, (probe, *policy), probes[probe])
+        if "map" in self.experiment.probes and (failures := nearest_failures(run / "map.csv")):
+            starts = [word for pose in failures for word in ("--pose", pose)]
+            out = records / FAILURES
+            yield Stage(
+                "record failures", ("record", *policy, *starts, "--out", str(out)), out / TRAJECTORIES
+            )
+
+
+def nearest_failures(table: Path) -> list[str]:
+    """Poses ``x,y,heading`` of the nearest start that collides, and of the nearest that gets nowhere.
+
+    The second never reaches the intermediate pose. They are the two kinds of failure of Figs. 4.39 and 4.40.
+    Starts with the heading askew by more than `ASKEW_DEG` count only where there are no others.
+    """
+    with table.open(encoding="utf-8", newline="") as file:
+        rows = [row for row in csv.DictReader(file) if row["outcome"] in ("collision", "timeout")]
+    kinds = (
+        [row for row in rows if row["outcome"] == "collision"],
+        [row for row in rows if row["outcome"] == "timeout" and row["phase"] == "0"],
+    )
+    nearest = [min(kind, key=_oddity) for kind in kinds if kind]
+    return [f"{row['x_m']},{row['y_m']},{row['heading_deg']}" for row in nearest]
+
+
+def _oddity(row: dict[str, str]) -> tuple[bool, float, float]:
+    dx, dy, turn = (float(row[name]) for name in ("dx_m", "dy_m", "dheading_deg"))
+    return abs(turn) > ASKEW_DEG, math.hypot(dx, dy), abs(turn)
 
 
 def jobs_of(experiments: Sequence[Experiment], out: Path) -> list[Job]:
-    """Return the jobs, first seeds first, so that every experiment shows something early.
+    """Return the jobs, experiment by experiment.
 
     Raises:
         DockctlError: a scenario of an experiment is wrong.
     """
-    rounds: list[tuple[int, int, Job]] = []
-    for number, experiment in enumerate(experiments):
+    jobs = []
+    for experiment in experiments:
         try:
             load_checked(experiment.scenario, overrides=experiment.overrides(0))
             elsewhere = tuple((source, load(source).scenario.name) for source in experiment.evaluate_on)
@@ -118,8 +151,8 @@ def jobs_of(experiments: Sequence[Experiment], out: Path) -> list[Job]:
             raise DockctlError("\n".join(f"experiment {experiment.name}: {line}" for line in lines)) from None
         for seed in range(experiment.seeds):
             scenario = load(experiment.scenario, overrides=experiment.overrides(seed)).scenario
-            rounds.append((seed, number, Job(experiment, seed, scenario, elsewhere, out / experiment.name)))
-    return [job for _, _, job in sorted(rounds, key=lambda entry: entry[:2])]
+            jobs.append(Job(experiment, seed, scenario, elsewhere, out / experiment.name))
+    return jobs
 
 
 def _finished(run: Path) -> bool:

@@ -24,11 +24,12 @@ FACTS = ("dockctl", "git_commit", "seed", "python", "libraries", "started", "fin
 """What is kept of a run's provenance; paths of the machine are not."""
 MACHINE = ("processor", "cores")
 UPDATE_ROWS = 400
-TRACKS = 5
+TRACKS = 16
 """Trajectories that are kept of each run."""
 SCENES = "scenes"
 POINTER = "kept_as"
-ELSEWHERE = "elsewhere"
+ELSEWHERE, FAILURES = "elsewhere", "failures"
+"""Where a run has recordings of its policy in other places, and the one of its nearest failures."""
 
 
 def keep(run: Path, results: Path, experiment: str, seed: int) -> Path:
@@ -39,8 +40,8 @@ def keep(run: Path, results: Path, experiment: str, seed: int) -> Path:
     """
     kept = results / experiment / f"seed{seed}"
     with new_folder(kept) as folder:
-        for name in dict.fromkeys(path for pattern in PLAIN for path in sorted(run.glob(pattern))):
-            (folder / name.name).write_bytes(name.read_bytes())
+        for file in dict.fromkeys(path for pattern in PLAIN for path in sorted(run.glob(pattern))):
+            (folder / file.name).write_bytes(file.read_bytes())
         for name in COMPRESSED:
             _compress(run / name, folder / f"{Path(name).name}.gz")
         _compress(run / "updates.csv", folder / "updates.csv.gz", _thinned)

@@ -11,14 +11,15 @@ from typing import Any
 
 import numpy as np
 import pandas as pd
+import yaml
 
 from dockctl.errors import DockctlError
 from dockctl.reports import trajectory
 from dockctl.reports.learning import from_the_start
 from dockctl.reports.map import COLUMNS as MAP_COLUMNS
 from dockctl.reports.map import free_starts, reach_of, success_radius, turned_within
-from dockctl.reports.run import Run, read_run, read_scene, read_table
-from dockctl.runs.directory import PROVENANCE
+from dockctl.reports.run import Run, read_run, read_table
+from dockctl.runs.directory import PROVENANCE, SCENARIO
 from dockctl.runs.keep import ELSEWHERE
 from dockctl.runs.scene import Scene
 from dockctl.scenarios.schema import Task
@@ -40,6 +41,12 @@ class Kept:
     @cached_property
     def run(self) -> Run:
         return read_run(self.folder)
+
+    @cached_property
+    def reward_scale(self) -> float:
+        """What the learner multiplied rewards by; its losses and values are in that scale."""
+        resolved = yaml.safe_load((self.folder / SCENARIO).read_text(encoding="utf-8"))
+        return float(resolved["training"]["reward_scale"])
 
     @cached_property
     def facts(self) -> dict[str, Any]:
@@ -107,8 +114,9 @@ class Kept:
         """Environment steps at the first greedy evaluation that docks from every test pose."""
         if self.run.evaluations is None:
             return None
-        all_dock = self.run.evaluations.groupby("env_steps")["outcome"].agg(lambda ends: (ends == "docked").all())
-        steps = all_dock.index[all_dock.to_numpy(bool)]
+        ends = (self.run.evaluations["outcome"] == "docked").astype(int)
+        docked = ends.groupby(self.run.evaluations["env_steps"]).min()
+        steps = docked.index[docked.to_numpy() == 1]
         return int(steps.min()) if len(steps) else None
 
     def ended(self, kind: str, scenario: str = "") -> tuple[int, int] | None:
@@ -168,7 +176,9 @@ Kepts = Mapping[str, Sequence[Kept]]
 
 def read_results(study: Study, results: Path) -> dict[str, list[Kept]]:
     """Return the kept runs of every experiment by seed; an experiment without any has an empty list."""
-    return {experiment.name: _seeds(experiment, results / experiment.name) for experiment in study.experiments}
+    return {
+        experiment.name: _seeds(experiment, results / experiment.name) for experiment in study.experiments
+    }
 
 
 def _seeds(experiment: Experiment, folder: Path) -> list[Kept]:

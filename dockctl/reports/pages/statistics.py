@@ -15,7 +15,7 @@ POINTS = 240
 
 
 def interquartile_mean(values: Floats) -> Floats:
-    """Mean of the middle half along the last axis; where a quarter is no whole number, values count in part."""
+    """Mean of the middle half along the last axis; values at its edges count in part."""
     n = values.shape[-1]
     edges = np.clip(np.arange(n + 1) / n, 0.25, 0.75)
     return np.asarray(np.sort(values, axis=-1) @ (2 * np.diff(edges)))

@@ -1,0 +1,34 @@
+"""``dockctl record``: the way that a policy takes, for ``dockctl plot``."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+
+def record(
+    ckpt: Annotated[
+        Path | None, typer.Option(help="Run folder or checkpoint; the latest run in ./runs if none is given.")
+    ] = None,
+    scenario: Annotated[
+        str | None,
+        typer.Option(help="Scenario to dock in, file or name; the one of the training by default."),
+    ] = None,
+    pose: Annotated[
+        list[str] | None,
+        typer.Option(metavar="X,Y,HEADING", help="Start [m, m, °], one or more; the test poses by default."),
+    ] = None,
+    out: Annotated[
+        Path | None,
+        typer.Option(help="Folder of the recording; elsewhere/<scenario> in the run folder by default."),
+    ] = None,
+) -> None:
+    """Play greedy episodes and record every step of them; dockctl plot draws the folder like a run.
+
+    Example: dockctl record --ckpt runs/s3/20250101-120000-seed0 --scenario s3-opposite
+    """
+    from dockctl.commands import recording
+
+    recording.record(ckpt, scenario, pose or [], out)
