@@ -2,20 +2,19 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any
 
 import torch
 from numpy.typing import NDArray
 from torch import Tensor
-from torch.nn import functional
 
+from dockctl.agents import passes
 from dockctl.agents.network import DuelingQNetwork
+from dockctl.agents.optimizers import optimizer_of
 from dockctl.agents.replay import Transitions
 from dockctl.scenarios.training import Training
-
-QFunction = Callable[[Tensor], Tensor]
 
 
 @dataclass(frozen=True)
@@ -28,62 +27,65 @@ class UpdateMetrics:
     gradient_norm: float
 
 
-@dataclass(frozen=True)
-class Batch:
-    """`Transitions` as tensors on the learner's device."""
+class Workspace:
+    """Buffers of an update with a batch of m transitions.
 
-    observation: Tensor
-    action: Tensor
-    reward: Tensor
-    discount: Tensor
-    next_observation: Tensor
+    Attributes:
+        observations: (2 m, observation_size), the next observations above the observations, so that the
+            online network sees both in one pass.
+        online, target: outputs of the hidden layers, of `observations` and of the next observations alone.
+        seen: the rows of `online` that belong to the observations.
+        slopes: derivatives of the loss by `seen`.
+    """
 
-    @classmethod
-    def of(cls, transitions: Transitions, device: torch.device) -> Batch:
-        return cls(**{name: torch.from_numpy(array).to(device) for name, array in vars(transitions).items()})
-
-
-@torch.no_grad()
-def td_target(batch: Batch, online: QFunction, target: QFunction) -> Tensor:
-    """Double DQN target: the online network chooses the next action, the target network values it. (m,)"""
-    best_action = online(batch.next_observation).argmax(dim=1, keepdim=True)
-    next_value = target(batch.next_observation).gather(1, best_action).squeeze(1)
-    return batch.reward + batch.discount * next_value
-
-
-def td_loss(q: Tensor, target: Tensor, huber_delta: float | None) -> Tensor:
-    """Mean Huber loss, or mean squared error where `huber_delta` is None."""
-    if huber_delta is None:
-        return functional.mse_loss(q, target)
-    return functional.huber_loss(q, target, delta=huber_delta)
+    def __init__(self, network: DuelingQNetwork, rows: int) -> None:
+        layers = network.layers(network.flat)
+        self.rows = rows
+        self.observations = network.flat.new_empty(2 * rows, network.observation_size)
+        self.next_observation, self.observation = self.observations[:rows], self.observations[rows:]
+        self.online = passes.buffers_for(layers, 2 * rows)
+        self.seen = [outputs[rows:] for outputs in self.online]
+        self.target, self.slopes = passes.buffers_for(layers, rows), passes.buffers_for(layers, rows)
 
 
 class DoubleDQN:
     """An online and a target network, and the optimizer that moves the online one.
 
+    It computes what `dockctl.agents.oracle` does by autograd, as products of matrices into buffers that are
+    made once, and with the output layer only where it is used.
+
     Args:
         network: the online network; it is trained in place.
         training: loss, clipping, optimizer and target copies.
+
+    Attributes:
+        target: parameters of the target network, laid out as ``network.flat``.
+        gradient: that of the last update, as the optimizer took it; it is ``network.flat.grad``.
     """
 
     def __init__(self, network: DuelingQNetwork, training: Training) -> None:
-        self.online = network
-        self.target = DuelingQNetwork(network.observation_size, network.actions, network.hidden_sizes)
-        self.target.to_device(network.flat.device)
+        self.online, self.training, self.updates = network, training, 0
+        assert network.flat.grad is not None  # made with the network
+        self.gradient, self.target = network.flat.grad, network.flat.clone()
+        self.optimizer = optimizer_of(training.optimizer, network.flat)
+        self._layers, self._gradient_layers, self._target_layers = (
+            network.layers(vector) for vector in (network.flat, self.gradient, self.target)
+        )
+        self._output, self._output_gradient, self._target_output = (
+            passes.empty_output(self._layers) for _ in range(3)
+        )
+        self._work = Workspace(network, training.batch_size)
         self.copy_to_target()
-        self.training = training
-        self.updates = 0
-        self.optimizer = _optimizer(network.flat, training)
 
     def copy_to_target(self) -> None:
-        self.target.flat.copy_(self.online.flat)
+        self.target.copy_(self.online.flat)
+        passes.fold(self._target_layers, self._target_output)
 
     def state(self) -> dict[str, NDArray[Any]]:
         """Target network and optimizer's moments, for a checkpoint (which holds the online network apart)."""
-        moments = self.optimizer.state[self.online.flat]
         return {
-            "target": self.target.flat.cpu().numpy(),
-            **{f"optimizer.{name}": value.cpu().numpy() for name, value in moments.items()},
+            "target.flat": self.target.cpu().numpy(),
+            **{f"optimizer.{name}": value.cpu().numpy() for name, value in self.optimizer.moments.items()},
         }
 
     def load(self, state: Mapping[str, NDArray[Any]], updates: int) -> None:
@@ -92,41 +94,60 @@ class DoubleDQN:
         Raises:
             KeyError, RuntimeError: the state is of another network.
         """
-        device = self.online.flat.device
-        self.target.flat.copy_(torch.from_numpy(state["target"]))
-        prefix = "optimizer."
-        self.optimizer.state[self.online.flat] = {
-            name.removeprefix(prefix): torch.from_numpy(value).to(device)
-            for name, value in state.items()
-            if name.startswith(prefix)
-        }
+        self.target.copy_(torch.from_numpy(state["target.flat"]))
+        passes.fold(self._target_layers, self._target_output)
+        for name, moment in self.optimizer.moments.items():
+            moment.copy_(torch.from_numpy(state[f"optimizer.{name}"]))
         self.updates = updates
 
+    @torch.inference_mode()
     def update(self, transitions: Transitions, learning_rate: float) -> UpdateMetrics:
         """One gradient step on a batch, and a copy to the target network when one is due."""
-        batch = Batch.of(transitions, self.online.flat.device)
-        target = td_target(batch, self.online, self.target)
-        q = self.online(batch.observation).gather(1, batch.action.unsqueeze(1)).squeeze(1)
-        loss = td_loss(q, target, self.training.huber_delta)
-        gradient = self.online.flat.grad
-        assert gradient is not None  # made with the network
-        gradient.zero_()
-        loss.backward()  # type: ignore[no-untyped-call]  # torch leaves it untyped
-        norm = float(gradient.norm())
-        if self.training.gradient_clip is not None and norm > self.training.gradient_clip:
-            gradient.mul_(self.training.gradient_clip / norm)
-        for group in self.optimizer.param_groups:
-            group["lr"] = learning_rate
-        self.optimizer.step()
+        loss, td_error, q_mean = self._differentiate(transitions)
+        norm = float(torch.linalg.vector_norm(self.gradient))
+        clip = self.training.gradient_clip
+        if clip is not None and norm > clip:
+            self.gradient.mul_(clip / norm)
+        self.optimizer.step(self.online.flat, self.gradient, learning_rate)
         self.updates += 1
         if self.updates % self.training.target_update_interval == 0:
             self.copy_to_target()
-        td_error, q_mean = (q.detach() - target).abs().mean(), q.detach().mean()
-        return UpdateMetrics(float(loss.detach()), float(td_error), float(q_mean), norm)
+        return UpdateMetrics(loss, td_error, q_mean, norm)
+
+    def _differentiate(self, transitions: Transitions) -> list[float]:
+        """Put the gradient of the loss into `gradient`; return loss, mean |TD error| and mean Q."""
+        work, device = self._workspace(len(transitions.action)), self.gradient.device
+        work.next_observation.copy_(torch.from_numpy(transitions.next_observation))
+        work.observation.copy_(torch.from_numpy(transitions.observation))
+        action, reward, discount = (
+            torch.from_numpy(array).to(device)
+            for array in (transitions.action, transitions.reward, transitions.discount)
+        )
+        hidden = passes.hidden_outputs(self._layers, work.observations, work.online)
+        best_action = passes.greedy_action(self._layers, hidden[: work.rows])
+        next_hidden = passes.hidden_outputs(self._target_layers, work.next_observation, work.target)
+        next_value, _ = passes.value_of(self._target_output, next_hidden, best_action)
+        passes.fold(self._layers, self._output)
+        q, chosen = passes.value_of(self._output, work.seen[-1], action)
+        td_error = q - torch.addcmul(reward, discount, next_value)
+        slope, loss = _loss(td_error, self.training.huber_delta)
+        torch.mul(chosen, slope.unsqueeze(1), out=work.slopes[-1])
+        self._output_gradient.weight.zero_().index_add_(0, action, work.seen[-1] * slope.unsqueeze(1))
+        self._output_gradient.bias.zero_().index_add_(0, action, slope)
+        passes.unfold(self._output_gradient, self._gradient_layers)
+        passes.backward(self._layers, self._gradient_layers, work.observation, work.seen, work.slopes)
+        return torch.stack((loss, td_error.abs().mean(), q.mean())).tolist()
+
+    def _workspace(self, rows: int) -> Workspace:
+        if self._work.rows != rows:
+            self._work = Workspace(self.online, rows)
+        return self._work
 
 
-def _optimizer(flat: Tensor, training: Training) -> torch.optim.Optimizer:
-    """Adam, or RMSProp with Keras' defaults (rho 0.9, epsilon 1e-7), since the thesis trained with Keras."""
-    if training.optimizer == "adam":
-        return torch.optim.Adam([flat], lr=training.learning_rate, fused=True)
-    return torch.optim.RMSprop([flat], lr=training.learning_rate, alpha=0.9, eps=1e-7)
+def _loss(td_error: Tensor, huber_delta: float | None) -> tuple[Tensor, Tensor]:
+    """Derivative of the mean loss by each Q, (m,), and the loss: Huber's, or squared without a delta."""
+    rows = len(td_error)
+    if huber_delta is None:
+        return td_error * (2 / rows), td_error.square().mean()
+    bounded = td_error.clamp(-huber_delta, huber_delta)
+    return bounded / rows, (bounded * (td_error - bounded / 2)).mean()

@@ -3,10 +3,35 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import dataclass
 from itertools import pairwise
 
 import torch
 from torch import Tensor, nn
+
+
+@dataclass(frozen=True)
+class Layer:
+    """Weight (outputs, inputs) and bias (outputs,) of ``x W^T + b``."""
+
+    weight: Tensor
+    bias: Tensor
+
+
+@dataclass(frozen=True)
+class Layers:
+    """The matrices of a dueling network, views of one vector.
+
+    Attributes:
+        hidden: the shared layers, then the first layers of both streams as one of `split` + actions outputs.
+        value, advantage: the last layers of the streams.
+        split: outputs of the last hidden layer that feed the value; the others feed the advantage.
+    """
+
+    hidden: tuple[Layer, ...]
+    value: Layer
+    advantage: Layer
+    split: int
 
 
 class DuelingQNetwork(nn.Module):
@@ -16,7 +41,8 @@ class DuelingQNetwork(nn.Module):
     for the value, as wide as the number of actions for the advantage.
 
     All the parameters are views of one vector, `flat`, and their gradients of one vector,
-    `flat.grad`: clipping, the optimizer's step and the target copy are single operations.
+    `flat.grad`: clipping, the optimizer's step and the target copy are single operations. What runs
+    often works on the `layers` of that vector; this module with torch's autograd is what it must equal.
 
     Args:
         observation_size: length of an observation.
@@ -54,15 +80,35 @@ class DuelingQNetwork(nn.Module):
 
     def _flatten(self) -> Tensor:
         """Move the parameters and their gradients into two vectors, of which they become views."""
-        flat = torch.cat([parameter.detach().reshape(-1) for parameter in self.parameters()])
+        parameters = self._in_order()
+        flat = torch.cat([parameter.detach().reshape(-1) for parameter in parameters])
         flat.grad = torch.zeros_like(flat)
         start = 0
-        for parameter in self.parameters():
+        for parameter in parameters:
             end = start + parameter.numel()
             parameter.data = flat[start:end].view_as(parameter)
             parameter.grad = flat.grad[start:end].view_as(parameter)
             start = end
         return flat
+
+    def _in_order(self) -> list[Tensor]:
+        """The parameters as they follow in `flat`: weights side by side where `layers` makes one of two."""
+        value_in, value_bias, *value = self.value.parameters()
+        advantage_in, advantage_bias, *advantage = self.advantage.parameters()
+        streams = [value_in, advantage_in, value_bias, advantage_bias]
+        return [*self.shared.parameters(), *streams, *value, *advantage]
+
+    def layers(self, vector: Tensor) -> Layers:
+        """The matrices as views of a vector of parameters or gradients that is laid out as `flat`."""
+        width, actions = self.hidden_sizes[-1], self.actions
+        sizes = [*pairwise((self.observation_size, *self.hidden_sizes, width + actions))]
+        sizes += [(width, 1), (actions, actions)]
+        parts = iter(
+            torch.split(vector, [n for inputs, outputs in sizes for n in (inputs * outputs, outputs)])
+        )
+        layers = [Layer(next(parts).view(outputs, inputs), next(parts)) for inputs, outputs in sizes]
+        *hidden, value, advantage = layers
+        return Layers(tuple(hidden), value, advantage, split=width)
 
     def to_device(self, device: torch.device) -> DuelingQNetwork:
         """Move the network to `device`, keeping its parameters views of one vector."""

@@ -9,6 +9,7 @@ import numpy as np
 import torch
 from numpy.typing import NDArray
 
+from dockctl.agents import passes
 from dockctl.agents.network import DuelingQNetwork
 
 Actions = NDArray[np.int64]
@@ -22,11 +23,13 @@ class GreedyPolicy:
         # One thread: sums in one order; small matrices gain nothing; the other cores are the simulator's.
         torch.set_num_threads(1)
         self.network = network
+        self._layers = network.layers(network.flat)
 
-    @torch.no_grad()
+    @torch.inference_mode()
     def __call__(self, observation: NDArray[Any]) -> Actions:
-        q = self.network(torch.from_numpy(observation).to(self.network.flat.device))
-        return np.asarray(q.argmax(dim=1).cpu().numpy(), np.int64)
+        below = torch.from_numpy(observation).to(self.network.flat.device)
+        hidden = passes.hidden_outputs(self._layers, below)
+        return np.asarray(passes.greedy_action(self._layers, hidden).cpu().numpy(), np.int64)
 
 
 class EpsilonGreedyPolicy:

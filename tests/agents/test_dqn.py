@@ -2,13 +2,19 @@
 
 from __future__ import annotations
 
+import math
+
 import numpy as np
 import pytest
 import torch
+from hypothesis import given, settings
+from hypothesis import strategies as st
 from torch import Tensor
 
-from dockctl.agents.dqn import Batch, DoubleDQN, td_loss, td_target
+from dockctl.agents import oracle
+from dockctl.agents.dqn import DoubleDQN
 from dockctl.agents.network import DuelingQNetwork
+from dockctl.agents.oracle import Batch, td_loss, td_target
 from dockctl.agents.replay import Transitions
 from dockctl.agents.schedules import epsilon, learning_rate, updates_due
 from dockctl.scenarios.training import Training
@@ -16,20 +22,72 @@ from dockctl.scenarios.training import Training
 CPU = torch.device("cpu")
 
 
-def batch(seed: int = 0, size: int = 32, reward: float = 1.0) -> Transitions:
+def batch(
+    seed: int = 0, size: int = 32, reward: float = 1.0, observation_size: int = 4, actions: int = 3
+) -> Transitions:
     rng = np.random.default_rng(seed)
     return Transitions(
-        rng.normal(size=(size, 4)).astype(np.float32),
-        rng.integers(3, size=size),
+        rng.normal(size=(size, observation_size)).astype(np.float32),
+        rng.integers(actions, size=size),
         (reward * rng.normal(size=size)).astype(np.float32),
         rng.choice(np.array([0.0, 0.99], np.float32), size=size),
-        rng.normal(size=(size, 4)).astype(np.float32),
+        rng.normal(size=(size, observation_size)).astype(np.float32),
     )
 
 
 def learner(**training: object) -> DoubleDQN:
     network = DuelingQNetwork(4, 3, (16, 8), torch.Generator().manual_seed(0))
     return DoubleDQN(network, Training(**{"target_update_interval": 3, **training}))
+
+
+@settings(max_examples=60, deadline=None)
+@given(
+    size=st.integers(1, 40),
+    observation_size=st.integers(1, 20),
+    actions=st.integers(1, 12),
+    hidden_sizes=st.lists(st.integers(1, 24), min_size=1, max_size=4),
+    huber_delta=st.sampled_from([None, 0.1, 1.0, 10.0]),
+    seed=st.integers(0, 1000),
+)
+def test_loss_and_gradient_are_those_of_autograd(
+    size: int,
+    observation_size: int,
+    actions: int,
+    hidden_sizes: list[int],
+    huber_delta: float | None,
+    seed: int,
+) -> None:
+    """Of every parameter, with random biases and a target network of its own."""
+    generator = torch.Generator().manual_seed(seed)
+    online, target = (DuelingQNetwork(observation_size, actions, hidden_sizes, generator) for _ in range(2))
+    for network in (online, target):
+        network.flat += 0.2 * torch.randn(network.flat.shape, generator=generator)
+    dqn = DoubleDQN(online, Training(huber_delta=huber_delta, gradient_clip=None))
+    dqn.load({**dqn.state(), "target.flat": target.flat.numpy()}, 0)
+    transitions = batch(seed, size, observation_size=observation_size, actions=actions)
+
+    loss = oracle.loss(Batch.of(transitions, CPU), online, target, huber_delta)
+    loss.backward()  # type: ignore[no-untyped-call]  # torch leaves it untyped
+    assert online.flat.grad is not None
+    expected = online.flat.grad.clone()
+    metrics = dqn.update(transitions, 1e-4)
+
+    torch.testing.assert_close(dqn.gradient, expected, rtol=1e-5, atol=1e-6)
+    assert metrics.loss == pytest.approx(loss.item(), rel=1e-5, abs=1e-7)
+    assert metrics.gradient_norm == pytest.approx(expected.norm().item(), rel=1e-5, abs=1e-7)
+
+
+def test_metrics_by_hand() -> None:
+    """Every next value is discounted away, so that the targets are the rewards."""
+    dqn, transitions = learner(huber_delta=None), batch()
+    transitions.discount[:] = 0
+    with torch.no_grad():
+        q = dqn.online(torch.from_numpy(transitions.observation))[range(32), transitions.action].numpy()
+    metrics = dqn.update(transitions, 1e-3)
+    assert metrics.td_error == pytest.approx(np.abs(q - transitions.reward).mean(), rel=1e-5)
+    assert metrics.loss == pytest.approx(np.square(q - transitions.reward).mean(), rel=1e-5)
+    assert metrics.q_mean == pytest.approx(q.mean(), rel=1e-4)
+    assert not math.isnan(metrics.gradient_norm)
 
 
 def test_double_and_plain_targets_differ_where_the_networks_disagree() -> None:
@@ -65,19 +123,17 @@ def test_the_target_network_is_copied_at_its_interval() -> None:
     dqn = learner()
     for update in range(1, 7):
         dqn.update(batch(update), 1e-2)
-        assert bool((dqn.target.flat == dqn.online.flat).all()) is (update % 3 == 0)
+        assert bool((dqn.target == dqn.online.flat).all()) is (update % 3 == 0)
 
 
 def test_the_gradient_is_clipped_to_the_norm_and_its_own_norm_is_told() -> None:
     dqn = learner(gradient_clip=0.5, huber_delta=None)
     metrics = dqn.update(batch(reward=100.0), 1e-3)
     assert metrics.gradient_norm > 0.5
-    assert dqn.online.flat.grad is not None
-    assert dqn.online.flat.grad.norm().item() == pytest.approx(0.5, rel=1e-4)
+    assert dqn.gradient.norm().item() == pytest.approx(0.5, rel=1e-4)
     free = learner(gradient_clip=None, huber_delta=None)
     assert free.update(batch(reward=100.0), 1e-3).gradient_norm == metrics.gradient_norm
-    assert free.online.flat.grad is not None
-    assert free.online.flat.grad.norm().item() == pytest.approx(metrics.gradient_norm, rel=1e-5)
+    assert free.gradient.norm().item() == pytest.approx(metrics.gradient_norm, rel=1e-5)
 
 
 @pytest.mark.parametrize("optimizer", ["adam", "rmsprop"])
@@ -92,10 +148,8 @@ def test_one_vector_is_optimized_as_separate_parameters_are(optimizer: str) -> N
         peer = torch.optim.RMSprop(plain.parameters(), lr=1e-3, alpha=0.9, eps=1e-7)
     for number in range(20):
         dqn.update(batch(number), 1e-3)
-        tensors = Batch.of(batch(number), CPU)
-        q = plain(tensors.observation)[torch.arange(32), tensors.action]
         peer.zero_grad(set_to_none=False)
-        td_loss(q, td_target(tensors, plain, target), 1.0).backward()
+        oracle.loss(Batch.of(batch(number), CPU), plain, target, 1.0).backward()
         peer.step()
     torch.testing.assert_close(dqn.online.flat, plain.flat, rtol=1e-4, atol=1e-6)
 
@@ -105,8 +159,7 @@ def test_keras_rmsprop_by_hand() -> None:
     dqn = learner(optimizer="rmsprop", gradient_clip=None)
     before = dqn.online.flat.clone()
     dqn.update(batch(), 1e-4)
-    assert dqn.online.flat.grad is not None
-    gradient = dqn.online.flat.grad.double()
+    gradient = dqn.gradient.double()
     expected = -1e-4 * gradient / ((0.1 * gradient**2).sqrt() + 1e-7)
     torch.testing.assert_close((dqn.online.flat - before).double(), expected, rtol=1e-2, atol=2e-8)
 

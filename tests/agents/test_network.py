@@ -49,11 +49,31 @@ def test_the_generator_decides_the_weights() -> None:
 def test_parameters_and_gradients_are_views_of_one_vector() -> None:
     network = DuelingQNetwork(4, 3, (8,))
     network(torch.ones(2, 4)).sum().backward()
-    gradients = [
-        parameter.grad.reshape(-1) for parameter in network.parameters() if parameter.grad is not None
-    ]
     assert network.flat.grad is not None
-    assert (network.flat.grad == torch.cat(gradients)).all()
     assert network.flat.grad.abs().sum() > 0
+    for parameter in network.parameters():
+        assert parameter.grad is not None
+        for part, whole in ((parameter, network.flat), (parameter.grad, network.flat.grad)):
+            assert part.untyped_storage().data_ptr() == whole.untyped_storage().data_ptr()
+    assert sum(parameter.numel() for parameter in network.parameters()) == len(network.flat)
     network.flat.zero_()
     assert (network(torch.ones(1, 4)) == 0).all()
+
+
+def test_layers_are_the_parameters_with_the_streams_side_by_side() -> None:
+    network = DuelingQNetwork(5, 3, (8, 6), torch.Generator().manual_seed(0))
+    network.flat += torch.arange(len(network.flat)) / 100
+    layers = network.layers(network.flat)
+    first, second, streams = layers.hidden
+    pairs = [
+        (network.shared[0], first.weight, first.bias),
+        (network.shared[2], second.weight, second.bias),
+        (network.value[0], streams.weight[:6], streams.bias[:6]),
+        (network.advantage[0], streams.weight[6:], streams.bias[6:]),
+        (network.value[2], layers.value.weight, layers.value.bias),
+        (network.advantage[2], layers.advantage.weight, layers.advantage.bias),
+    ]
+    for module, weight, bias in pairs:
+        torch.testing.assert_close(module.weight, weight, rtol=0, atol=0)
+        torch.testing.assert_close(module.bias, bias, rtol=0, atol=0)
+    assert layers.split == 6
