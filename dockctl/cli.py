@@ -19,6 +19,7 @@ COMMANDS = {
     "record": "record",
     "reproduce": "reproduce",
     "map": "map_",
+    "returns": "returns",
     "latency": "latency",
     "show": "show",
     "validate": "validate",

@@ -64,9 +64,10 @@ class Places:
         """
         with writing(self.tables):
             self.tables.mkdir(parents=True, exist_ok=True)
-        places = (self.tables / f"{self.stem}.csv", self.csv)
-        written = [write_atomically(path, table.encode()) for path in places if path]
-        for path in [*written, *save({self.stem: figure}, self.figures)]:
+        written = save({self.stem: figure}, self.figures)
+        places = (self.tables / f"{self.stem}.csv", self.csv)  # last, so that a table means that all is there
+        written += [write_atomically(path, table.encode()) for path in places if path]
+        for path in written:
             Console().print(str(path), soft_wrap=True, highlight=False)
 
 

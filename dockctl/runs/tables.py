@@ -38,6 +38,9 @@ MAP = (
 )  # fmt: skip
 """Starts of ``dockctl map``, by their offset from the pose in the middle; a blocked one has no result."""
 
+RETURNS = ("behavior", "outcome", "steps", "time_s", "distance_unit_m", "return", "gate_discount")
+"""Behaviors of ``dockctl returns``, discounted; one column ``reward_<term>`` for each reward term follows."""
+
 TIMING = ("env_steps", "wall_s")
 """Seconds since the training began; kept apart so that the other tables repeat byte for byte."""
 

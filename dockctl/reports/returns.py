@@ -1,0 +1,157 @@
+"""Which behavior a reward prefers: discounted returns under several readings of the unit of the distance."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+
+import numpy as np
+import pandas as pd
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+
+from dockctl.reports.learning import OTHER_TERMS, TERM_COLORS, term_columns
+from dockctl.reports.style import HALO, key, sheet, thousands
+from dockctl.runs import palette
+
+DOCKING, AT_START, AT_GATE = "dock", "loiter at the start", "loiter at the gate"
+READING_COLORS = (palette.MEAN, palette.SECOND_MEAN, palette.PURPLE, palette.GREEN)
+INTERMEDIATE = "reward_intermediate"
+
+
+def unit_words(unit_m: float) -> str:
+    """A unit of the distance in print."""
+    return "meters" if unit_m == 1 else f"units of {unit_m:g} m"
+
+
+def break_even(rows: pd.DataFrame) -> float | None:
+    """Reward of the intermediate pose above which docking is worth more than loitering in front of it.
+
+    Args:
+        rows: the behaviors under one reading.
+
+    Returns:
+        None where there is no intermediate pose, or nothing is paid for it.
+    """
+    if AT_GATE not in set(rows["behavior"]) or INTERMEDIATE not in rows:
+        return None
+    behind = value(rows, AT_GATE, "return") - value(rows, DOCKING, "return")
+    return (value(rows, DOCKING, INTERMEDIATE) + behind) / value(rows, DOCKING, "gate_discount")
+
+
+def value(rows: pd.DataFrame, behavior: str, column: str) -> float:
+    """A number of one behavior."""
+    return float(rows[rows["behavior"] == behavior][column].iloc[0])
+
+
+def verdicts(rows: pd.DataFrame) -> Iterator[str]:
+    """Say what the reward prefers under one reading, a sentence each."""
+    hits, waiting = rows[rows["outcome"] == "collision"], value(rows, AT_START, "return")
+    if len(hits):
+        best = hits.sort_values("return").iloc[-1]
+        yield (
+            f"The best way to hit something ({best['behavior']}) is worth {best['return']:,.0f},"
+            f" waiting at the start {waiting:,.0f}."
+        )
+    if (least := break_even(rows)) is not None:
+        docking, loitering = (value(rows, name, "return") for name in (DOCKING, AT_GATE))
+        yield (
+            f"Docking is worth {docking:,.0f}, loitering at the gate {loitering:,.0f}; docking is worth more"
+            f" when the intermediate pose pays more than {least:,.0f}."
+        )
+
+
+def returns_figure(table: pd.DataFrame, caption: str) -> Figure:
+    """A panel of bars for each reading, and by how much docking leads loitering at the gate.
+
+    Args:
+        table: columns `dockctl.runs.tables.RETURNS` and one ``reward_<term>`` a term.
+        caption: what was played.
+    """
+    units = [float(unit) for unit in table["distance_unit_m"].unique()]
+    readings = [table[table["distance_unit_m"] == unit] for unit in units]
+    gate = break_even(readings[0]) is not None
+    widths = [1.0] * len(units) + [0.8] * gate
+    figure = sheet(
+        "What the reward prefers: discounted returns, made of their terms",
+        caption,
+        (2.2 + 4.3 * sum(widths), 1.9 + 0.46 * len(readings[0])),
+    )
+    axes = np.atleast_1d(figure.subplots(1, len(widths), width_ratios=widths))
+    for i, (unit, rows) in enumerate(zip(units, readings, strict=True)):
+        draw_returns(axes[i], rows)
+        axes[i].set_xlabel(f"Discounted return, δd in {unit_words(unit)}")
+        axes[i].tick_params(labelleft=i == 0)
+    key(axes[0], [(_name(column), _color(table, column)) for column in term_columns(table)], columns=6)
+    if gate:
+        colors = [READING_COLORS[i % len(READING_COLORS)] for i in range(len(units))]
+        for rows, color in zip(readings, colors, strict=True):
+            draw_lead(axes[-1], rows, color)
+        names = [f"δd in {unit_words(unit)}" for unit in units]
+        key(axes[-1], list(zip(names, colors, strict=True)), columns=2)
+    return figure
+
+
+def draw_returns(ax: Axes, rows: pd.DataFrame) -> None:
+    """A bar a behavior: gains to the right, costs to the left, the return as a mark with its number."""
+    rows = rows.reset_index(drop=True)
+    gain, cost = np.zeros(len(rows)), np.zeros(len(rows))
+    for column in term_columns(rows):
+        values = rows[column].to_numpy(float)
+        for base, part in ((gain, values.clip(min=0)), (cost, values.clip(max=0))):
+            ax.barh(rows.index, part, left=base, height=0.62, color=_color(rows, column), alpha=0.88, lw=0)
+            base += part
+    ax.plot(rows["return"], rows.index, "D", ms=5, color=palette.INK, mec="white", mew=0.9, zorder=4)
+    for at, row in rows.iterrows():
+        ax.annotate(
+            f"{row['return']:,.0f}".replace("-", "−"),
+            (gain[int(str(at))], int(str(at))),
+            xytext=(5, 0), textcoords="offset points", va="center", fontsize=8.5,
+            fontweight="bold" if row["outcome"] == "docked" else "normal", path_effects=HALO, zorder=5,
+        )  # fmt: skip
+    ax.axvline(0, color=palette.INK_SOFT, lw=0.8, zorder=3)
+    low, high = cost.min(), gain.max()
+    ax.set_xlim(low - 0.03 * (high - low), high + 0.24 * (high - low))
+    labels = [f"{row['behavior']}\n{_end(row)}" for _, row in rows.iterrows()]
+    ax.set_yticks(rows.index, labels)
+    ax.set_ylim(len(rows) - 0.45, -0.55)
+    ax.grid(axis="y", visible=False)
+    ax.locator_params(axis="x", nbins=6)
+    thousands(ax)
+
+
+def draw_lead(ax: Axes, rows: pd.DataFrame, color: str) -> None:
+    """By how much docking leads loitering at the gate, over what the intermediate pose pays."""
+    even, discount = break_even(rows), value(rows, DOCKING, "gate_discount")
+    assert even is not None  # the caller draws readings with a gate
+    paid = value(rows, DOCKING, INTERMEDIATE) / discount
+    reward = np.array([0.0, max(3.5 * paid, 1.6 * even)])
+    ax.plot(reward, discount * (reward - even), color=color)
+    ax.plot(paid, discount * (paid - even), "o", color=color, mec="white", ms=7, zorder=4)
+    if even > 0:
+        ax.plot(even, 0, "D", color=color, mec="white", ms=6, zorder=4)
+        ax.annotate(
+            f"break-even {even:,.0f}", (even, 0), xytext=(6, -14), textcoords="offset points",
+            fontsize=8.5, color=color, path_effects=HALO,
+        )  # fmt: skip
+    ax.axhline(0, color=palette.INK_SOFT, lw=0.8, zorder=1)
+    ax.set_xlim(*ax.dataLim.intervalx)
+    ax.locator_params(nbins=5)
+    ax.set_xlabel("Reward of the intermediate pose   (● the scenario's)")
+    ax.set_ylabel("Return of docking less that of loitering at the gate")
+    thousands(ax, "y")
+    thousands(ax)
+
+
+def _end(row: pd.Series) -> str:
+    words = {"docked": "docks", "collision": "hits something", "timeout": "cut"}
+    return f"{words[row['outcome']]} after {row['time_s']:g} s"
+
+
+def _name(column: str) -> str:
+    return column.removeprefix("reward_")
+
+
+def _color(table: pd.DataFrame, column: str) -> str:
+    others = [name for name in map(_name, term_columns(table)) if name not in TERM_COLORS]
+    name = _name(column)
+    return TERM_COLORS.get(name) or OTHER_TERMS[others.index(name) % len(OTHER_TERMS)]
