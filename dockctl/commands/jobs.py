@@ -103,7 +103,8 @@ class Job:
             yield Stage(f"evaluate on {name}", ("evaluate", *there), run / f"evaluation-{name}.json")
             yield Stage(f"record on {name}", ("record", *there), records / name / TRAJECTORIES)
         yield Stage("plot", ("plot", str(run)), run / "figures" / "overview.png")
-        probes = {"latency": run / "figures" / "latency.json", "map": run / "map.csv"}
+        latency = run / "figures" / "latency.json"
+        probes = {"latency": latency, "map": run / "map.csv", "returns": run / "returns.csv"}
         for probe in self.experiment.probes:
             yield Stage(probe, (probe, *policy), probes[probe])
         if "map" in self.experiment.probes and (failures := nearest_failures(run / "map.csv")):

@@ -17,6 +17,7 @@ from dockctl.runs.directory import SCENARIO, require_writable
 from dockctl.runs.files import new_folder
 from dockctl.runs.keep import ELSEWHERE
 from dockctl.runs.tables import TRAJECTORIES, to_csv
+from dockctl.scenarios.berths import layouts
 from dockctl.scenarios.loader import dump
 from dockctl.sim.checks import PoseCheck
 from dockctl.sim.harbor import build_harbor
@@ -43,7 +44,8 @@ def record(ckpt: Path | None, source: str | None, poses: Sequence[str], out: Pat
     starts = shown_starts(scenario, worlds)
     if poses:
         given = [pose_of(text) for text in poses]
-        check = PoseCheck.of(scenario, build_harbor(scenario.harbor, loaded.base_dir))
+        layout = layouts(scenario.harbor, scenario.task.berths)[site.harbor]
+        check = PoseCheck.of(scenario, build_harbor(layout.harbor, loaded.base_dir))
         if flaws := [flaw for pose in given if (flaw := check.flaw(pose))]:
             raise DockctlError("\n".join(f"--pose: {flaw}" for flaw in flaws))
         starts = [given_start(site, scenario.task, pose_array(p), i) for i, p in enumerate(given)]

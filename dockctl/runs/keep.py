@@ -18,7 +18,7 @@ from dockctl.runs.directory import PROVENANCE, SCENARIO, RunDirectory
 from dockctl.runs.files import new_folder, writing
 from dockctl.runs.tables import to_csv
 
-PLAIN = ("evaluations.csv", "timing.csv", "evaluation*.csv", "map.csv", "figures/latency.json")
+PLAIN = ("evaluations.csv", "timing.csv", "evaluation*.csv", "map.csv", "returns.csv", "figures/latency.json")
 COMPRESSED = ("episodes.csv", "figures/latency.csv")
 FACTS = ("dockctl", "git_commit", "seed", "python", "libraries", "started", "finished", "stop_reason")
 """What is kept of a run's provenance; paths of the machine are not."""

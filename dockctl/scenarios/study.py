@@ -15,7 +15,7 @@ from dockctl.scenarios.catalog import PACKAGE, SUFFIXES, shown
 from dockctl.scenarios.yamltree import read_file
 
 Name = Annotated[str, Field(pattern=r"^[A-Za-z0-9][A-Za-z0-9_.-]*$", max_length=64)]
-Probe = Literal["map", "latency"]
+Probe = Literal["map", "latency", "returns"]
 
 
 class Experiment(Model):
