@@ -27,6 +27,7 @@ from dockctl.errors import DockctlError
 from dockctl.runs import provenance
 from dockctl.runs.directory import PROVENANCE, SCENARIO, RunDirectory, require_writable
 from dockctl.runs.tables import TRAJECTORIES, to_csv
+from dockctl.scenarios.files import mesh_files, naming
 from dockctl.scenarios.interface import PolicyInterface
 from dockctl.scenarios.loader import LoadedScenario, dump
 from dockctl.scenarios.schema import Scenario
@@ -57,9 +58,9 @@ def begin(source: str, overrides: list[str], plugin_files: list[Path], out: Path
     seed = loaded.scenario.training.seed
     run = RunDirectory.create(out, loaded.scenario.name, seed)
     facts = provenance.collect(seed, sys.argv)
-    facts["plugins"] = run.copy_plugins(loaded.plugin_files)
-    with_copies = loaded.scenario.model_copy(update={"plugins": tuple(facts["plugins"])})
-    run.write_text(SCENARIO, dump(with_copies))
+    facts["plugins"] = run.copy_files("plugins", loaded.plugin_files)
+    facts["meshes"] = run.copy_files("meshes", mesh_files(loaded.scenario))
+    run.write_text(SCENARIO, dump(naming(loaded.scenario, facts["plugins"], facts["meshes"])))
     run.write_json("scene.json", worlds[own_site(loaded.scenario).harbor].scene().to_json())
     run.write_json(PROVENANCE, facts)
     return Session(loaded, worlds, run, taken_up=False)
@@ -89,8 +90,9 @@ def take_up(path: Path, steps: int | None) -> Session:
     loaded = load_checked(run.path / SCENARIO, overrides=overrides)
     require_memory(loaded.scenario)
     if overrides:
-        copies = tuple(Path(p).relative_to(run.path.resolve()).as_posix() for p in loaded.scenario.plugins)
-        run.write_text(SCENARIO, dump(loaded.scenario.model_copy(update={"plugins": copies})))
+        plugins = map(run.inside, loaded.scenario.plugins)
+        meshes = [run.inside(str(path)) for path in mesh_files(loaded.scenario)]
+        run.write_text(SCENARIO, dump(naming(loaded.scenario, plugins, meshes)))
     again = {"at": provenance.now(), "env_steps": card["env_steps"], "command": sys.argv}
     facts |= {"finished": None, "stop_reason": None, "taken_up": [*facts.get("taken_up", []), again]}
     run.write_json(PROVENANCE, facts)

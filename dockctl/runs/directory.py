@@ -35,7 +35,7 @@ class RunDirectory:
     """One training run on disk. Files are replaced whole; tables grow by whole rows.
 
     Layout: ``scenario.yaml`` (fully resolved), ``provenance.json``, ``scene.json`` (plan view), ``plugins/``,
-    ``episodes.csv``, ``updates.csv``, ``evaluations.csv``, ``timing.csv``, ``trajectories.csv``,
+    ``meshes/``, ``episodes.csv``, ``updates.csv``, ``evaluations.csv``, ``timing.csv``, ``trajectories.csv``,
     ``checkpoints/best`` and ``checkpoints/last``, ``figures/``.
     """
 
@@ -107,6 +107,11 @@ class RunDirectory:
         if (self.path / name).exists():
             self.write_text(name, cut_table(self.path / name, env_steps))
 
+    def inside(self, path: str) -> str:
+        """The path of a file from the run folder on; unchanged where the file lies elsewhere."""
+        home = self.path.resolve()
+        return Path(path).relative_to(home).as_posix() if Path(path).is_relative_to(home) else path
+
     def write_text(self, name: str, text: str) -> Path:
         """Write a file of the run whole."""
         return write_atomically(self.path / name, text.encode())
@@ -129,13 +134,13 @@ class RunDirectory:
             raise DockctlError(f"{path}: cannot be read: expected a JSON object")
         return value
 
-    def copy_plugins(self, files: Iterable[Path]) -> dict[str, str]:
-        """Copy local plugin files into ``plugins/`` and return the SHA-256 of each by its path in the run."""
+    def copy_files(self, folder: str, files: Iterable[Path]) -> dict[str, str]:
+        """Copy files into a folder of the run and return the SHA-256 of each by its path in the run."""
         hashes = {}
         for number, file in enumerate(files):
             content = file.read_bytes()
-            name = f"plugins/{number:02d}-{file.name}"
-            (self.path / "plugins").mkdir(exist_ok=True)
+            name = f"{folder}/{number:02d}-{file.name}"
+            (self.path / folder).mkdir(exist_ok=True)
             write_atomically(self.path / name, content)
             hashes[name] = hashlib.sha256(content).hexdigest()
         return hashes

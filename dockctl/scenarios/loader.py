@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import os
 from collections.abc import Iterable, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import reduce
 from pathlib import Path
 from typing import Any, TypeVar
@@ -79,14 +79,17 @@ def load(
         plugins.load_file(path)
     path, shown = catalog.find(SCENARIOS, str(source), Path())
     tree = reduce(_override, sorted(overrides, key=_is_detail), _read(path, shown, SCENARIOS, ()))
+    hint = ""
     if tree.get("name") is None:
         tree = tree.replaced("name", Node(path.stem, Place(shown)))
+        hint = "; it is the file's name: add 'name: ...' to the file"
     problems = list(_load_plugins(tree))
     problems += function_problems(tree)
     try:
         scenario = Scenario.model_validate(tree.plain())
     except ValidationError as error:
-        problems += translate.problems(error, tree, Scenario)
+        found = translate.problems(error, tree, Scenario)
+        problems += [replace(p, message=p.message + hint) if p.field == "name" else p for p in found]
         raise InputError(sorted(problems, key=_by_place)) from None
     if problems:
         raise InputError(sorted(problems, key=_by_place))

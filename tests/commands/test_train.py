@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import csv
+import hashlib
 import io
 import json
 import shutil
@@ -21,6 +22,7 @@ from dockctl.scenarios.loader import load
 from dockctl.scenarios.training import Training
 from tests.commands.conftest import Outcome, dockctl, only_run, quick_train
 
+EXAMPLES = Path(__file__).parents[2] / "examples"
 Trained = tuple[Path, Outcome]
 
 
@@ -180,6 +182,22 @@ def test_a_plugin_travels_with_the_run(tmp_path: Path) -> None:
     assert dockctl("evaluate", "--ckpt", run, "--episodes", 1).code == 0
     assert dockctl("train", "--resume", run, "--steps", 80).code == 0
     assert (run / "scenario.yaml").read_text().count("plugins/00-mine.py") == 1
+
+
+def test_a_mesh_harbor_travels_with_the_run(tmp_path: Path) -> None:
+    shutil.copytree(EXAMPLES / "custom-harbor", tmp_path / "harbor")
+    outcome = quick_train(tmp_path / "runs", tmp_path / "harbor" / "s1-pontoon.yaml", "--steps", 60)
+    assert outcome.code == 0, outcome.err
+    shutil.rmtree(tmp_path / "harbor")
+    run = only_run(tmp_path / "runs").rename(tmp_path / "moved")
+    (mesh,) = load(run / "scenario.yaml").scenario.harbor.meshes
+    assert mesh.path == str(run / "meshes" / "00-pontoon.obj")
+    hashes = json.loads((run / "provenance.json").read_text())["meshes"]
+    digest = hashlib.sha256((EXAMPLES / "custom-harbor" / "pontoon.obj").read_bytes()).hexdigest()
+    assert hashes == {"meshes/00-pontoon.obj": digest}
+    assert dockctl("evaluate", "--ckpt", run, "--episodes", 1).code == 0
+    assert dockctl("train", "--resume", run, "--steps", 80).code == 0
+    assert "path: meshes/00-pontoon.obj\n" in (run / "scenario.yaml").read_text()
 
 
 def progress(**changes: Any) -> Progress:

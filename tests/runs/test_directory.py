@@ -88,7 +88,7 @@ def test_plugins_are_copied_with_their_hashes(tmp_path: Path) -> None:
         (tmp_path / folder).mkdir()
         (tmp_path / folder / "mine.py").write_text(f"# {folder}\n")
     run = RunDirectory.create(tmp_path / "runs", "s1", 0)
-    hashes = run.copy_plugins([tmp_path / "a" / "mine.py", tmp_path / "b" / "mine.py"])
+    hashes = run.copy_files("plugins", [tmp_path / "a" / "mine.py", tmp_path / "b" / "mine.py"])
     assert list(hashes) == ["plugins/00-mine.py", "plugins/01-mine.py"]
     assert hashes["plugins/01-mine.py"] == hashlib.sha256(b"# b\n").hexdigest()
     assert (run.path / "plugins" / "00-mine.py").read_text() == "# a\n"

@@ -348,6 +348,16 @@ VALUES = st.recursive(
 )
 
 
+def test_a_file_whose_name_cannot_be_the_scenario_s_wants_a_name(tmp_path: Path) -> None:
+    path = write(tmp_path, "extends: s1\n", "my berth.yaml")
+    with pytest.raises(
+        InputError, match=r"found the text 'my berth', .*; it is the file's name: add 'name: "
+    ):
+        loader.load(path)
+    path.write_text("extends: s1\nname: my-berth\n")
+    assert loader.load(path).scenario.name == "my-berth"
+
+
 @given(st.dictionaries(KEYS, VALUES, max_size=6), st.booleans())
 def test_any_mapping_is_a_scenario_or_an_error(
     tmp_path_factory: pytest.TempPathFactory, data: dict[str, Any], extend: bool
