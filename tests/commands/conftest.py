@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -41,6 +42,14 @@ def quick_train(out: Path, *arguments: object) -> Outcome:
 def only_run(out: Path) -> Path:
     (run,) = out.glob("*/*")
     return run
+
+
+def forget_interface(run: Path) -> None:
+    """Make the card of the best checkpoint one of an earlier version."""
+    path = run / "checkpoints" / "best" / "policy.json"
+    card = json.loads(path.read_text())
+    del card["interface"]
+    path.write_text(json.dumps(card))
 
 
 @pytest.fixture(scope="session")

@@ -10,7 +10,7 @@ from pathlib import Path
 import pytest
 
 from dockctl.runs.tables import EVALUATION
-from tests.commands.conftest import Outcome, dockctl, only_run, quick_train
+from tests.commands.conftest import Outcome, dockctl, forget_interface, only_run, quick_train
 
 Trained = tuple[Path, Outcome]
 
@@ -80,13 +80,6 @@ def test_a_policy_is_evaluated_elsewhere(run: Path) -> None:
     assert not (run / "evaluation.json").exists()
 
 
-def forget_interface(checkpoint: Path) -> None:
-    """Make a card as earlier versions wrote it."""
-    card = json.loads((checkpoint / "policy.json").read_text())
-    del card["interface"]
-    (checkpoint / "policy.json").write_text(json.dumps(card))
-
-
 def test_a_policy_keeps_its_observation_and_actions_elsewhere(run: Path, tmp_path: Path) -> None:
     """Scenario 3 observes the phase too, and this one has two LiDAR sectors less and other actions."""
     (tmp_path / "other.yaml").write_text(
@@ -147,7 +140,7 @@ def test_refusals(
     best = run / "checkpoints" / "best"
     arguments: list[object] = ["--ckpt", run]
     if broken == "scenario":
-        forget_interface(best)
+        forget_interface(run)
         arguments += ["--scenario", "s3"]
     elif broken == "nowhere":
         arguments = ["--ckpt", "nowhere"]

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import shutil
 from pathlib import Path
 
 import numpy as np
@@ -12,7 +13,7 @@ from numpy.typing import NDArray
 
 from dockctl.commands.timing import verdict
 from dockctl.reports.latency import PARTS
-from tests.commands.conftest import Outcome, dockctl
+from tests.commands.conftest import Outcome, dockctl, forget_interface
 
 FILES = {"latency.png", "latency.svg", "latency.csv", "latency.json"}
 
@@ -47,7 +48,10 @@ def test_a_trained_policy_is_timed_on_its_scenario(trained: tuple[Path, Outcome]
 def test_a_policy_of_another_observation_size_is_refused(
     trained: tuple[Path, Outcome], tmp_path: Path
 ) -> None:
-    outcome = dockctl("latency", "--ckpt", trained[0], "--scenario", "s3", "--out", tmp_path / "out")
+    run = tmp_path / "run"
+    shutil.copytree(trained[0], run)
+    forget_interface(run)
+    outcome = dockctl("latency", "--ckpt", run, "--scenario", "s3", "--out", tmp_path / "out")
     assert outcome.code == 2
     assert "observation" in outcome.err
     assert not (tmp_path / "out").exists()

@@ -17,7 +17,7 @@ from dockctl.scenarios import catalog, loader
 from dockctl.scenarios.schema import Pose, Scenario
 from dockctl.scenarios.training import THESIS
 
-CATALOG = ["s1", "s2", "s2-poses", "s3", "s3-appendix-b", "s3-opposite"]
+CATALOG = ["marina", "s1", "s2", "s2-poses", "s3", "s3-appendix-b", "s3-opposite"]
 
 
 def write(folder: Path, text: str, name: str = "x.yaml") -> Path:
