@@ -80,7 +80,7 @@ def pose_figure(run: Run, tracks: Sequence[Track]) -> Figure:
     interval = scene.outline_interval(tracks)
     title = (
         "How the best policy docks"
-        if all(_docked(track, run.task) for track in tracks)
+        if all(trajectory.docked(track, run.task) for track in tracks)
         else "Where the best policy goes"
     )
     figure, ax = panel(title, f"{run.caption}, one outline every {interval:g} s", (7.8, height))
@@ -121,7 +121,7 @@ def docking_figures(run: Run, tracks: Sequence[Track]) -> Iterator[tuple[str, Fi
 
 def overview(run: Run, episodes: pd.DataFrame, tracks: Sequence[Track]) -> Figure:
     """One page: the paths, how the policy learned, and what it does on its way."""
-    docked = sum(_docked(track, run.task) for track in tracks)
+    docked = sum(trajectory.docked(track, run.task) for track in tracks)
     last = episodes.tail(100)
     share = float((last["outcome"] == "docked").mean())
     figure = sheet(
@@ -161,14 +161,3 @@ def _plan_and_view(
     points = np.concatenate([*paths, scene.task_points(run.task)])
     plan = scene.embracing(run.scene, points)
     return plan, scene.close_view(plan, points, aspect=aspect)
-
-
-def _docked(track: Track, task: Task) -> bool:
-    """Whether a track ends within the tolerance of the final pose."""
-    last, tolerance = track.table.iloc[-1], task.final_tolerance
-    return bool(
-        last["phase"] == 1
-        and last["distance_m"] < tolerance.distance_m
-        and abs(np.radians(last["heading_error_deg"])) < tolerance.heading
-        and np.hypot(last["u_mps"], last["v_mps"]) <= tolerance.speed_mps
-    )

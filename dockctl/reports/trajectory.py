@@ -47,6 +47,17 @@ def pose_label(x_m: float, y_m: float, heading_deg: float) -> str:
     return f"({x}, {y}, {heading}°)"
 
 
+def docked(track: Track, task: Task) -> bool:
+    """Whether a track ends within the tolerance of the final pose."""
+    last, tolerance = track.table.iloc[-1], task.final_tolerance
+    return bool(
+        last["phase"] == 1
+        and last["distance_m"] < tolerance.distance_m
+        and abs(np.radians(last["heading_error_deg"])) < tolerance.heading
+        and np.hypot(last["u_mps"], last["v_mps"]) <= tolerance.speed_mps
+    )
+
+
 def draw_distance(ax: Axes, tracks: Sequence[Track], task: Task) -> None:
     """Distance to the goal of the phase (Fig. 4.5)."""
     _lines(ax, tracks, "distance_m", breaks=True)

@@ -1,0 +1,156 @@
+"""What we see in a figure, in a few numbers: over the seeds of a training, or over recorded maneuvers."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+
+import numpy as np
+
+from dockctl.reports.learning import from_the_start
+from dockctl.reports.pages.kept import Kept
+from dockctl.reports.pages.markdown import listed, spread
+from dockctl.reports.trajectory import Track, docked
+from dockctl.scenarios.schema import Task
+
+TOP_SHARE = 0.9
+"""A boat runs at top speed while it makes at least this share of it."""
+LAST = 100
+
+
+def slowing_m(track: Track) -> float:
+    """Distance to the last goal at which the boat makes top speed for the last time [m]."""
+    rows = track.table
+    if (switch := track.switch) is not None:
+        rows = rows.iloc[switch:]
+    speed = np.hypot(rows["u_mps"], rows["v_mps"]).to_numpy()
+    fast = np.flatnonzero(speed >= TOP_SHARE * speed.max())
+    return float(rows["distance_m"].iloc[int(fast[-1])])
+
+
+def change_share(track: Track, column: str) -> float:
+    """Share of the control steps in which a command changes."""
+    values = track.table[column].to_numpy()[1:]  # the first row is the state before the first command
+    return float((np.diff(values) != 0).mean()) if len(values) > 1 else 0.0
+
+
+def change_size(track: Track, column: str) -> float:
+    """Mean size of the change of a command from one control step to the next."""
+    values = track.table[column].to_numpy()[1:]
+    return float(np.abs(np.diff(values)).mean()) if len(values) > 1 else 0.0
+
+
+def reward(runs: Sequence[Kept]) -> str:
+    first = [run.first_docked for run in runs if run.first_docked is not None]
+    streaks = [run.best_streak() for run in runs]
+    return (
+        f"greedy docks first after {spread(first, '{:,.0f}', ' steps')}; longest streak of docked episodes"
+        f" from an initial pose {spread(streaks, '{:,.0f}')}"
+    )
+
+
+def duration(runs: Sequence[Kept]) -> str:
+    rows = [from_the_start(run.episodes)["steps"] for run in runs]
+    limits = [run.run.task.max_steps for run in runs]
+    full = [int((steps.to_numpy(int) < limit).argmax()) for steps, limit in zip(rows, limits, strict=True)]
+    last = [float(steps.tail(LAST).mean()) for steps in rows]
+    return (
+        f"{spread(full, '{:.0f}')} episodes until the first ends early; the last {LAST} take"
+        f" {spread(last, '{:.0f}', ' steps')}; over after"
+        f" {spread([len(run.episodes) for run in runs], '{:,}')} episodes"
+    )
+
+
+def epsilon(runs: Sequence[Kept]) -> str:
+    last = [float(run.episodes["epsilon"].iloc[-1]) for run in runs]
+    return f"{spread(last, '{:.2g}')} when the training is over"
+
+
+def phase(runs: Sequence[Kept]) -> str:
+    firsts = []
+    for run in runs:
+        rows = from_the_start(run.episodes)
+        passed = rows["phase"].rolling(LAST, min_periods=1).mean().to_numpy(float)
+        firsts.append(int(rows["episode"].to_numpy()[int((passed >= 0.5).argmax())]))
+    return f"half of {LAST} episodes get past the intermediate pose from episode {spread(firsts, '{:,}')} on"
+
+
+def pose(tracks: Sequence[Track], task: Task) -> str:
+    done = sum(docked(track, task) for track in tracks)
+    if not done:
+        return f"{done} of {len(tracks)} dock"
+    paths = [_path_m(track) for track in tracks if docked(track, task)]
+    return f"{done} of {len(tracks)} dock, over {spread(paths, unit=' m')}"
+
+
+def distance(tracks: Sequence[Track], task: Task) -> str:
+    ends = [float(track.table["distance_m"].iloc[-1]) for track in tracks]
+    return f"{spread(ends, '{:.2f}', ' m')} left after {spread(_seconds(tracks), '{:.0f}', ' s')}"
+
+
+def gate(tracks: Sequence[Track], task: Task) -> str:
+    switches = [
+        float(track.table["time_s"].iloc[row]) for track in tracks if (row := track.switch) is not None
+    ]
+    missed = len(tracks) - len(switches)
+    reached = f"intermediate pose at second {spread(switches, '{:.0f}')}" if switches else ""
+    return listed(
+        filter(None, [reached, f"{missed} never reach it" if missed else "", distance(tracks, task)])
+    )
+
+
+def heading(tracks: Sequence[Track], task: Task) -> str:
+    ends = [abs(float(track.table["heading_error_deg"].iloc[-1])) for track in tracks]
+    return f"{spread(ends, unit='°')} off at the end"
+
+
+def velocity(tracks: Sequence[Track], task: Task) -> str:
+    top = [float(np.hypot(track.table["u_mps"], track.table["v_mps"]).max()) for track in tracks]
+    return (
+        f"{spread(top, '{:.2f}', ' m/s')} at most; last at top speed"
+        f" {spread([slowing_m(track) for track in tracks], unit=' m')} off"
+    )
+
+
+def yaw(tracks: Sequence[Track], task: Task) -> str:
+    return f"{spread([float(track.table['r_degps'].abs().max()) for track in tracks], unit='°/s')} at most"
+
+
+def propeller(tracks: Sequence[Track], task: Task) -> str:
+    return _changes(tracks, "propeller_n", " N")
+
+
+def rudder(tracks: Sequence[Track], task: Task) -> str:
+    return _changes(tracks, "rudder_deg", "°")
+
+
+OF_TRAININGS: dict[str, Callable[[Sequence[Kept]], str]] = {
+    "reward": reward,
+    "duration": duration,
+    "epsilon": epsilon,
+    "phase": phase,
+}
+OF_COURSES: dict[str, Callable[[Sequence[Track], Task], str]] = {
+    "pose": pose,
+    "distance": distance,
+    "gate": gate,
+    "heading": heading,
+    "velocity": velocity,
+    "yaw": yaw,
+    "propeller": propeller,
+    "rudder": rudder,
+}
+"""What is measured for each figure, by the key of a `dockctl.reports.pages.thesis.Fact`."""
+
+
+def _changes(tracks: Sequence[Track], column: str, unit: str) -> str:
+    shares = [100 * change_share(track, column) for track in tracks]
+    sizes = [change_size(track, column) for track in tracks]
+    return f"changes in {spread(shares, '{:.0f}', ' %')} of the steps, on average by {spread(sizes, unit=unit)} a step"
+
+
+def _seconds(tracks: Sequence[Track]) -> list[float]:
+    return [float(track.table["time_s"].iloc[-1]) for track in tracks]
+
+
+def _path_m(track: Track) -> float:
+    return float(np.hypot(np.diff(track.table["x_m"]), np.diff(track.table["y_m"])).sum())

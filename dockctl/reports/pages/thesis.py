@@ -1,0 +1,159 @@
+"""What the thesis shows and says, as facts with the place where it does, and why ours may differ."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+
+@dataclass(frozen=True)
+class Fact:
+    """One figure of the thesis.
+
+    Attributes:
+        figure: its number.
+        measure: what is measured here, a key of `dockctl.reports.pages.measures`.
+        seen: what the thesis reads in it.
+        why: where a difference comes from.
+    """
+
+    figure: str
+    measure: str
+    seen: str
+    why: str
+
+
+SHOWN = "shown, not discussed"
+LEARNER = "16 boats, five-step targets and exploring starts for one boat and one step"
+STOPS = "our training ends once the task is mastered"
+SCENE = "another harbor and hull; the best network, not the last"
+EPSILON = "ours falls to 0.03 over 150,000 steps, theirs to 0.01 over 500,000"
+PENALTY = "far out, the speed term is the smaller part of a step's cost, and slowing down adds steps"
+STRAIGHT = "top speed for most of the way"
+TOLERANCE = "it is done within 0.07 rad (4°)"
+YAW = "hard over, the yaw rate follows the rudder at once"
+RUDDER = "nothing in the reward asks for calm controls"
+
+TRAINING = {
+    "s1": (
+        Fact("4.1", "reward", "collisions until about episode 2,000; docked in all of the last 400", LEARNER),
+        Fact("4.2", "duration", "500 steps until about episode 200, constant at the end", STOPS),
+        Fact("4.3", "epsilon", "0.01 from about episode 2,500 on", EPSILON),
+    ),
+    "s2": (
+        Fact("4.11", "reward", "rises from about episode 1,600; docked in all of the last 200", LEARNER),
+        Fact("4.12", "duration", "500 steps until about episode 200, constant at the end", STOPS),
+        Fact("4.13", "epsilon", "0.01 from about episode 2,000 on", EPSILON),
+    ),
+    "s3": (
+        Fact("4.21", "reward", "three kinds of peaks; stable from about episode 3,000", LEARNER),
+        Fact("4.22", "duration", "500 steps at first and again from 1,200 to 2,200, then constant", STOPS),
+        Fact("4.23", "phase", "phase 1 from about episode 200; lost from 1,200 to 2,200", LEARNER),
+    ),
+}
+"""The figures of the trainings."""
+
+COURSES = {
+    "s1": (
+        Fact("4.4", "pose", "docks, in reverse, touching nothing", SCENE),
+        Fact("4.5", "distance", "falls all the way", STRAIGHT),
+        Fact("4.6", "heading", "falls gradually", TOLERANCE),
+        Fact("4.7", "velocity", "top speed, then slower from second 15 on, 10 m off", PENALTY),
+        Fact("4.8", "yaw", SHOWN, YAW),
+        Fact("4.9", "propeller", "some sudden changes", RUDDER),
+        Fact("4.10", "rudder", "some sudden changes", RUDDER),
+    ),
+    "s2": (
+        Fact("4.14", "pose", "docks from all five poses, three of them untrained", SCENE),
+        Fact("4.15", "distance", "falls all the way", STRAIGHT),
+        Fact("4.16", "heading", "falls gradually", TOLERANCE),
+        Fact("4.17", "velocity", "top speed, then gradually slower", PENALTY),
+        Fact("4.18", "yaw", SHOWN, YAW),
+        Fact("4.19", "propeller", "less abrupt than in scenario 1", RUDDER),
+        Fact("4.20", "rudder", "less abrupt than in scenario 1", RUDDER),
+    ),
+    "s3": (
+        Fact("4.24", "pose", "docks by way of the intermediate pose", SCENE),
+        Fact("4.25", "gate", "intermediate pose at about second 40", "the same way at the same top speed"),
+        Fact("4.26", "heading", "turned before the intermediate pose is reached", TOLERANCE),
+        Fact("4.27", "velocity", "top speed until close, then reverses the propeller", PENALTY),
+        Fact("4.28", "yaw", SHOWN, YAW),
+        Fact("4.29", "propeller", "sudden changes all but gone", RUDDER),
+        Fact("4.30", "rudder", "hard over at once, later slower", RUDDER),
+    ),
+    "s3-opposite": (
+        Fact("4.31", "pose", "docks at the untrained berth on the other side", ""),
+        Fact("4.32", "gate", "as in the training", ""),
+        Fact("4.33", "heading", "as in the training", ""),
+        Fact("4.34", "velocity", "top speed until close", ""),
+        Fact("4.35", "yaw", SHOWN, ""),
+        Fact("4.36", "propeller", "reverses at the end", ""),
+        Fact("4.37", "rudder", "much calmer than in the training", ""),
+    ),
+    "s3-appendix-b": (
+        Fact("B.1", "pose", "docks at one more untrained berth", ""),
+        Fact("B.2", "gate", SHOWN, ""),
+        Fact("B.3", "heading", SHOWN, ""),
+        Fact("B.4", "velocity", SHOWN, ""),
+        Fact("B.5", "yaw", SHOWN, ""),
+        Fact("B.6", "propeller", SHOWN, ""),
+        Fact("B.7", "rudder", SHOWN, ""),
+    ),
+}
+"""The figures of single maneuvers."""
+
+SECONDS_A_STEP = 0.2
+HOURS_A_SCENARIO = 48.0
+EPISODES = {"s1": 4000, "s2": 4700, "s3": 4000}
+RADII_M = {"§4.4": 3.0, "§5.2": 5.0}
+"""Distance from the trained start within which it docks."""
+
+
+@dataclass(frozen=True)
+class Entry:
+    """One line of the index: figures or tables of the thesis, and where ours stand."""
+
+    numbers: str
+    shows: str
+    page: str
+    command: str
+
+
+SHOW, PAGES = "dockctl show", "dockctl reproduce"
+INDEX = (
+    Entry("Fig. 3.6", "one scan as a point cloud", "figures/point-cloud.png", f"{SHOW} s3"),
+    Entry("Fig. 3.9", "the scan in eight sectors", "figures/sectors.png", f"{SHOW} s3"),
+    Entry("Fig. 3.10", "surge at full force", "results/scenarios.md#surge", PAGES),
+    Entry("Figs. 3.13-3.15, Table 3.6", "the poses of the scenarios", "results/scenarios.md", PAGES),
+    Entry("Table 3.5", "the reward's weights", "results/reward.md", f"{PAGES} s1 s3 reading"),
+    Entry("Table 4.1", "ε", "results/thesis-learner.md", f"{PAGES} thesis"),
+    Entry("Figs. 4.1-4.3", "scenario 1, training", "results/scenario-1.md#training", f"{PAGES} s1"),
+    Entry("Figs. 4.4-4.10", "scenario 1, maneuver", "results/scenario-1.md#maneuver", f"{PAGES} s1"),
+    Entry("Figs. 4.11-4.13", "scenario 2, training", "results/scenario-2.md#training", f"{PAGES} s2"),
+    Entry(
+        "Figs. 4.14-4.20, Tables 4.2, 4.3",
+        "scenario 2, five poses",
+        "results/scenario-2.md#maneuver",
+        f"{PAGES} s2",
+    ),
+    Entry("Figs. 4.21-4.23", "scenario 3, training", "results/scenario-3.md#training", f"{PAGES} s3"),
+    Entry("Figs. 4.24-4.30", "scenario 3, maneuver", "results/scenario-3.md#maneuver", f"{PAGES} s3"),
+    Entry(
+        "Figs. 4.31-4.37, Table 4.4",
+        "the berth on the other side",
+        "results/generalization.md#the-berth-on-the-other-side",
+        f"{PAGES} s3 marina",
+    ),
+    Entry("Fig. 4.38", "duration of a forward pass", "results/time.md", f"{PAGES} s3"),
+    Entry(
+        "Figs. 4.39, 4.40",
+        "failures far from the trained start",
+        "results/generalization.md#how-far-from-the-trained-start",
+        f"{PAGES} s3",
+    ),
+    Entry(
+        "Figs. B.1-B.7",
+        "one more berth",
+        "results/generalization.md#the-berth-of-appendix-b",
+        f"{PAGES} s3 marina",
+    ),
+)
