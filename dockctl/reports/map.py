@@ -165,7 +165,7 @@ def draw_by_distance(ax: Axes, free: pd.DataFrame, reach_m: float) -> None:
                 section, (distance, 0.02), xytext=(3, 0), textcoords="offset points", fontsize=7.5,
                 color=palette.INK_SOFT, path_effects=HALO,
             )  # fmt: skip
-    ax.set_xlim(0, 1.01 * reach_m)
+    ax.set_xlim(0, 1.01 * reach_m or 1.0)
     ax.set_xlabel("Distance of the start from the pose [m]   (dotted: beyond it the thesis' policies fail)")
 
 

@@ -1,0 +1,111 @@
+"""``dockctl map``: the grid, what is blocked, what is written and refused."""
+
+from __future__ import annotations
+
+import shutil
+from pathlib import Path
+
+import numpy as np
+import pandas as pd
+import pytest
+
+from dockctl.commands.mapping import Grid
+from dockctl.runs.tables import MAP
+from dockctl.scenarios.loader import load
+from dockctl.sim.collision import CollisionChecker
+from dockctl.sim.harbor import build_harbor
+from tests.commands.conftest import Outcome, dockctl
+
+Trained = tuple[Path, Outcome]
+
+
+@pytest.fixture
+def run(trained: Trained, tmp_path: Path) -> Path:
+    folder = tmp_path / "run"
+    shutil.copytree(trained[0], folder, ignore=shutil.ignore_patterns("figures"))
+    return folder
+
+
+@pytest.mark.parametrize(
+    ("reach", "step", "places"),
+    [
+        (10, 2, [-10, -8, -6, -4, -2, 0, 2, 4, 6, 8, 10]),
+        (0.3, 0.1, [-0.3, -0.2, -0.1, 0, 0.1, 0.2, 0.3]),
+        (5, 2, [-4, -2, 0, 2, 4]),
+        (1, 2, [0]),
+        (0, 1, [0]),
+    ],
+)
+def test_the_pose_itself_lies_on_the_grid(reach: float, step: float, places: list[float]) -> None:
+    grid = Grid.of(reach, step, "0,90")
+    assert grid.places == pytest.approx(places)
+    offsets = grid.offsets(90.0)
+    assert offsets.shape == (len(places) ** 2, 3)
+    assert len({tuple(row) for row in offsets}) == len(offsets)
+    assert (offsets[len(offsets) // 2] == (0, 0, 90)).all()
+
+
+def test_what_is_blocked_is_neither_played_nor_a_failure(run: Path) -> None:
+    outcome = dockctl("map", "--ckpt", run, "--reach-m", 20, "--step-m", 10, "--headings", "0,90")
+    assert outcome.code == 0
+    table = pd.read_csv(run / "map.csv")
+    assert list(table) == list(MAP)
+    assert len(table) == 2 * 25
+    assert np.allclose(table["x_m"], 20 + table["dx_m"]) and np.allclose(table["y_m"], 2 + table["dy_m"])
+    assert np.allclose(table["heading_deg"], 160 + table["dheading_deg"])
+    blocked = table["blocked"] == 1
+    assert blocked[(table["x_m"] < 4.5) | (table["x_m"] > 38.5)].all()  # on the quays
+    scenario = load("s1").scenario
+    checker = CollisionChecker(build_harbor(scenario.harbor, Path()), scenario.vessel.hull)
+    eta = np.column_stack([table["x_m"], table["y_m"], np.radians(table["heading_deg"])])
+    assert not checker.blocked(eta[~blocked]).any()
+    assert table.loc[blocked, "outcome":].isna().all(axis=None)
+    assert table.loc[~blocked, "outcome"].isin(["docked", "collision", "timeout"]).all()
+    assert f"{(~blocked).sum()} free starts within ±20 m, {blocked.sum()} blocked" in outcome.out
+    assert {"map.png", "map.svg"} <= {path.name for path in (run / "figures").iterdir()}
+
+
+def test_a_map_repeats_to_the_byte(run: Path, tmp_path: Path) -> None:
+    arguments = ("map", "--ckpt", run, "--reach-m", 3, "--step-m", 3, "--headings", "0,180")
+    assert dockctl(*arguments, "--csv", tmp_path / "again.csv").code == 0
+    first = (run / "figures" / "map.svg").read_bytes()
+    assert (tmp_path / "again.csv").read_bytes() == (run / "map.csv").read_bytes()
+    assert dockctl(*arguments, "--out", tmp_path / "maps").code == 0
+    assert (tmp_path / "maps" / "map.csv").read_bytes() == (run / "map.csv").read_bytes()
+    assert (tmp_path / "maps" / "map.svg").read_bytes() == first
+
+
+def test_a_map_of_another_scenario_has_its_name(run: Path) -> None:
+    small = ("--reach-m", 0, "--headings", "0")
+    assert dockctl("map", "--ckpt", run, "--scenario", "s2", *small).code == 0
+    assert (run / "map-s2.csv").is_file() and not (run / "map.csv").exists()
+
+
+def test_a_checkpoint_without_a_run_leaves_its_map_in_a_folder_of_figures(
+    run: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    shutil.copytree(run / "checkpoints" / "last", tmp_path / "alone")
+    monkeypatch.chdir(tmp_path)
+    outcome = dockctl("map", "--ckpt", "alone", "--scenario", "s1", "--reach-m", 0, "--headings", "0")
+    assert outcome.code == 0
+    files = {path.name for path in Path("figures/map").iterdir()}
+    assert files == {"map-s1.csv", "map-s1.png", "map-s1.svg"}
+
+
+@pytest.mark.parametrize(
+    ("arguments", "message"),
+    [
+        (("--headings", "0,north"), "give angles in degrees"),
+        (("--headings", "0,360"), "the angles must differ"),
+        (("--headings", "nan"), "the angles must differ and lie within ±360"),
+        (("--step-m", 0.01), "would take 32,032,008 starts"),
+        (("--csv", "no/such/folder.csv"), "not a file name in an existing folder"),
+        (("--ckpt", "nowhere"), "nowhere"),
+        (("--scenario", "nothing"), "nothing"),
+    ],
+)
+def test_refusals(run: Path, arguments: tuple[object, ...], message: str) -> None:
+    outcome = dockctl("map", "--ckpt", run, *arguments)
+    assert outcome.code == 2
+    assert message in " ".join(outcome.err.split())
+    assert not (run / "map.csv").exists()
