@@ -264,7 +264,7 @@ def test_a_path_wins_over_a_name(tmp_path: Path, monkeypatch: pytest.MonkeyPatch
     write(tmp_path, "extends: s3\ntitle: mine\n", "s1")
     assert loader.load("s1").scenario.title == "mine"
     assert loader.load("s2").scenario.name == "s2"
-    with pytest.raises(DockctlError, match=r"there is no file s3\.yaml; scenarios known by name: s1, s2"):
+    with pytest.raises(DockctlError, match=r"there is no file s3\.yaml; scenarios known by name: marina, s1"):
         loader.load("s3.yaml")
 
 
