@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any
@@ -104,7 +105,7 @@ class DoubleDQN:
     def update(self, transitions: Transitions, learning_rate: float) -> UpdateMetrics:
         """One gradient step on a batch, and a copy to the target network when one is due."""
         loss, td_error, q_mean = self._differentiate(transitions)
-        norm = float(torch.linalg.vector_norm(self.gradient))
+        norm = math.sqrt(torch.dot(self.gradient, self.gradient))
         clip = self.training.gradient_clip
         if clip is not None and norm > clip:
             self.gradient.mul_(clip / norm)
@@ -130,13 +131,14 @@ class DoubleDQN:
         passes.fold(self._layers, self._output)
         q, chosen = passes.value_of(self._output, work.seen[-1], action)
         td_error = q - torch.addcmul(reward, discount, next_value)
-        slope, loss = _loss(td_error, self.training.huber_delta)
+        loss, slope = _loss(td_error, self.training.huber_delta)
+        slope /= work.rows
         torch.mul(chosen, slope.unsqueeze(1), out=work.slopes[-1])
         self._output_gradient.weight.zero_().index_add_(0, action, work.seen[-1] * slope.unsqueeze(1))
         self._output_gradient.bias.zero_().index_add_(0, action, slope)
         passes.unfold(self._output_gradient, self._gradient_layers)
         passes.backward(self._layers, self._gradient_layers, work.observation, work.seen, work.slopes)
-        return torch.stack((loss, td_error.abs().mean(), q.mean())).tolist()
+        return torch.stack((loss, td_error.abs(), q)).mean(1).tolist()
 
     def _workspace(self, rows: int) -> Workspace:
         if self._work.rows != rows:
@@ -145,9 +147,8 @@ class DoubleDQN:
 
 
 def _loss(td_error: Tensor, huber_delta: float | None) -> tuple[Tensor, Tensor]:
-    """Derivative of the mean loss by each Q, (m,), and the loss: Huber's, or squared without a delta."""
-    rows = len(td_error)
+    """Loss of each transition, Huber's or squared without a delta, and its derivative by Q; both (m,)."""
     if huber_delta is None:
-        return td_error * (2 / rows), td_error.square().mean()
+        return td_error.square(), 2 * td_error
     bounded = td_error.clamp(-huber_delta, huber_delta)
-    return bounded / rows, (bounded * (td_error - bounded / 2)).mean()
+    return bounded * torch.sub(td_error, bounded, alpha=0.5), bounded

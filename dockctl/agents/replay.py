@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, fields
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -77,46 +77,40 @@ class NStep:
 
 
 class Replay:
-    """The latest `capacity` transitions, sampled uniformly with replacement."""
+    """The latest `capacity` transitions, sampled uniformly with replacement.
+
+    A transition is one record, so that fetching it touches one place in memory.
+    """
 
     def __init__(self, capacity: int, observation_size: int, rng: np.random.Generator) -> None:
-        self._store = Transitions(
-            observation=np.zeros((capacity, observation_size), np.float32),
-            action=np.zeros(capacity, np.int64),
-            reward=np.zeros(capacity, np.float32),
-            discount=np.zeros(capacity, np.float32),
-            next_observation=np.zeros((capacity, observation_size), np.float32),
-        )
-        self._capacity = capacity
+        self._records = np.zeros(capacity, record(observation_size))
         self._added = 0
         self.rng = rng
 
     def __len__(self) -> int:
-        return min(self._added, self._capacity)
+        return min(self._added, len(self._records))
 
     @staticmethod
     def bytes_needed(capacity: int, observation_size: int) -> int:
         """Memory that a replay of this capacity takes [bytes]."""
-        return capacity * (2 * 4 * observation_size + 8 + 4 + 4)
+        return capacity * record(observation_size).itemsize
 
     def add(self, transitions: Transitions) -> None:
         """Store a batch, over the oldest transitions where the memory is full."""
-        slots = (self._added + np.arange(len(transitions.action))) % self._capacity
-        for field in fields(Transitions):
-            getattr(self._store, field.name)[slots] = getattr(transitions, field.name)
+        slots = (self._added + np.arange(len(transitions.action))) % len(self._records)
+        for name, values in vars(transitions).items():
+            self._records[name][slots] = values
         self._added += len(slots)
 
     def sample(self, batch_size: int) -> Transitions:
         """Draw a batch uniformly, with replacement."""
-        rows = self.rng.integers(len(self), size=batch_size)
-        return Transitions(
-            **{f.name: getattr(self._store, f.name).take(rows, axis=0) for f in fields(Transitions)}
-        )
+        drawn = self._records.take(self.rng.integers(len(self), size=batch_size))
+        return Transitions(**{name: drawn[name] for name in drawn.dtype.names or ()})
 
     def state(self) -> dict[str, NDArray[Any]]:
         """The stored transitions and how many were ever added, for a checkpoint."""
-        held = {f.name: getattr(self._store, f.name)[: len(self)] for f in fields(Transitions)}
-        return {**held, "added": np.array([self._added])}
+        held = self._records[: len(self)]
+        return {**{name: held[name] for name in held.dtype.names or ()}, "added": np.array([self._added])}
 
     def load(self, state: dict[str, NDArray[Any]]) -> None:
         """Take over what `state` returned.
@@ -125,5 +119,19 @@ class Replay:
             ValueError: the state holds more transitions than fit, or has other shapes.
         """
         self._added = int(state["added"][0])
-        for field in fields(Transitions):
-            getattr(self._store, field.name)[: len(self)] = state[field.name]
+        for name in self._records.dtype.names or ():
+            self._records[name][: len(self)] = state[name]
+
+
+def record(observation_size: int) -> np.dtype[np.void]:
+    """Layout of one stored transition; the fields are those of `Transitions`."""
+    row = (np.float32, (observation_size,))
+    return np.dtype(
+        [
+            ("action", np.int64),
+            ("reward", np.float32),
+            ("discount", np.float32),
+            ("observation", *row),
+            ("next_observation", *row),
+        ]
+    )
