@@ -18,6 +18,9 @@ def evaluate(
         str | None,
         typer.Option(help="Scenario to dock in, file or name; the one of the training by default."),
     ] = None,
+    set_: Annotated[
+        list[str] | None, typer.Option("--set", metavar="KEY=VALUE", help="Override a value of the scenario.")
+    ] = None,
     episodes: Annotated[
         int | None,
         typer.Option(min=0, max=100_000, help="Random starts; as many as the scenario says by default."),
@@ -34,13 +37,15 @@ def evaluate(
 ) -> None:
     """Play greedy episodes from the scenario's test poses and from random starts around the initial poses.
 
-    The result is stored in the run folder too, when the policy lies in one.
+    The result is stored in the run folder too, when the policy lies in one; one of another scenario, or with
+    values set, under a name of its own.
 
     Example: dockctl evaluate --ckpt runs/s3/20250101-120000-seed0 --episodes 200 --min-success 0.9
     """
     from dockctl.commands import evaluation
 
-    result = evaluation.measure(ckpt, scenario, episodes, seed, outputs=[p for p in (json_, csv) if p])
+    outputs = [path for path in (json_, csv) if path]
+    result = evaluation.measure(ckpt, scenario, episodes, seed, outputs, set_ or [])
     evaluation.store(result, json_, csv)
     evaluation.show(result)
     if min_success is not None and result.least_success < min_success:

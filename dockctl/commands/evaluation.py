@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import math
 import os
+import re
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -17,11 +18,11 @@ from rich.table import Table
 from dockctl.agents.checkpoint import PolicyCard
 from dockctl.agents.evaluator import Episode
 from dockctl.agents.summary import ending, summarize
+from dockctl.commands.outputs import require_place
 from dockctl.commands.policies import find
 from dockctl.commands.rooms import judging_starts, player, testing_starts
 from dockctl.envs.vector import DockingVectorEnv
-from dockctl.errors import DockctlError
-from dockctl.runs.directory import RunDirectory, require_writable
+from dockctl.runs.directory import RunDirectory
 from dockctl.runs.files import write_atomically
 from dockctl.runs.tables import EVALUATION, Value, to_csv
 from dockctl.sim.simulator import build_worlds
@@ -44,6 +45,7 @@ GROUPS = {
 }
 """Sorts of starts, in words."""
 
+LONGEST_NAME = 150
 LEAST_WIDTH = 80
 """Columns that the tables take; a narrower terminal breaks their lines, and no number is cut short."""
 
@@ -56,6 +58,7 @@ class Result:
         policy: JSON file of the policy.
         run: the run folder that the policy lies in, if it does.
         elsewhere: whether the scenario is another than that of the run.
+        overrides: values that were set in it, ``key=value``.
         seed: of the random starts.
         groups: the episodes by the sort of their starts, keys of `GROUPS`.
     """
@@ -65,9 +68,17 @@ class Result:
     run: RunDirectory | None
     scenario: str
     elsewhere: bool
+    overrides: tuple[str, ...]
     seed: int
     control_period_s: float
     groups: dict[str, list[Episode]]
+
+    @property
+    def stem(self) -> str:
+        """Name of the result's files in the run folder."""
+        changes = [re.sub(r"[^\w.=-]+", "_", override) for override in self.overrides]
+        place = [self.scenario] if self.elsewhere or changes else []
+        return "-".join(["evaluation", *place, *changes])[:LONGEST_NAME]
 
     @property
     def least_success(self) -> float:
@@ -95,6 +106,7 @@ class Result:
         return {
             "policy": {"file": str(self.policy), **self.card.facts()},
             "scenario": self.scenario,
+            "set": list(self.overrides),
             "random_seed": self.seed,
             **{
                 GROUPS[kind].replace(" ", "_").replace("-", "_"): summarize(group, self.control_period_s)
@@ -105,7 +117,12 @@ class Result:
 
 
 def measure(
-    ckpt: Path | None, source: str | None, episodes: int | None, seed: int | None, outputs: Sequence[Path]
+    ckpt: Path | None,
+    source: str | None,
+    episodes: int | None,
+    seed: int | None,
+    outputs: Sequence[Path],
+    overrides: Sequence[str] = (),
 ) -> Result:
     """Play the episodes of an evaluation.
 
@@ -115,10 +132,8 @@ def measure(
     trained = find(ckpt)
     card = trained.card
     for path in outputs:
-        if not path.absolute().parent.is_dir() or path.is_dir():
-            raise DockctlError(f"{path}: cannot be written: not a file name in an existing folder")
-        require_writable(path.absolute().parent)
-    loaded = trained.scenario(source)
+        require_place(path)
+    loaded = trained.scenario(source, overrides)
     scenario, starts = loaded.scenario, loaded.scenario.evaluation.random_starts
     worlds = build_worlds(loaded.scenario, loaded.base_dir)
     env = DockingVectorEnv(loaded, 1, worlds=worlds)
@@ -135,6 +150,7 @@ def measure(
         run=trained.run,
         scenario=scenario.name,
         elsewhere=source is not None and scenario.name != card.scenario,
+        overrides=tuple(overrides),
         seed=seed,
         control_period_s=scenario.vessel.control_period_s,
         groups={kind: [episode for episode in played if episode.start.kind == kind] for kind in kinds},
@@ -158,9 +174,8 @@ def store(result: Result, json_file: Path | None, csv_file: Path | None) -> None
     if not os.access(result.run.path, os.W_OK):
         Console(stderr=True).print(f"note: {result.run.path} is read-only, the result is not stored in it")
         return
-    stem = f"evaluation-{result.scenario}" if result.elsewhere else "evaluation"
-    write_atomically(result.run.path / f"{stem}.json", as_json)
-    write_atomically(result.run.path / f"{stem}.csv", as_csv)
+    write_atomically(result.run.path / f"{result.stem}.json", as_json)
+    write_atomically(result.run.path / f"{result.stem}.csv", as_csv)
 
 
 def show(result: Result) -> None:
@@ -169,7 +184,7 @@ def show(result: Result) -> None:
     console.width = max(console.width, LEAST_WIDTH)
     console.print(
         f"Policy {result.policy} (trained on '{card.scenario}', seed {card.seed}, {card.env_steps:,} steps)"
-        f" on scenario '{result.scenario}'",
+        f" on scenario '{result.scenario}'{''.join(f', {change}' for change in result.overrides)}",
         soft_wrap=True,
         highlight=False,
     )

@@ -5,15 +5,18 @@ from __future__ import annotations
 import os
 from dataclasses import dataclass
 from pathlib import Path
+from typing import TYPE_CHECKING
 
-from matplotlib.figure import Figure
 from rich.console import Console
 
-from dockctl.commands.policies import Trained
 from dockctl.errors import DockctlError
-from dockctl.reports.style import save
 from dockctl.runs.directory import require_writable
 from dockctl.runs.files import write_atomically, writing
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
+    from dockctl.commands.policies import Trained
 
 
 @dataclass(frozen=True)
@@ -62,6 +65,8 @@ class Places:
         Raises:
             DockctlError: one cannot be written.
         """
+        from dockctl.reports.style import save
+
         with writing(self.tables):
             self.tables.mkdir(parents=True, exist_ok=True)
         written = save({self.stem: figure}, self.figures)

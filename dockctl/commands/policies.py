@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 
@@ -43,13 +44,16 @@ class Trained:
         files = [place / SCENARIO for place in places if (place / SCENARIO).is_file()]
         return str(files[0]) if files else self.card.scenario
 
-    def scenario(self, source: str | None) -> LoadedScenario:
+    def scenario(self, source: str | None, overrides: Sequence[str] = ()) -> LoadedScenario:
         """Load a scenario, the policy's own by default, with the observation and the actions of the policy.
+
+        Args:
+            overrides: values that are changed in it, ``key=value``.
 
         Raises:
             DockctlError: there is none, or the policy cannot sail in it.
         """
-        loaded = load_checked(source or self.own_scenario)
+        loaded = load_checked(source or self.own_scenario, overrides=overrides)
         return replace(loaded, scenario=self.on(loaded.scenario))
 
     def on(self, scenario: Scenario) -> Scenario:

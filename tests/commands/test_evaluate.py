@@ -121,6 +121,16 @@ def test_local_parts_of_the_observation_come_with_the_policy(
     assert outcome.code == 0, outcome.err
 
 
+def test_values_are_set_and_the_result_has_a_name_of_its_own(run: Path) -> None:
+    settings = ("--set", "harbor.fleet.seed=11", "--set", "task.final={x_m: 36, y_m: 0.1, heading_deg: 180}")
+    outcome = dockctl("evaluate", "--ckpt", run, "--episodes", 1, *settings)
+    assert outcome.code == 0
+    assert "on scenario 's1', harbor.fleet.seed=11, task.final=" in " ".join(outcome.out.split())
+    (file,) = run.glob("evaluation*.json")
+    assert file.name == "evaluation-s1-harbor.fleet.seed=11-task.final=_x_m_36_y_m_0.1_heading_deg_180_.json"
+    assert json.loads(file.read_text())["set"] == list(settings[1::2])
+
+
 @pytest.mark.parametrize(
     ("broken", "message"),
     [

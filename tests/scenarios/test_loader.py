@@ -17,7 +17,10 @@ from dockctl.scenarios import catalog, loader
 from dockctl.scenarios.schema import Pose, Scenario
 from dockctl.scenarios.training import THESIS
 
-CATALOG = ["marina", "s1", "s2", "s2-poses", "s3", "s3-appendix-b", "s3-opposite"]
+CATALOG = [
+    *("marina", "marina-fleet", "marina-unseen"),
+    *("s1", "s2", "s2-poses", "s3", "s3-appendix-b", "s3-opposite"),
+]
 
 
 def write(folder: Path, text: str, name: str = "x.yaml") -> Path:
@@ -264,7 +267,9 @@ def test_a_path_wins_over_a_name(tmp_path: Path, monkeypatch: pytest.MonkeyPatch
     write(tmp_path, "extends: s3\ntitle: mine\n", "s1")
     assert loader.load("s1").scenario.title == "mine"
     assert loader.load("s2").scenario.name == "s2"
-    with pytest.raises(DockctlError, match=r"there is no file s3\.yaml; scenarios known by name: marina, s1"):
+    with pytest.raises(
+        DockctlError, match=r"there is no file s3\.yaml; scenarios known by name: marina, marina-fleet, "
+    ):
         loader.load("s3.yaml")
 
 
