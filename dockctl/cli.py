@@ -15,6 +15,7 @@ from dockctl.errors import DockctlError
 COMMANDS = {
     "train": "train",
     "evaluate": "evaluate",
+    "compare": "compare",
     "plot": "plot",
     "record": "record",
     "reproduce": "reproduce",

@@ -1,0 +1,151 @@
+"""Several policies on the same episodes: how each ends them, and how far it differs from the first."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+
+import numpy as np
+import pandas as pd
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+from matplotlib.lines import Line2D
+from matplotlib.patches import Patch
+from matplotlib.ticker import MaxNLocator, PercentFormatter
+
+from dockctl.reports.contrast import MEASURES, SUCCESS, Contrast, Measure, contrasts
+from dockctl.reports.style import HALO, sheet
+from dockctl.runs import palette
+from dockctl.runs.statistics import wilson_interval
+
+ROW_IN = 0.46
+UNCLEAR = "#8296A5"
+"""Color of a difference whose interval holds zero."""
+
+
+def compare_figure(table: pd.DataFrame, kinds: Mapping[str, str], caption: str) -> Figure:
+    """Endings of each policy, and its differences from the first with their 95 % intervals.
+
+    Args:
+        table: columns ``policy`` and `dockctl.runs.tables.EVALUATION`, the same starts for every policy.
+        kinds: the sorts of starts in words.
+        caption: what was sailed.
+    """
+    policies = list(table["policy"].unique())
+    present = list(table["start_kind"].unique())
+    shown = [kind for kind in present if kind != "pose"] or present
+    found = list(contrasts(table))
+    rows = len(shown) * (len(policies) * ROW_IN + 0.75)
+    title = f"{len(policies)} policies on the same episodes"
+    figure = sheet(title, f"{caption}; Δ to {policies[0]}, paired", (12.4, 1.55 + rows))
+    parts = figure.subfigures(len(shown), 1, squeeze=False)[:, 0]
+    for part, kind in zip(parts, shown, strict=True):
+        axes = part.subplots(
+            1, 2 + len(MEASURES), sharey=True, width_ratios=(2.1, *[1.0] * (1 + len(MEASURES)))
+        )
+        own = table[table["start_kind"] == kind]
+        draw_endings(axes[0], own, policies, f"{kinds.get(kind, kind)}, {_count(own, policies)} episodes")
+        for ax, measure in zip(axes[1:], (SUCCESS, *MEASURES), strict=True):
+            draw_differences(ax, measure, [one for one in found if one.kind == kind], len(policies))
+    _legend(figure, policies[0])
+    return figure
+
+
+def draw_endings(ax: Axes, table: pd.DataFrame, policies: Sequence[str], title: str) -> None:
+    """Shares of the endings, a bar a policy, and the success rate with its Wilson interval."""
+    for row, policy in enumerate(policies):
+        endings = table.loc[table["policy"] == policy, "outcome"]
+        left = 0.0
+        for outcome, color in palette.OUTCOMES.items():
+            share = float((endings == outcome).mean())
+            ax.barh(row, share, 0.62, left=left, color=color, lw=0)
+            left += share
+        docked = int((endings == "docked").sum())
+        low, high = wilson_interval(docked, len(endings))
+        ax.plot([low, high], [row, row], color=palette.INK, lw=1.6, solid_capstyle="butt")
+        ax.plot(docked / len(endings), row, "o", ms=4.5, color=palette.INK, clip_on=False, zorder=5)
+        ax.annotate(
+            f"{SUCCESS.text(docked / len(endings))} %",
+            (1.0, row),
+            xytext=(5, 0),
+            textcoords="offset points",
+            va="center",
+            fontsize=8.5,
+            fontweight="bold",
+            annotation_clip=False,
+        )
+    ax.set_yticks(range(len(policies)), list(policies))
+    ax.tick_params(axis="y", labelcolor=palette.INK, labelsize=9)
+    ax.set_ylim(len(policies) - 0.5, -0.5)
+    ax.set_xlim(0, 1)
+    ax.xaxis.set_major_formatter(PercentFormatter(1, symbol=" %"))
+    ax.grid(False)
+    ax.set_title(title, loc="left", fontsize=9, fontweight="bold", pad=6)
+
+
+def draw_differences(ax: Axes, measure: Measure, found: Sequence[Contrast], policies: int) -> None:
+    """Difference of each policy from the first in one measure, a dot and its interval a policy."""
+    ax.axvline(0, color=palette.INK_SOFT, lw=0.9)
+    ends = [0.0]
+    for row, one in enumerate(found, start=1):
+        compared = [each for each in (one.success, *one.docked) if each.measure is measure]
+        for difference in (each.difference for each in compared):
+            value, low, high = (
+                measure.factor * x for x in (difference.value, difference.low, difference.high)
+            )
+            color = palette.INK if difference.is_clear else UNCLEAR
+            ax.plot([low, high], [row, row], color=color, lw=1.8, solid_capstyle="butt")
+            ax.plot(value, row, "o", ms=5.5, color=color, zorder=3)
+            ax.annotate(
+                measure.text(difference.value, signed=True),
+                (value, row),
+                xytext=(0, 6),
+                textcoords="offset points",
+                ha="center",
+                va="bottom",
+                fontsize=8,
+                color=color,
+                path_effects=HALO,
+            )
+            ends += [low, high]
+    margin = max(0.16 * np.ptp(ends), 5 * 10.0**-measure.decimals)
+    ax.set_xlim(min(ends) - margin, max(ends) + margin)
+    ax.xaxis.set_major_locator(MaxNLocator(3))
+    ax.set_title(f"Δ {measure.name}", loc="left", fontsize=9, fontweight="bold", pad=6)
+    ax.set_xlabel(f"[{measure.unit}]", fontsize=8.5, labelpad=2)
+    ax.spines["left"].set_visible(False)
+    ax.tick_params(axis="y", labelleft=False)
+    ax.set_ylim(policies - 0.5, -0.5)
+    if found:
+        left, right = ax.get_xlim()
+        is_right = right < -left
+        ax.annotate(
+            _mean_of_first(measure, found[0]),
+            (0, 0),
+            xytext=(-4 if is_right else 4, 0),
+            textcoords="offset points",
+            ha="right" if is_right else "left",
+            va="center",
+            fontsize=8,
+            color=palette.INK_SOFT,
+            path_effects=HALO,
+        )
+
+
+def _mean_of_first(measure: Measure, one: Contrast) -> str:
+    means = [each.first for each in (one.success, *one.docked) if each.measure is measure]
+    return f"{measure.text(means[0])} {measure.unit}" if means else ""
+
+
+def _count(table: pd.DataFrame, policies: Sequence[str]) -> str:
+    return f"{len(table) // len(policies):,}"
+
+
+def _legend(figure: Figure, first: str) -> None:
+    entries: list[Patch | Line2D] = [
+        Patch(color=color, label=name) for name, color in palette.OUTCOMES.items()
+    ]
+    entries.append(Line2D([], [], color=palette.INK, marker="o", ms=5, label="with its 95 % interval"))
+    entries.append(Line2D([], [], color=UNCLEAR, marker="o", ms=5, label=f"Δ to {first} may be zero"))
+    figure.legend(
+        handles=entries, loc="outside lower left", ncols=len(entries), handlelength=1.4, borderaxespad=0.9
+    )

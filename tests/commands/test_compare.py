@@ -1,0 +1,73 @@
+"""`dockctl compare`: the same starts for all, what is written, shown and refused."""
+
+from __future__ import annotations
+
+import csv
+import json
+from pathlib import Path
+
+import pytest
+
+from dockctl.runs.tables import EVALUATION
+from tests.commands.conftest import Outcome, dockctl
+
+Trained = tuple[Path, Outcome]
+
+
+def test_two_policies_from_the_same_starts(trained: Trained, tmp_path: Path) -> None:
+    best, last = (trained[0] / "checkpoints" / name for name in ("best", "last"))
+    outcome = dockctl(
+        "compare", best, last, "--scenario", "s2", "--episodes", 3, "--seed", 5,
+        "--csv", tmp_path / "c.csv", "--json", tmp_path / "c.json", "--out", tmp_path / "figures",
+    )  # fmt: skip
+    assert outcome.code == 0, outcome.err
+    for words in ("Random starts, seed 5, scenario 's2'", "last against best", "exact McNemar p = "):
+        assert words in outcome.out
+    rows = list(csv.DictReader((tmp_path / "c.csv").read_text().splitlines()))
+    assert list(rows[0]) == ["policy", *EVALUATION]
+    where = [
+        [
+            [row[key] for key in ("start_kind", "x_m", "y_m", "heading_deg")]
+            for row in rows
+            if row["policy"] == p
+        ]
+        for p in ("best", "last")
+    ]
+    assert where[0] == where[1]
+    assert len(where[0]) == 5 + 3
+    result = json.loads((tmp_path / "c.json").read_text())
+    assert (result["scenario"], list(result["policies"])) == ("s2", ["best", "last"])
+    (difference,) = result["differences"]
+    assert (difference["starts"], difference["docked"]["pairs"]) == ("random", 3)
+    assert {path.name for path in (tmp_path / "figures").iterdir()} == {"compare-s2.png", "compare-s2.svg"}
+
+
+def test_a_policy_does_not_differ_from_itself(trained: Trained, tmp_path: Path) -> None:
+    run = trained[0]
+    outcome = dockctl("compare", run, run, "--json", tmp_path / "c.json", "--out", tmp_path)
+    assert outcome.code == 0, outcome.err
+    (difference,) = json.loads((tmp_path / "c.json").read_text())["differences"]
+    assert (difference["docked"]["value"], difference["mcnemar_p"]) == (0, 1)
+    assert difference["second"] == f"{run.name} (2)"
+
+
+@pytest.mark.parametrize(
+    ("arguments", "message"),
+    [
+        ([], "Missing argument"),
+        (["RUN"], "give two policies or more"),
+        (["RUN", "nowhere"], "nowhere: no such run folder or checkpoint"),
+        (["RUN", "RUN", "--scenario", "s33"], "did you mean 's3'"),
+        (["RUN", "RUN", "--csv", "no/such/folder.csv"], "not a file name in an existing folder"),
+        (["RUN", "RUN", "--out", "a-file/figures"], "is not a folder"),
+    ],
+)
+def test_refusals(
+    trained: Trained, arguments: list[str], message: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    Path("a-file").touch()
+    outcome = dockctl("compare", *(str(trained[0]) if word == "RUN" else word for word in arguments))
+    assert outcome.code == 2
+    assert message in " ".join(outcome.err.split())
+    assert [path.name for path in tmp_path.iterdir()] == ["a-file"]
