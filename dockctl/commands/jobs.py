@@ -90,6 +90,10 @@ class Job:
             return Stage("train", ("train", *arguments, *settings))
         return None if _finished(run) else Stage("resume", ("train", "--resume", str(run)))
 
+    def finished(self) -> Path | None:
+        """The folder of the finished training, if there is one."""
+        return next((run for run in self.runs() if _finished(run)), None)
+
     def measurements(self) -> Iterator[Stage]:
         """The stages after the training that are not done yet."""
         run = self.runs()[0]

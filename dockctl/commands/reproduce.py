@@ -22,16 +22,29 @@ def reproduce(
     jobs: Annotated[
         int | None, typer.Option(min=1, max=1024, help="Trainings side by side.", show_default="cores")
     ] = None,
+    results: Annotated[Path, typer.Option(help="Folder that keeps the small files of every run.")] = Path(
+        "results"
+    ),
+    docs: Annotated[Path, typer.Option(help="Folder of the pages and their figures.")] = Path("docs"),
+    pages: Annotated[
+        bool, typer.Option("--pages", help="Train nothing; keep what is finished, and write the pages.")
+    ] = False,
 ) -> None:
-    """Train, evaluate and plot everything that the results page shows.
+    """Train, evaluate and plot everything that the results pages show, and write them.
 
     What is there already is not done again, and an interrupted training is taken up where it was.
 
     Example: dockctl reproduce s1 s2 s3
     """
-    from dockctl.commands import reproduction
+    from dockctl.commands import publishing, reproduction
 
+    if pages:
+        publishing.publish(study, names or [], out, results, docs)
+        return
     cores = len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
     ending = reproduction.carry_out(study, names or [], out, jobs or cores)
-    if ending != "done":
-        raise typer.Exit({"failed": FAILED, "interrupted": INTERRUPTED}[ending])
+    if ending == "interrupted":
+        raise typer.Exit(INTERRUPTED)
+    publishing.publish(study, names or [], out, results, docs)
+    if ending == "failed":
+        raise typer.Exit(FAILED)

@@ -49,7 +49,8 @@ def training_figure(title: str, runs: Sequence[Kept], cited: Sequence[str]) -> F
     axes = figure.subplots(2, 2).ravel()
     for ax, panel in zip(axes, panels, strict=True):
         draw_seeds(ax, runs, panel)
-        ax.set_title(panel[1].format(*cited), loc="right", fontsize=8.5, color=palette.INK_SOFT)
+        if all(cited) or panel is DOCKED:
+            ax.set_title(panel[1].format(*cited), loc="right", fontsize=8.5, color=palette.INK_SOFT)
     key(
         axes[0],
         [(f"seed {run.seed}", SEED_COLORS[i % len(SEED_COLORS)]) for i, run in enumerate(runs)],

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
@@ -15,6 +15,7 @@ import yaml
 
 from dockctl.errors import DockctlError
 from dockctl.reports import trajectory
+from dockctl.reports.latency import PARTS
 from dockctl.reports.learning import from_the_start
 from dockctl.reports.map import COLUMNS as MAP_COLUMNS
 from dockctl.reports.map import free_starts, reach_of, success_radius, turned_within
@@ -27,7 +28,7 @@ from dockctl.scenarios.study import Experiment, Study
 
 RECENT = 100
 EVALUATION = ("start_kind", "outcome", "time_s", "clearance_m", "control_changes", "path_length_m")
-WORDS = ("start_kind", "outcome")
+RETURNS = ("distance_unit_m", "return", "gate_discount")
 ASKEW_DEG = 20.0
 
 
@@ -73,8 +74,17 @@ class Kept:
         return _json(path) if path.exists() else None
 
     @cached_property
+    def samples(self) -> pd.DataFrame | None:
+        """Times of single decisions [ms]."""
+        return read_table(self.folder / "latency.csv", tuple(PARTS))
+
+    @cached_property
     def map(self) -> pd.DataFrame | None:
         return read_table(self.folder / "map.csv", MAP_COLUMNS)
+
+    @cached_property
+    def returns(self) -> pd.DataFrame | None:
+        return read_table(self.folder / "returns.csv", RETURNS)
 
     def evaluation(self, scenario: str = "") -> pd.DataFrame | None:
         """Episodes of ``dockctl evaluate``, on its own scenario or another."""
@@ -171,10 +181,10 @@ def read_course(folder: Path) -> Course | None:
     return Course(run.task, run.scene, run.trajectories)
 
 
-Kepts = Mapping[str, Sequence[Kept]]
+Kepts = Mapping[str, list[Kept]]
 
 
-def read_results(study: Study, results: Path) -> dict[str, list[Kept]]:
+def read_results(study: Study, results: Path) -> Kepts:
     """Return the kept runs of every experiment by seed; an experiment without any has an empty list."""
     return {
         experiment.name: _seeds(experiment, results / experiment.name) for experiment in study.experiments

@@ -22,7 +22,7 @@ def slowing_m(track: Track) -> float:
     rows = track.table
     if (switch := track.switch) is not None:
         rows = rows.iloc[switch:]
-    speed = np.hypot(rows["u_mps"], rows["v_mps"]).to_numpy()
+    speed = np.hypot(rows["u_mps"].to_numpy(float), rows["v_mps"].to_numpy(float))
     fast = np.flatnonzero(speed >= TOP_SHARE * speed.max())
     return float(rows["distance_m"].iloc[int(fast[-1])])
 
@@ -145,7 +145,8 @@ OF_COURSES: dict[str, Callable[[Sequence[Track], Task], str]] = {
 def _changes(tracks: Sequence[Track], column: str, unit: str) -> str:
     shares = [100 * change_share(track, column) for track in tracks]
     sizes = [change_size(track, column) for track in tracks]
-    return f"changes in {spread(shares, '{:.0f}', ' %')} of the steps, on average by {spread(sizes, unit=unit)} a step"
+    size = spread(sizes, unit=unit)
+    return f"changes in {spread(shares, '{:.0f}', ' %')} of the steps, on average by {size} a step"
 
 
 def _seconds(tracks: Sequence[Track]) -> list[float]:

@@ -41,10 +41,10 @@ CHAPTERS = (
     Chapter(2, "4.2", "One of three starts before the berth, tested from the five poses of Table 4.3."),
     Chapter(3, "4.3", "The whole berthing: along the fairway to an intermediate pose, then in reverse."),
 )
-ENDING = """A training ends when the scenario is mastered: of the last 100 training episodes at least 95 docked,
-exploring starts among them, of those from the scenario's own initial poses at least as large a share, and the
-greedy policy docks from every test pose. The policy is the best one by greedy evaluation. `random starts` begin
-up to 1 m and 10° off the initial poses, where these policies were not trained."""
+ENDING = """A training ends when the scenario is mastered: of the last 100 training episodes at least 95
+docked, exploring starts among them, of those from the scenario's own initial poses at least as large a
+share, and the greedy policy docks from every test pose. The policy is the best one by greedy evaluation.
+`random starts` begin up to 1 m and 10° off the initial poses, where these policies were not trained."""
 
 
 def scenario_pages(kept: Kepts) -> list[Page]:
@@ -64,7 +64,8 @@ def poses_page(kept: Kepts) -> Page:
     vessel = load(first[0][2].folder / "scenario.yaml").scenario.vessel
     text = text_of(
         head,
-        "Poses as in Table 3.6, but for the heading of 150° that it prints for the start of scenario 1 and the"
+        "Poses as in Table 3.6, but for the heading of 150° that it prints for the start of"
+        " scenario 1 and the"
         " text gives as 160° (see [choices](../choices.md)). The harbor is ours.",
         picture("scenarios", "the poses of the three scenarios", 1),
         "## Surge",

@@ -1,0 +1,35 @@
+"""Keep the small files of finished runs, and write the pages from what is kept."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from pathlib import Path
+
+from rich.console import Console
+
+from dockctl.commands.jobs import jobs_of
+from dockctl.reports.pages.book import pages_of, write_pages
+from dockctl.runs.directory import require_writable
+from dockctl.runs.keep import keep
+from dockctl.scenarios.study import load_study
+
+
+def publish(source: str, names: Sequence[str], out: Path, results: Path, docs: Path) -> None:
+    """Keep the finished runs of the experiments `names` below `out`; write the pages of the whole study.
+
+    Raises:
+        DockctlError: the study is wrong, a run is broken, or a folder cannot be written to.
+    """
+    console, study = Console(), load_study(source)
+    for folder in (results, docs):
+        require_writable(folder)
+    experiments = [e for e in study.chosen(names) if (out / e.name).is_dir()]
+    for job in jobs_of(experiments, out):
+        if run := job.finished():
+            kept = keep(run, results, job.experiment.name, job.seed)
+            console.print(f"kept {kept}", soft_wrap=True, highlight=False)
+    with console.status("drawing the pages"):
+        written = write_pages(pages_of(study, results), docs)
+    for path in written:
+        if path.suffix == ".md":
+            console.print(str(path), soft_wrap=True, highlight=False)

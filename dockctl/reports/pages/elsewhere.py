@@ -1,0 +1,231 @@
+"""Where the policies were not trained: the other berths, starts far off, and the marina's held-out berths."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+
+import pandas as pd
+from matplotlib.figure import Figure
+
+from dockctl.reports.map import free_starts, map_figure, radius_words, turned_within
+from dockctl.reports.pages import courses, curves
+from dockctl.reports.pages.kept import ASKEW_DEG, Course, Kept, Kepts
+from dockctl.reports.pages.markdown import NOT_RUN, picture, share, table
+from dockctl.reports.pages.page import Draw, Page, course_readings, missing, seeds_table, text_of
+from dockctl.reports.pages.thesis import COURSES, RADII_M
+from dockctl.reports.trajectory import docked
+from dockctl.runs.keep import FAILURES
+from dockctl.runs.statistics import wilson_interval
+from dockctl.scenarios.study import Experiment, Study
+
+FIXED, MARINA = "s3", "marina"
+WHOSE = {FIXED: "scenario 3's policies", MARINA: "the marina's policies"}
+BERTHS = {"s3-opposite": "The berth on the other side", "s3-appendix-b": "The berth of appendix B"}
+WITHIN_M = (1.0, 2.0, 3.0, 5.0, 10.0)
+KINDS = {
+    "pose": "test poses",
+    "random": "random starts",
+    "trained": "trained berths",
+    "held_out": "held-out berths",
+}
+"""Sorts of starts, in words."""
+
+Panels = Sequence[tuple[str, Course]]
+
+
+def generalization_page(kept: Kepts) -> Page:
+    """Figs. 4.31-4.37, 4.39, 4.40 and B.1-B.7."""
+    blocks, draws = ["# Where they were not trained"], dict[str, Draw]()
+    blocks.append(
+        "The thesis trains one start and one berth, and finds that the same network docks at two"
+        " berths that it"
+        " never saw. Ours knows no direction to the goal but through the LiDAR, as theirs; the"
+        " policies of the"
+        " [marina](marina.md), trained at many berths, are told it."
+    )
+    for name, title in BERTHS.items():
+        text, figures = _berth(name, title, kept)
+        blocks.append(text)
+        draws |= figures
+    text, figures = _far_starts(kept)
+    return Page("results/generalization.md", text_of(*blocks, text), draws | figures)
+
+
+def _berth(name: str, title: str, kept: Kepts) -> tuple[str, dict[str, Draw]]:
+    """One untrained berth: what became of every policy there."""
+    facts = COURSES[name]
+    sets = {who: [(run.seed, course) for run in kept[who] if (course := run.course(name))] for who in WHOSE}
+    sets = {who: courses_there for who, courses_there in sets.items() if courses_there}
+    numbers = f"Figs. {facts[0].figure} to {facts[-1].figure}"
+    head = f"## {title}\n\nThesis: {numbers}."
+    if not sets:
+        return f"{head}\n\n{missing(WHOSE)}", {}
+    draws: dict[str, Draw] = {}
+    blocks = [head]
+    for who, found in sets.items():
+        tracks = courses.by_seed([(seed, course.tracks) for seed, course in found])
+        course = found[0][1]
+        done = sum(docked(track, course.task) for track in tracks)
+        figure = f"{who}-on-{name}"
+        if done:
+            draws[figure] = _maneuver(
+                f"{title}: {WHOSE[who]}", course, found, [fact.figure for fact in facts]
+            )
+        else:
+            draws[figure] = _ways(f"{title}: {WHOSE[who]}", [(f"seed {seed}", c) for seed, c in found])
+        blocks.append(f"**{WHOSE[who].capitalize()}**: {done} of {len(tracks)} seeds dock.")
+        blocks.append(picture(figure, f"{title}: {WHOSE[who]}"))
+    readings = {
+        WHOSE[who]: ([t for _, course in found for t in course.tracks], found[0][1].task)
+        for who, found in sets.items()
+    }
+    blocks.append(course_readings(facts, readings))
+    return "\n\n".join(blocks), draws
+
+
+def _maneuver(title: str, course: Course, found: Sequence[tuple[int, Course]], cited: Sequence[str]) -> Draw:
+    tracks = courses.by_seed([(seed, there.tracks) for seed, there in found])
+    return lambda: courses.course_figure(
+        title, "the best policy of every seed", course.scene, course.task, tracks, cited
+    )
+
+
+def _ways(title: str, panels: Panels) -> Draw:
+    return lambda: courses.ways_figure(title, "the best policy of every seed", panels)
+
+
+def _far_starts(kept: Kepts) -> tuple[str, dict[str, Draw]]:
+    """Success over starts around the trained one, and the nearest failures (Figs. 4.39, 4.40)."""
+    head = "## How far from the trained start"
+    rows = [_reach_row(who, run) for who in WHOSE for run in kept[who] if run.map is not None]
+    if not rows:
+        return f"{head}\n\n{missing(WHOSE)}", {}
+    said = ", ".join(f"{radius:g} m ({section})" for section, radius in RADII_M.items())
+    blocks = [
+        head,
+        f"The thesis puts the limit at {said}, without saying how many starts were tried. Below: a"
+        f" grid of free"
+        f" starts around the trained one, headings up to {ASKEW_DEG:g}° askew; the success radius"
+        f" is the largest"
+        " distance up to which every one of them docks.",
+        table(rows),
+    ]
+    draws: dict[str, Draw] = {}
+    for who in WHOSE:
+        mapped = [run for run in kept[who] if run.map is not None]
+        if mapped:
+            draws[f"{who}-map"] = _map(mapped[0], who)
+            blocks.append(picture(f"{who}-map", f"success over starts, {WHOSE[who]}, seed {mapped[0].seed}"))
+        panels = [
+            (f"seed {run.seed}", course) for run in kept[who] if (course := run.course(FAILURES)) is not None
+        ]
+        if who == FIXED and panels:
+            draws[f"{who}-failures"] = _failures(panels)
+            blocks.append(
+                "Figs. 4.39 and 4.40 show a collision after the intermediate pose was reached in a"
+                " bad place, and"
+                " a boat that never reaches it. The nearest starts that fail in these two ways here:"
+            )
+            blocks.append(picture(f"{who}-failures", "the nearest failures of every seed"))
+    return "\n\n".join(blocks), draws
+
+
+def _failures(panels: Panels) -> Draw:
+    return lambda: courses.ways_figure(
+        "The nearest failures (Figs. 4.39, 4.40)", "from the nearest starts that fail, every seed", panels
+    )
+
+
+def _map(run: Kept, who: str) -> Draw:
+    def draw() -> Figure:
+        assert run.map is not None  # the caller has asked
+        return map_figure(run.map, run.run.scene, run.run.task, f"{WHOSE[who]}, seed {run.seed}")
+
+    return draw
+
+
+def _reach_row(who: str, run: Kept) -> dict[str, str]:
+    assert run.map is not None  # the caller has asked
+    free = turned_within(free_starts(run.map), ASKEW_DEG)
+    row = {"policies": WHOSE[who], "seed": str(run.seed), "success radius": radius_words(run.radius())}
+    for limit in WITHIN_M:
+        near = free[free["offset_m"] <= limit + 1e-6]
+        row[f"docked within {limit:g} m"] = share((int(near["docked"].sum()), len(near)))
+    return row
+
+
+def marina_page(study: Study, kept: Kepts) -> Page:
+    """Random starts at random berths, a third of them held out."""
+    path, runs = "results/marina.md", kept[MARINA]
+    (experiment,) = study.chosen([MARINA])
+    head = (
+        f"# Marina\n\nPast the thesis: {experiment.title}. The state has the bearing to the goal"
+        f" beside what the"
+        " thesis gives it; task, reward and learner are those of scenario 3."
+    )
+    if not runs:
+        return Page(path, text_of(head, missing([MARINA])))
+    draws: dict[str, Draw] = {
+        "marina-training": lambda: curves.training_figure("Marina: training", runs, ("", "", ""))
+    }
+    text = text_of(
+        head,
+        f"```sh\ndockctl reproduce {MARINA}\n```",
+        "## Every seed",
+        seeds_table(runs),
+        picture("marina-training", "training of every seed"),
+        "## Trained and held-out berths",
+        table([row for run in runs for row in _berth_rows(run)]),
+        _by_berth(runs),
+        "## The same networks elsewhere",
+        elsewhere_table(experiment, runs),
+        "Starts farther off: [how far from the trained"
+        " start](generalization.md#how-far-from-the-trained-start).",
+    )
+    return Page(path, text, draws)
+
+
+def elsewhere_table(experiment: Experiment, runs: Sequence[Kept]) -> str:
+    """What became of every seed on the other scenarios."""
+    rows = []
+    for run in runs:
+        row = {"seed": str(run.seed)}
+        for name in experiment.evaluate_on:
+            for kind, words in KINDS.items():
+                if (ended := run.ended(kind, name)) is not None:
+                    row[f"{name}, {words}"] = share(ended)
+        rows.append(row)
+    return table(rows)
+
+
+def _berth_rows(run: Kept) -> list[dict[str, str]]:
+    evaluation, rows = run.evaluation(), []
+    if evaluation is None:
+        return [{"seed": str(run.seed), "starts": NOT_RUN}]
+    for kind in evaluation["start_kind"].unique():
+        group = evaluation[evaluation["start_kind"] == kind]
+        rows.append({"seed": str(run.seed), "starts": KINDS[str(kind)], **_success(group)})
+    return rows
+
+
+def _success(group: pd.DataFrame) -> Mapping[str, str]:
+    ends = group["outcome"].value_counts()
+    count = int(ends.get("docked", 0))
+    low, high = wilson_interval(count, len(group))
+    return {
+        "docked": share((count, len(group))),
+        "95 % interval": f"{low:.1%} to {high:.1%}",
+        "collisions": str(ends.get("collision", 0)),
+        "timeouts": str(ends.get("timeout", 0)),
+    }
+
+
+def _by_berth(runs: Sequence[Kept]) -> str:
+    """Success at every held-out berth, all seeds together."""
+    tables = [found for run in runs if (found := run.evaluation()) is not None and "berth" in found]
+    if not tables:
+        return ""
+    every = pd.concat(tables)
+    held_out = every[every["start_kind"] == "held_out"]
+    rows = [{"held-out berth": str(berth), **_success(group)} for berth, group in held_out.groupby("berth")]
+    return table(rows) if rows else ""

@@ -1,0 +1,214 @@
+"""The reading of the reward, the thesis' own learner, and what each part of ours buys."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import pandas as pd
+
+from dockctl.reports.pages import curves
+from dockctl.reports.pages.kept import Kept, Kepts
+from dockctl.reports.pages.markdown import picture, share, spread, steps, table
+from dockctl.reports.pages.measures import change_share, change_size, slowing_m
+from dockctl.reports.pages.page import Draw, Page, middle, missing, text_of
+from dockctl.reports.pages.thesis import EPISODES
+from dockctl.reports.returns import returns_figure, unit_words, verdicts
+from dockctl.scenarios.study import Experiment, Study
+
+READINGS = (("s1", "s1-meters"), ("s3", "s3-meters"))
+UNITS = ("units of 20 m", "meters")
+BASE, FASTER = "s3", "s3-velocity-20"
+
+
+def reward_page(kept: Kepts) -> Page:
+    """What Table 3.5 means, and the weight of the speed."""
+    blocks = [
+        "# The reading of the reward",
+        "The thesis does not say in which unit its reward takes δd. Its weights (Table 3.5) and"
+        " its rule that a"
+        " collision must cost more than an episode that never arrives (section 3.2.3) only go"
+        " together when δd is"
+        " small: here in units of 20 m. In meters the same numbers prize early collisions and loitering.",
+        "## What behaviors are worth",
+    ]
+    draws: dict[str, Draw] = {}
+    for name, _ in READINGS:
+        with_returns = [run for run in kept[name] if run.returns is not None]
+        blocks.append(f"### Scenario {name[1:]}")
+        if not with_returns:
+            blocks.append(missing([name]))
+            continue
+        run = with_returns[0]
+        assert run.returns is not None
+        draws[f"{name}-returns"] = _returns(run, run.returns)
+        blocks.append(picture(f"{name}-returns", f"discounted returns of behaviors, scenario {name[1:]}"))
+        blocks.append(_verdicts(run.returns))
+    blocks.append("## Training under both readings")
+    pairs = {
+        f"scenario {base[1:]}": {UNITS[0]: kept[base], UNITS[1]: kept[meters]}
+        for base, meters in READINGS
+        if kept[base] and kept[meters]
+    }
+    if pairs:
+        draws["readings"] = lambda: curves.compared_figure(
+            "Our learner under both readings",
+            "thin: seeds; thick: interquartile mean with its interval",
+            pairs,
+        )
+        blocks.append(picture("readings", "our learner under both readings"))
+    blocks.append(table([row for pair in READINGS for row in _reading_rows(pair, kept)]))
+    blocks.append("The thesis' own learner under both: [thesis learner](thesis-learner.md).")
+    blocks += _velocity(kept)
+    return Page("results/reward.md", text_of(*blocks), draws)
+
+
+def _returns(run: Kept, returns: pd.DataFrame) -> Draw:
+    caption = (
+        f"scenario {run.run.scenario}, docking by the policy of seed {run.seed}; discounted by 0.99 a step"
+    )
+    return lambda: returns_figure(returns, caption)
+
+
+def _verdicts(returns: pd.DataFrame) -> str:
+    lines = []
+    for unit, rows in returns.groupby("distance_unit_m", sort=False):
+        said = " ".join(verdicts(rows))
+        lines.append(f"- δd in {unit_words(float(str(unit)))}: {said}")
+    return "\n".join(lines)
+
+
+def _reading_rows(pair: tuple[str, str], kept: Kepts) -> list[dict[str, str]]:
+    return [
+        {"scenario": pair[0][1:], "δd in": unit, **_outcomes(kept[name])}
+        for name, unit in zip(pair, UNITS, strict=True)
+    ]
+
+
+def _outcomes(runs: Sequence[Kept]) -> dict[str, str]:
+    """How the trainings of one experiment went, seed by seed."""
+    if not runs:
+        return {"seeds": "not run"}
+    ends = [run.episodes["outcome"].tail(100).value_counts() for run in runs]
+    return {
+        "seeds": str(len(runs)),
+        "mastered": share((sum(run.mastered for run in runs), len(runs))),
+        "greedy docks first at": ", ".join(steps(run.first_docked) for run in runs),
+        "training": ", ".join(f"{run.steps:,}" for run in runs),
+        "docked of the last 100": ", ".join(str(end.get("docked", 0)) for end in ends),
+        "collisions": ", ".join(str(end.get("collision", 0)) for end in ends),
+        "timeouts": ", ".join(str(end.get("timeout", 0)) for end in ends),
+    }
+
+
+def _velocity(kept: Kepts) -> list[str]:
+    """r_velocity of 20 and 10 in scenario 3 (section 4.3)."""
+    head = (
+        "## r_velocity: 20 or 10\n\nSection 4.3 halves it for scenario 3 and sees sudden changes"
+        " of the propeller all but"
+        " vanish, those of the rudder stay, and the boat slow down late."
+    )
+    if not (kept[BASE] and kept[FASTER]):
+        return [head, missing([BASE, FASTER])]
+    return [head, table([_controls("10", kept[BASE]), _controls("20", kept[FASTER])])]
+
+
+def _controls(weight: str, runs: Sequence[Kept]) -> dict[str, str]:
+    tracks = [track for run in runs for track in run.tracks]
+    row = {"r_velocity": weight, "seeds": str(len(runs))}
+    for name, column, unit in (("propeller", "propeller_n", "N"), ("rudder", "rudder_deg", "°")):
+        row[f"{name} changes, % of the steps"] = middle([100 * change_share(t, column) for t in tracks])
+        row[f"mean change of the {name} a step [{unit}]"] = middle(
+            [change_size(track, column) for track in tracks], "{:.1f}"
+        )
+    row["last at top speed [m off]"] = middle([slowing_m(track) for track in tracks], "{:.1f}")
+    return row
+
+
+def ablation_page(study: Study, kept: Kepts) -> Page:
+    """What each part of the default learner buys."""
+    rows = study.chosen(["ablation"])
+    base, *others = rows
+    head = (
+        "# What each part of the learner buys\n\nScenario 1, one thing changed at a time, 250,000"
+        " environment steps"
+        " at most; values seed by seed."
+    )
+    there = {e.title: {base.title: kept[base.name], e.title: kept[e.name]} for e in others if kept[e.name]}
+    draws: dict[str, Draw] = {}
+    if there and kept[base.name]:
+        draws["ablation"] = lambda: curves.compared_figure(
+            "What each part of the learner buys",
+            "scenario 1; dark: as by default, red: with the change",
+            there,
+        )
+    text = text_of(
+        head,
+        "```sh\ndockctl reproduce ablation\n```",
+        table([{"change": e.title, "set": _settings(e), **_outcomes(kept[e.name])} for e in rows]),
+        picture("ablation", "share of docked episodes of every ablation") if draws else "",
+    )
+    return Page("results/ablation.md", text, draws)
+
+
+def _settings(experiment: Experiment) -> str:
+    shown = [s for s in experiment.set if not s.startswith("training.total_steps")]
+    return ", ".join(f"`{setting}`" for setting in shown)
+
+
+def thesis_page(study: Study, kept: Kepts) -> Page:
+    """The thesis' learner to its full number of episodes, under both readings."""
+    experiments = study.chosen(["thesis"])
+    head = (
+        "# The thesis' own learner\n\nOne boat, batches of 32, one-step targets, RMSProp, squared"
+        " error, no exploring"
+        " starts (preset `thesis`), to the thesis' number of episodes: "
+        + ", ".join(f"{count:,} in scenario {name[1:]}" for name, count in EPISODES.items())
+        + "."
+    )
+    runs = [
+        (f"scenario {e.scenario[1:]}, δd in {_unit(e)}", run) for e in experiments for run in kept[e.name]
+    ]
+    if not runs:
+        return Page("results/thesis-learner.md", text_of(head, missing(["thesis"])))
+    draws: dict[str, Draw] = {
+        "thesis-endings": lambda: curves.endings_figure("The thesis' learner: how the episodes ended", runs),
+        "thesis-losses": lambda: curves.losses_figure("The thesis' learner: errors and values", runs),
+    }
+    text = text_of(
+        head,
+        "```sh\ndockctl reproduce thesis\n```",
+        table([_thesis_row(experiment, kept[experiment.name]) for experiment in experiments]),
+        picture("thesis-endings", "how the episodes ended"),
+        picture("thesis-losses", "errors and values"),
+    )
+    return Page("results/thesis-learner.md", text, draws)
+
+
+def _unit(experiment: Experiment) -> str:
+    return UNITS[any(setting.startswith("reward.distance_unit_m=1") for setting in experiment.set)]
+
+
+def _thesis_row(experiment: Experiment, runs: Sequence[Kept]) -> dict[str, str]:
+    row = {"scenario": experiment.scenario[1:], "δd in": _unit(experiment)}
+    if not runs:
+        return row | {"episodes": "not run"}
+    (run, *_) = runs
+    ended = run.episodes["outcome"].eq("docked")
+    best = ended.rolling(100).sum()
+    greedy = run.run.evaluations
+    return row | {
+        "episodes": f"{len(run.episodes):,}",
+        "steps": f"{run.steps:,}",
+        "hours": f"{run.minutes / 60:.1f}",
+        "greedy docks first at": f"{steps(run.first_docked)} steps" if run.first_docked else "never",
+        "greedy evaluations that dock": share(
+            None if greedy is None else (int((greedy["outcome"] == "docked").sum()), len(greedy))
+        ),
+        "most docked of 100": f"{best.max():.0f} (to episode {int(best.argmax()) + 1:,})"
+        if best.max()
+        else "0",
+        "docked of the last 100": str(run.recent_docked),
+        "largest mean abs. TD error": spread(
+            [float(run.updates["td_error"].abs().max()) / run.reward_scale], "{:,.0f}"
+        ),
+    }
