@@ -20,7 +20,8 @@ from dockctl.scenarios.study import Experiment, Study
 
 FIGURES = Path("figures/results")
 WIDTH_PX = 1240
-COLORS = 128
+MOST_PX_PER_INCH = 110
+COLORS = 255
 
 
 def pages_of(study: Study, results: Path) -> list[Page]:
@@ -69,9 +70,10 @@ def small_png(figure: Figure) -> bytes:
     full, small = io.BytesIO(), io.BytesIO()
     figure.savefig(full, format="png", metadata={"Software": None})
     with Image.open(full) as image:
-        size = (WIDTH_PX, image.height * WIDTH_PX // image.width)
+        width = min(WIDTH_PX, round(MOST_PX_PER_INCH * figure.get_figwidth()))
+        size = (width, image.height * width // image.width)
         resized = image.convert("RGB").resize(size, Image.Resampling.LANCZOS)
-        resized.quantize(COLORS).save(small, format="PNG", optimize=True)
+        resized.quantize(COLORS, kmeans=2).save(small, format="PNG", optimize=True)
     return small.getvalue()
 
 

@@ -10,7 +10,8 @@ from matplotlib.figure import Figure
 from dockctl.reports.map import free_starts, map_figure, radius_words, turned_within
 from dockctl.reports.pages import courses, curves
 from dockctl.reports.pages.kept import ASKEW_DEG, Course, Kept, Kepts
-from dockctl.reports.pages.markdown import NOT_RUN, picture, share, table
+from dockctl.reports.pages.markdown import NOT_RUN, listed, picture, share, table
+from dockctl.reports.pages.measures import ending
 from dockctl.reports.pages.page import Draw, Page, course_readings, missing, seeds_table, text_of
 from dockctl.reports.pages.thesis import COURSES, RADII_M
 from dockctl.reports.trajectory import docked
@@ -117,7 +118,9 @@ def _far_starts(kept: Kepts) -> tuple[str, dict[str, Draw]]:
             draws[f"{who}-map"] = _map(mapped[0], who)
             blocks.append(picture(f"{who}-map", f"success over starts, {WHOSE[who]}, seed {mapped[0].seed}"))
         panels = [
-            (f"seed {run.seed}", course) for run in kept[who] if (course := run.course(FAILURES)) is not None
+            (f"seed {run.seed}: {listed(ending(track, course.task) for track in course.tracks)}", course)
+            for run in kept[who]
+            if (course := run.course(FAILURES)) is not None
         ]
         if who == FIXED and panels:
             draws[f"{who}-failures"] = _failures(panels)

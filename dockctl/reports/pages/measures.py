@@ -27,6 +27,13 @@ def slowing_m(track: Track) -> float:
     return float(rows["distance_m"].iloc[int(fast[-1])])
 
 
+def ending(track: Track, task: Task) -> str:
+    """How a track ends, in a word or two."""
+    if docked(track, task):
+        return "docked"
+    return "collision" if len(track.table) <= task.max_steps else "out of time"
+
+
 def change_share(track: Track, column: str) -> float:
     """Share of the control steps in which a command changes."""
     values = track.table[column].to_numpy()[1:]  # the first row is the state before the first command
