@@ -1,0 +1,80 @@
+"""Studies: what may stand in them, what is told of mistakes, and that the packaged one fits the scenarios."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import pytest
+
+from dockctl.errors import DockctlError, InputError
+from dockctl.scenarios.loader import load
+from dockctl.scenarios.study import Experiment, load_study
+
+THESIS = load_study("thesis")
+
+
+def write(folder: Path, text: str) -> str:
+    path = folder / "study.yaml"
+    path.write_text(text, encoding="utf-8")
+    return str(path)
+
+
+@pytest.mark.parametrize("experiment", THESIS.experiments, ids=lambda experiment: experiment.name)
+def test_every_experiment_of_the_packaged_study_is_a_valid_scenario(experiment: Experiment) -> None:
+    scenario = load(experiment.scenario, overrides=experiment.overrides(2)).scenario
+    assert scenario.training.seed == 2
+    for other in experiment.evaluate_on:
+        assert load(other).scenario.task.final
+
+
+def test_the_thesis_learner_sails_its_full_number_of_episodes_in_both_readings() -> None:
+    found = set()
+    for experiment in THESIS.chosen(["thesis"]):
+        scenario = load(experiment.scenario, overrides=experiment.overrides(0)).scenario
+        training = scenario.training
+        assert training.preset == "thesis"
+        assert training.max_episodes is not None
+        assert training.total_steps >= training.max_episodes * scenario.task.max_steps
+        found.add((scenario.name, training.max_episodes, scenario.reward.distance_unit_m))
+    assert found == {(s, n, u) for s, n in (("s1", 4000), ("s2", 4700), ("s3", 4000)) for u in (20.0, 1.0)}
+
+
+def test_experiments_are_chosen_by_name_or_group_in_the_order_of_the_study() -> None:
+    names = [experiment.name for experiment in THESIS.chosen(["velocity", "s1"])]
+    assert names == ["s1", "s3-velocity-20"]
+    assert THESIS.chosen([]) == THESIS.experiments
+    with pytest.raises(DockctlError, match="no experiment or group 'ablations'; did you mean 'ablation'"):
+        THESIS.chosen(["ablations"])
+
+
+def test_every_mistake_is_told_with_its_place(tmp_path: Path) -> None:
+    source = write(
+        tmp_path,
+        "experiments:\n"
+        "  - {name: a, group: g, scenario: s1, sees: 3}\n"
+        "  - {name: b, group: g, scenario: s1, probes: [mop]}\n"
+        "  - {name: c c, group: g, scenario: s1, seeds: 0}\n",
+    )
+    with pytest.raises(InputError) as raised:
+        load_study(source)
+    told = str(raised.value)
+    for line, words in (
+        (2, "unknown key 'sees'; did you mean 'seeds'?"),
+        (3, "did you mean 'map'?"),
+        (4, "found 0, expected a number of at least 1"),
+        (4, "found the text 'c c'"),
+    ):
+        assert any(f"study.yaml:{line}:" in row and words in row for row in told.splitlines()), told
+
+
+def test_names_are_used_once(tmp_path: Path) -> None:
+    row = "  - {name: a, group: g, scenario: s1}\n"
+    with pytest.raises(InputError, match="several experiments are called a"):
+        load_study(write(tmp_path, "experiments:\n" + row + row))
+
+
+def test_an_unknown_study_is_told() -> None:
+    with pytest.raises(DockctlError, match=r"no study 'thesys'; did you mean 'thesis'\? \(known: thesis\)"):
+        load_study("thesys")
+    with pytest.raises(DockctlError, match="nowhere"):
+        load_study("nowhere.yaml")
