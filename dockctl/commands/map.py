@@ -12,7 +12,8 @@ HEADINGS = "0,20,-20,45,-45,90,-90,180"
 
 def map_(
     ckpt: Annotated[
-        Path | None, typer.Option(help="Run folder or checkpoint; the latest run in ./runs if none is given.")
+        Path | None,
+        typer.Option(help="Run folder, checkpoint, or name of a shipped one; the latest run by default."),
     ] = None,
     scenario: Annotated[
         str | None,

@@ -143,24 +143,27 @@ def behaviors(loaded: LoadedScenario, trained: Trained) -> Iterator[Behavior]:
     docking = water.play(DOCKING, course)
     yield docking
     yield water.play(AT_START, np.zeros((1, 2)))
-    if docking.gate_at is not None:
-        yield loiter_at_gate(water, course, docking.gate_at)
+    if docking.gate_at is not None and (loitering := loiter_at_gate(water, course, docking.gate_at)):
+        yield loitering
     limits = np.array([scenario.vessel.max_propeller_n, math.radians(scenario.vessel.max_rudder_deg)])
     held = [water.play(name, limits * [[propeller, rudder]]) for name, propeller, rudder in HELD]
     yield from sorted(held, key=lambda behavior: len(behavior.statuses))
 
 
-def loiter_at_gate(water: Water, course: Floats, gate_at: int) -> Behavior:
+def loiter_at_gate(water: Water, course: Floats, gate_at: int) -> Behavior | None:
     """Follow the course towards the intermediate pose, and stop the propeller just too soon to reach it.
 
     Args:
         course: commands (k, 2) of an episode that reaches the pose in step `gate_at`.
+
+    Returns:
+        None where there is no such way: stopped anywhere, the boat drifts through the pose or hits something.
     """
     stops = (
         water.play(AT_GATE, np.concatenate([course[:step], np.zeros((1, 2))]))
         for step in range(gate_at, -1, -1)
     )
-    return next(b for b in stops if b.gate_at is None and b.outcome == "timeout")
+    return next((b for b in stops if b.gate_at is None and b.outcome == "timeout"), None)
 
 
 def judge(scenario: Scenario, unit_m: float, played: Sequence[Behavior]) -> Iterator[dict[str, Value]]:

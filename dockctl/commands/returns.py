@@ -13,7 +13,8 @@ def returns(
         str | None, typer.Argument(help="Scenario file or name; the one of the training by default.")
     ] = None,
     ckpt: Annotated[
-        Path | None, typer.Option(help="Run folder or checkpoint; the latest run in ./runs if none is given.")
+        Path | None,
+        typer.Option(help="Run folder, checkpoint, or name of a shipped one; the latest run by default."),
     ] = None,
     units: Annotated[
         str,

@@ -81,6 +81,7 @@ def test_loitering_stops_just_too_soon_to_open_the_gate() -> None:
     there, course, opening = through_the_gate(scenario)
     assert opening.gate_at is not None
     loitering = loiter_at_gate(there, course, opening.gate_at)
+    assert loitering is not None
     assert (loitering.gate_at, loitering.outcome, len(loitering.statuses)) == (None, "timeout", 500)
     tolerance = scenario.task.intermediate_tolerance.distance_m
     assert tolerance < loitering.statuses[-1].distance_m[0] < tolerance + 0.4
@@ -89,12 +90,23 @@ def test_loitering_stops_just_too_soon_to_open_the_gate() -> None:
     assert there.play("a step longer", longer).gate_at is not None
 
 
+def test_a_boat_that_drifts_through_the_gate_cannot_loiter_at_it() -> None:
+    scenario = load("s3").scenario
+    gate = scenario.task.intermediate
+    assert gate is not None
+    inside = water(scenario, (gate.x_m, gate.y_m, math.radians(gate.heading_deg)))
+    opening = inside.play(DOCKING, NOTHING)
+    assert opening.gate_at == 0
+    assert loiter_at_gate(inside, NOTHING, opening.gate_at) is None
+
+
 @pytest.mark.parametrize("unit_m", [20.0, 1.0])
 def test_at_break_even_docking_is_worth_what_loitering_is(unit_m: float) -> None:
     scenario = load("s3").scenario
     there, course, opening = through_the_gate(scenario)
     assert opening.gate_at is not None
     loitering = loiter_at_gate(there, course, opening.gate_at)
+    assert loitering is not None
     least = break_even(judged(scenario, unit_m, opening, loitering))
     assert least is not None
     row = judged(scenario, unit_m, opening).iloc[0]
