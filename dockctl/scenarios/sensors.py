@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from pydantic import Field
 
-from dockctl.scenarios.base import Count, Model, Number, Positive
+from dockctl.scenarios.base import Count, Model, NonNegative, Number, Positive
 
 
 class LidarMount(Model):
@@ -18,7 +18,7 @@ class LidarMount(Model):
     yaw_deg: Number
     x_m: Number
     y_m: Number
-    z_m: Number
+    z_m: NonNegative
 
 
 THESIS_MOUNTS = (
@@ -35,7 +35,7 @@ class Lidar(Model):
     channels: Count = Field(default=16, le=1024)
     lowest_channel_deg: Number = -15.0
     highest_channel_deg: Number = 15.0
-    azimuth_steps: Count = Field(default=1800, le=100_000, description="firings a turn; 1800: every 0.2°")
+    azimuth_steps: Count = Field(default=1800, le=50_000, description="firings a turn; 1800: every 0.2°")
     range_m: Positive = 100.0
     sectors: Count = Field(default=8, le=1024)
     mounts: tuple[LidarMount, ...] = Field(default=THESIS_MOUNTS, min_length=1, max_length=64)

@@ -8,7 +8,7 @@ cell. Heights are told in bands, one bit each: a ray may pass between a deck and
 from __future__ import annotations
 
 import math
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from numba import njit
@@ -20,97 +20,99 @@ Floats = NDArray[np.float64]
 Singles = NDArray[np.float32]
 Ints = NDArray[np.int32]
 Bands = NDArray[np.int64]
+Members = NDArray[np.void]
 Line = tuple[float, float, float, float, float, float]
 
 FINEST_CELL_M = 0.1
 MOST_CELLS = 4_000_000
-SMALLEST_RADIUS_M = 0.1
-RADIUS_GROWTH = 1.2
+# Radii of the levels, in cells: these, then 4, 5, 6 times 2, 4, 8 ... on cells as much larger.
+FINE_REACHES = (1, 2, 3, 4, 5, 6)
+COARSE_REACHES = (4, 5, 6)
+DISTANCE_STRIDE = 2
 SLACK_M = 1e-5  # outweighs every rounding, in float32 too
 
-
-@njit(cache=True, nogil=True, inline="always")
-def bands_between(low: float, high: float) -> int:
-    """Return the bits of the bands of height between two heights [m].
-
-    40 bands of 0.1 m, 21 of 0.5 m, and one for all above; everything under water counts as the lowest.
-    """
-    first, last = _band(low), _band(high)
-    return (2 << last) - (1 << first)
+MEMBER = np.dtype([("triangle", np.int32), ("low", np.uint8), ("high", np.uint8)])
 
 
 @njit(cache=True, nogil=True, inline="always")
-def _band(z: float) -> int:
+def band_at(z: float) -> int:
+    """Return the band of a height [m]: 40 of 0.1 m, 21 of 0.5 m, one for all above; under 0 the lowest."""
     if z < 4.0:
         return int(max(z, 0.0) * 10.0)
     return min(40 + int((z - 4.0) * 2.0), 61)
 
 
+@njit(cache=True, nogil=True, inline="always")
+def bits(low: int, high: int) -> int:
+    """Return the bits of the bands from `low` to `high`."""
+    return (2 << high) - (1 << low)
+
+
 class HeightGrid(NamedTuple):
     """Bands of height on a grid of square cells; rows run along y.
 
+    Few sets of bands occur, so a cell holds the place of its own in `palette`, an eighth of the memory.
+
     Attributes:
         frame: (3,) x and y of the lower corner, and the cell's side [m].
-        bands: (ny, nx) bits of the bands in which anything stands in each cell.
-        starts, members: triangles of cell ``iy * nx + ix`` are ``members[starts[cell]:starts[cell + 1]]``.
+        radii: (levels,) [m]; the first is 0.
+        level_shape: (levels, 4) offset into `levels`, nx, ny and stride in cells of each level.
+        levels: level after level: the bands within the level's radius of anywhere in a cell, in `palette`.
+        palette: (sets,) bits of the bands in which anything stands; the first is 0.
+        starts, members: triangles of cell ``iy * nx + ix`` are ``members[starts[cell]:starts[cell + 1]]``,
+            with the lowest and the highest band in which they pass there.
         triangles: (m, 9) as `hit_triangle` takes them.
-        distances: (ny, nx) from anywhere in a cell to the nearest cell that is not empty, at least [m].
-        radii: (levels,) [m].
-        level_shape: (levels, 4) offset into `dilated`, nx, ny and stride in cells of each level.
-        dilated: levels end to end: the bands within the level's radius of anywhere in a cell.
+        distances: from anywhere in a block of cells to the nearest that is not empty, at least [m].
     """
 
     frame: Floats
-    bands: Bands
-    starts: Ints
-    members: Ints
-    triangles: Floats
-    distances: Singles
     radii: Floats
     level_shape: Ints
-    dilated: Bands
+    levels: NDArray[np.unsignedinteger[Any]]
+    palette: Bands
+    starts: Ints
+    members: Members
+    triangles: Floats
+    distances: Singles
 
     @classmethod
     def over(cls, triangles: Floats, largest_radius_m: float) -> HeightGrid:
         """Build the grid over (m, 3, 3) triangles [m], with levels up to at least `largest_radius_m`."""
         above = triangles[triangles[:, :, 2].max(axis=1, initial=-math.inf) >= 0.0]
-        levels = max(1, math.ceil(math.log(largest_radius_m / SMALLEST_RADIUS_M, RADIUS_GROWTH)) + 1)
-        radii: Floats = SMALLEST_RADIUS_M * np.float64(RADIUS_GROWTH) ** np.arange(levels)
-        margin = radii[-1] + 1.0
         corners = above.reshape(-1, 3)[:, :2] if len(above) else np.zeros((1, 2))
+        margin = largest_radius_m + 1.0
         low, high = corners.min(axis=0) - margin, corners.max(axis=0) + margin
         cell = max(FINEST_CELL_M, math.sqrt(float(np.prod(high - low)) / MOST_CELLS))
         nx, ny = (math.ceil(side / cell) for side in high - low)
         frame = np.array([low[0], low[1], cell])
         counts = np.zeros(nx * ny + 1, np.int32)
         bands = np.zeros((ny, nx), np.int64)
-        _lay(above, frame, bands, counts, np.empty(0, np.int32))
+        _lay(above, frame, bands, counts, np.empty(0, MEMBER))
         starts = np.concatenate([[0], np.cumsum(counts[:-1])]).astype(np.int32)
-        members = np.empty(starts[-1], np.int32)
+        members = np.empty(starts[-1], MEMBER)
         _lay(above, frame, bands, starts[:-1].copy(), members)
-        shapes, dilated = _dilate_levels(bands, radii, cell)
+        radii, shapes, levels = _dilate_levels(bands, cell, largest_radius_m)
+        palette = np.unique(levels)
+        place_type = np.uint16 if len(palette) <= 1 << 16 else np.uint32
         return cls(
             frame=frame,
-            bands=bands,
+            radii=radii,
+            level_shape=shapes,
+            levels=np.searchsorted(palette, levels).astype(place_type),
+            palette=palette,
             starts=starts,
             members=members,
             triangles=corner_and_edges(above),
-            distances=_distances(bands, cell),
-            radii=radii,
-            level_shape=shapes,
-            dilated=dilated,
+            distances=_distances(_block_union(bands, DISTANCE_STRIDE), cell * DISTANCE_STRIDE),
         )
 
-    def levels_for(self, radii_m: Floats) -> Ints:
-        """Return the first level whose radius is at least each of the (k,) radii [m]."""
-        return np.searchsorted(self.radii, radii_m).astype(np.int32)
 
+@njit(cache=True, nogil=True)
+def _lay(triangles: Floats, frame: Floats, bands: Bands, places: Ints, members: Members) -> None:
+    """Enter each triangle in the cells that its plan touches, with the bands in which it passes there.
 
-@njit(cache=True)
-def _lay(triangles: Floats, frame: Floats, bands: Bands, places: Ints, members: Ints) -> None:
-    """Enter each triangle in the cells that its plan touches, with the heights at which it passes there.
-
-    Triangles are only counted in `places` where `members` is empty, otherwise filled in from there on.
+    Triangles are only counted in `places` where `members` is empty, otherwise filled in from there on. What
+    is under water in a cell is left out: rays end at the water.
     """
     ny, nx = bands.shape
     x0, y0, cell = frame
@@ -128,18 +130,19 @@ def _lay(triangles: Floats, frame: Floats, bands: Bands, places: Ints, members: 
                 corners = _cut(scratch, polygon, corners, 0, -1.0, -(left + cell + SLACK_M))
                 corners = _cut(polygon, scratch, corners, 1, 1.0, lower - SLACK_M)
                 corners = _cut(scratch, polygon, corners, 1, -1.0, -(lower + cell + SLACK_M))
-                if corners == 0:
+                z = polygon[:corners, 2]
+                if corners == 0 or z.max() + SLACK_M < 0.0:
                     continue
+                low, high = band_at(z.min() - SLACK_M), band_at(z.max() + SLACK_M)
                 place = iy * nx + ix
                 if len(members) > 0:
-                    members[places[place]] = index
+                    member = members[places[place]]
+                    member.triangle, member.low, member.high = index, low, high
                 places[place] += 1
-                z = polygon[:corners, 2]
-                if z.max() + SLACK_M >= 0.0:
-                    bands[iy, ix] |= bands_between(z.min() - SLACK_M, z.max() + SLACK_M)
+                bands[iy, ix] |= bits(low, high)
 
 
-@njit(cache=True)
+@njit(cache=True, nogil=True)
 def _cut(polygon: Floats, out: Floats, corners: int, axis: int, sign: float, bound: float) -> int:
     """Cut a convex polygon by ``sign * p[axis] >= bound`` into `out`, and return the corners left.
 
@@ -158,16 +161,20 @@ def _cut(polygon: Floats, out: Floats, corners: int, axis: int, sign: float, bou
     return kept
 
 
-def _dilate_levels(bands: Bands, radii: Floats, cell: float) -> tuple[Ints, Bands]:
-    """Return `level_shape` and `dilated` for the radii; a wide radius needs no fine cells."""
-    shapes, parts, offset = [], [], 0
-    for radius in radii:
-        stride = max(1, 2 ** int(math.log2(max(1.0, radius / cell / 3))))
-        level = _window_union(_block_union(bands, stride), math.ceil(radius / (cell * stride)))
-        shapes.append((offset, level.shape[1], level.shape[0], stride))
-        parts.append(level.ravel())
-        offset += level.size
-    return np.array(shapes, np.int32), np.concatenate(parts)
+def _dilate_levels(bands: Bands, cell: float, largest_radius_m: float) -> tuple[Floats, Ints, Bands]:
+    """Return `radii`, `level_shape` and the levels' bands end to end; the first level is `bands` itself."""
+    radii, shapes, parts = [0.0], [(0, bands.shape[1], bands.shape[0], 1)], [bands.ravel()]
+    stride, offset = 1, bands.size
+    while radii[-1] < largest_radius_m:
+        blocks = _block_union(bands, stride)
+        for reach in FINE_REACHES if stride == 1 else COARSE_REACHES:
+            level = _dilated(blocks, reach)
+            radii.append(reach * stride * cell)
+            shapes.append((offset, level.shape[1], level.shape[0], stride))
+            parts.append(level.ravel())
+            offset += level.size
+        stride *= 2
+    return np.array(radii), np.array(shapes, np.int32), np.concatenate(parts)
 
 
 def _block_union(bands: Bands, stride: int) -> Bands:
@@ -178,17 +185,24 @@ def _block_union(bands: Bands, stride: int) -> Bands:
     return np.asarray(np.bitwise_or.reduce(np.bitwise_or.reduce(blocks, axis=3), axis=1), np.int64)
 
 
-def _window_union(bands: Bands, reach: int) -> Bands:
-    """Return the bands in the square window of `reach` cells to every side."""
-    for axis in (0, 1):
-        pad = [(0, 0), (0, 0)]
-        pad[axis] = (reach, reach)
-        windows = np.lib.stride_tricks.sliding_window_view(np.pad(bands, pad), 2 * reach + 1, axis)
-        bands = np.bitwise_or.reduce(windows, axis=-1)
-    return np.ascontiguousarray(bands)
+@njit(cache=True, nogil=True)
+def _dilated(bands: Bands, reach: int) -> Bands:
+    """Return the bands within `reach` cells of anywhere in each cell."""
+    ny, nx = bands.shape
+    out = np.zeros_like(bands)
+    for iy in range(ny):
+        for up in range(-reach, reach + 1):
+            if not 0 <= iy + up < ny:
+                continue
+            across = math.ceil(math.sqrt(reach**2 - max(abs(up) - 1, 0) ** 2))
+            row = out[iy + up]
+            for ix in range(nx):
+                if bands[iy, ix] != 0:
+                    row[max(0, ix - across) : ix + across + 1] |= bands[iy, ix]
+    return out
 
 
-@njit(cache=True)
+@njit(cache=True, nogil=True)
 def _distances(bands: Bands, cell: float) -> Singles:
     """Return a lower bound of the distance to the nearest cell that is not empty.
 
@@ -240,14 +254,14 @@ def bands_near(grid: HeightGrid, level: int, x: float, y: float) -> int:
     iy = math.floor((y - grid.frame[1]) / (grid.frame[2] * stride))
     if ix < 0 or iy < 0 or ix >= nx or iy >= ny:
         return 0  # the grid's margin is wider than every radius
-    return int(grid.dilated[offset + iy * nx + ix])
+    return int(grid.palette[grid.levels[offset + iy * nx + ix]])
 
 
 @njit(cache=True, nogil=True, inline="always")
 def distance_at(grid: HeightGrid, x: float, y: float) -> float:
     """Return a lower bound of the distance from (x, y) to anything [m]."""
     ny, nx = grid.distances.shape
-    left, lower, cell = grid.frame
+    left, lower, cell = grid.frame[0], grid.frame[1], grid.frame[2] * DISTANCE_STRIDE
     ix, iy = math.floor((x - left) / cell), math.floor((y - lower) / cell)
     if ix < 0 or iy < 0 or ix >= nx or iy >= ny:
         beyond_x = max(left - x, x - left - nx * cell, 0.0)
@@ -270,41 +284,38 @@ def first_hit(grid: HeightGrid, line: Line, begin: float, end: float) -> float:
         begin, end: ray parameters.
     """
     ox, oy, oz, dx, dy, dz = line
-    bands, starts, members, triangles = grid.bands, grid.starts, grid.members, grid.triangles
-    ny, nx = bands.shape
+    levels, palette, starts = grid.levels, grid.palette, grid.starts
+    members, triangles = grid.members, grid.triangles
+    nx, ny = grid.level_shape[0, 1], grid.level_shape[0, 2]
     left, lower, cell = grid.frame
-    # Into cell coordinates, and cut to the grid.
-    px, py, vx, vy = (ox - left) / cell, (oy - lower) / cell, dx / cell, dy / cell
-    if vx != 0.0:
-        a, b = -px / vx, (nx - px) / vx
-        begin, end = max(begin, min(a, b)), min(end, max(a, b))
-    elif px < 0.0 or px >= nx:
-        return MISS
-    if vy != 0.0:
-        a, b = -py / vy, (ny - py) / vy
-        begin, end = max(begin, min(a, b)), min(end, max(a, b))
-    elif py < 0.0 or py >= ny:
-        return MISS
+    px, py, vx, vy = (ox - left) / cell, (oy - lower) / cell, dx / cell, dy / cell  # in cells
+    if not (_inside(px + begin * vx, nx) and _inside(px + end * vx, nx)):
+        begin, end = _within(px, vx, nx, begin, end)
+    if not (_inside(py + begin * vy, ny) and _inside(py + end * vy, ny)):
+        begin, end = _within(py, vy, ny, begin, end)
     if begin > end:
         return MISS
     ix = min(max(math.floor(px + begin * vx), 0), nx - 1)
     iy = min(max(math.floor(py + begin * vy), 0), ny - 1)
     step_x, step_y = (1 if vx > 0.0 else -1), (1 if vy > 0.0 else -1)
-    next_x = (ix + (vx > 0.0) - px) / vx if vx != 0.0 else MISS
-    next_y = (iy + (vy > 0.0) - py) / vy if vy != 0.0 else MISS
-    across_x = abs(1.0 / vx) if vx != 0.0 else MISS
-    across_y = abs(1.0 / vy) if vy != 0.0 else MISS
+    per_x, per_y = (1.0 / vx if vx != 0.0 else MISS), (1.0 / vy if vy != 0.0 else MISS)
+    across_x, across_y = abs(per_x), abs(per_y)
+    next_x = (ix + (vx > 0.0) - px) * per_x if vx != 0.0 else MISS
+    next_y = (iy + (vy > 0.0) - py) * per_y if vy != 0.0 else MISS
     best = MISS
     entry = begin
     while True:
         leave = min(next_x, next_y)
         here, there = oz + dz * entry, oz + dz * min(leave, end)
-        if bands[iy, ix] & bands_between(min(here, there), max(here, there)):
-            place = iy * nx + ix
+        low, high = band_at(min(here, there)), band_at(max(here, there))
+        place = iy * nx + ix
+        if palette[levels[place]] & bits(low, high):
             for slot in range(starts[place], starts[place + 1]):
-                t = hit_triangle(triangles[members[slot]], ox, oy, oz, dx, dy, dz)
-                if t < best:
-                    best = t
+                member = members[slot]
+                if member.low <= high and member.high >= low:
+                    t = hit_triangle(triangles[member.triangle], ox, oy, oz, dx, dy, dz)
+                    if t < best:
+                        best = t
         if best <= leave or leave >= end:
             return best
         entry = leave
@@ -316,3 +327,17 @@ def first_hit(grid: HeightGrid, line: Line, begin: float, end: float) -> float:
             next_y += across_y
         if ix < 0 or iy < 0 or ix >= nx or iy >= ny:
             return best
+
+
+@njit(cache=True, nogil=True, inline="always")
+def _inside(p: float, cells: int) -> bool:
+    return 0.0 <= p < cells
+
+
+@njit_bare
+def _within(p: float, v: float, cells: int, begin: float, end: float) -> tuple[float, float]:
+    """Return the part of ``begin .. end`` in which ``p + t v`` lies in the grid; begin > end for none."""
+    if v == 0.0:
+        return MISS, end
+    a, b = -p / v, (cells - p) / v
+    return max(begin, min(a, b)), min(end, max(a, b))

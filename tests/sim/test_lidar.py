@@ -13,7 +13,7 @@ from hypothesis import strategies as st
 from dockctl.scenarios.loader import load
 from dockctl.scenarios.sensors import Lidar, LidarMount
 from dockctl.sim import lidar as lidar_module
-from dockctl.sim.heightgrid import HeightGrid, bands_between
+from dockctl.sim.heightgrid import HeightGrid, band_at, bands_near, bits, distance_at
 from dockctl.sim.lidar import LidarArray, Rays, rotation
 from dockctl.sim.raycast import BoundingVolumes, closest_hits
 from dockctl.sim.simulator import build_worlds
@@ -217,24 +217,39 @@ def test_grid_is_on_the_safe_side() -> None:
     points = points[points[:, 2] >= 0]
     grid = HeightGrid.over(triangles, 2.0)
     x0, y0, cell = grid.frame
-    ny, nx = grid.bands.shape
-    columns, rows = ((points[:, :2] - [x0, y0]) / cell).astype(int).T
-    bits = np.array([bands_between(z, z) for z in points[:, 2]])
-    assert np.all(grid.bands[rows, columns] & bits)
+    _, nx, ny, _ = grid.level_shape[0]
+    heights = np.array([bits(band_at(z), band_at(z)) for z in points[:, 2]])
+    assert grid.radii[0] == 0.0 and grid.radii[-1] >= 2.0
     for x, y in rng.uniform([x0, y0], [x0 + nx * cell, y0 + ny * cell], (300, 2)):
         away = np.hypot(points[:, 0] - x, points[:, 1] - y)
-        assert grid.distances[int((y - y0) / cell), int((x - x0) / cell)] <= away.min()
-        for (offset, width, _, stride), radius in zip(grid.level_shape, grid.radii, strict=True):
-            expected = np.bitwise_or.reduce(bits[away <= radius], initial=0)
-            iy, ix = int((y - y0) / (cell * stride)), int((x - x0) / (cell * stride))
-            assert int(grid.dilated[offset + iy * width + ix]) & expected == expected
+        assert distance_at(grid, x, y) <= away.min()
+        for level, radius in enumerate(grid.radii):
+            expected = np.bitwise_or.reduce(heights[away <= radius], initial=0)
+            assert bands_near(grid, level, x, y) & expected == expected
+    for (x, y, _), height in zip(points, heights, strict=True):
+        assert bands_near(grid, 0, x, y) & height
+
+
+def test_triangles_of_a_cell_tell_between_which_heights_they_pass() -> None:
+    triangles = clutter(6)
+    grid = HeightGrid.over(triangles, 1.0)
+    x0, y0, cell = grid.frame
+    nx = grid.level_shape[0, 1]
+    corners = grid.triangles[:, :3]
+    for index in np.flatnonzero(corners[:, 2] >= 0)[::7]:
+        x, y, z = corners[index]
+        place = int((y - y0) / cell) * nx + int((x - x0) / cell)
+        members = grid.members[grid.starts[place] : grid.starts[place + 1]]
+        (member,) = members[members["triangle"] == index]
+        assert member["low"] <= band_at(z) <= member["high"]
 
 
 @given(low=st.floats(-2, 30), size=st.floats(0, 30))
 def test_bands_are_a_row_of_bits_that_grows_with_the_interval(low: float, size: float) -> None:
-    bands = bands_between(low, low + size)
-    assert bands & bands_between(low, low)
-    assert bands & bands_between(low + size, low + size)
-    assert bands_between(low, low + 2 * size) & bands == bands
+    first, last = band_at(low), band_at(low + size)
+    bands = bits(first, last)
+    assert bands & bits(first, first)
+    assert bands & bits(last, last)
+    assert bits(first, band_at(low + 2 * size)) & bands == bands
     lowest_bit = bands & -bands
     assert (bands + lowest_bit) & bands == 0  # no gap
