@@ -160,11 +160,13 @@ def _reach_row(who: str, run: Kept) -> dict[str, str]:
 def marina_page(study: Study, kept: Kepts) -> Page:
     """Random starts at random berths, a third of them held out."""
     path, runs = "results/marina.md", kept[MARINA]
-    (experiment,) = study.chosen([MARINA])
+    experiments = [experiment for experiment in study.experiments if experiment.name == MARINA]
     head = (
-        f"# Marina\n\nPast the thesis: {experiment.title}. The state has the bearing to the goal"
-        f" beside what the"
-        " thesis gives it; task, reward and learner are those of scenario 3."
+        "# Marina\n\nPast the thesis: random starts at random berths of both sides, some of them"
+        " held out. The"
+        " state has the bearing to the goal beside what the thesis gives it; task, reward and"
+        " learner are those"
+        " of scenario 3."
     )
     if not runs:
         return Page(path, text_of(head, missing([MARINA])))
@@ -181,7 +183,7 @@ def marina_page(study: Study, kept: Kepts) -> Page:
         table([row for run in runs for row in _berth_rows(run)]),
         _by_berth(runs),
         "## The same networks elsewhere",
-        elsewhere_table(experiment, runs),
+        *(elsewhere_table(experiment, runs) for experiment in experiments),
         "Starts farther off: [how far from the trained"
         " start](generalization.md#how-far-from-the-trained-start).",
     )

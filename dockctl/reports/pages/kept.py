@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+from collections import defaultdict
 from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import cached_property
@@ -185,10 +186,8 @@ Kepts = Mapping[str, list[Kept]]
 
 
 def read_results(study: Study, results: Path) -> Kepts:
-    """Return the kept runs of every experiment by seed; an experiment without any has an empty list."""
-    return {
-        experiment.name: _seeds(experiment, results / experiment.name) for experiment in study.experiments
-    }
+    """Return the kept runs of every experiment by seed; one without any, or unknown, has an empty list."""
+    return defaultdict(list, {e.name: _seeds(e, results / e.name) for e in study.experiments})
 
 
 def _seeds(experiment: Experiment, folder: Path) -> list[Kept]:

@@ -126,13 +126,15 @@ def _controls(weight: str, runs: Sequence[Kept]) -> dict[str, str]:
 
 def ablation_page(study: Study, kept: Kepts) -> Page:
     """What each part of the default learner buys."""
-    rows = study.chosen(["ablation"])
-    base, *others = rows
+    rows = [experiment for experiment in study.experiments if experiment.group == "ablation"]
     head = (
         "# What each part of the learner buys\n\nScenario 1, one thing changed at a time, 250,000"
         " environment steps"
         " at most; values seed by seed."
     )
+    if not rows:
+        return Page("results/ablation.md", text_of(head, missing(["ablation"])))
+    base, *others = rows
     there = {e.title: {base.title: kept[base.name], e.title: kept[e.name]} for e in others if kept[e.name]}
     draws: dict[str, Draw] = {}
     if there and kept[base.name]:
@@ -157,7 +159,7 @@ def _settings(experiment: Experiment) -> str:
 
 def thesis_page(study: Study, kept: Kepts) -> Page:
     """The thesis' learner to its full number of episodes, under both readings."""
-    experiments = study.chosen(["thesis"])
+    experiments = [experiment for experiment in study.experiments if experiment.group == "thesis"]
     head = (
         "# The thesis' own learner\n\nOne boat, batches of 32, one-step targets, RMSProp, squared"
         " error, no exploring"

@@ -1,0 +1,191 @@
+"""``dockctl reproduce``: what is done is found again, what is not is done, and Ctrl-C leaves it resumable."""
+
+from __future__ import annotations
+
+import json
+import os
+import shutil
+import signal
+import subprocess
+import sys
+import time
+from pathlib import Path
+
+import pytest
+
+import dockctl as package
+from dockctl.commands import crew
+from dockctl.commands.crew import Crew, Progress
+from dockctl.commands.jobs import Job, Stage, jobs_of, nearest_failures
+from dockctl.scenarios.study import Experiment, Study, load_study
+from tests.commands.conftest import QUICK, Outcome, dockctl
+
+Trained = tuple[Path, Outcome]
+SET = (*QUICK, "training.total_steps=300")
+
+
+def study(*experiments: Experiment) -> Study:
+    return Study(experiments=experiments)
+
+
+def tiny(**given: object) -> Experiment:
+    facts = {"name": "tiny", "group": "g", "scenario": "s1", "seeds": 4, "set": SET, **given}
+    return Experiment.model_validate(facts)
+
+
+def write_study(folder: Path, experiment: Experiment) -> Path:
+    path = folder / "study.yaml"
+    path.write_text(json.dumps({"experiments": [experiment.model_dump(mode="json")]}))
+    return path
+
+
+@pytest.fixture
+def out(trained: Trained, tmp_path: Path) -> Path:
+    """A folder that holds the finished training of seed 3."""
+    folder = tmp_path / "out"
+    run = folder / "tiny" / "s1" / trained[0].name
+    shutil.copytree(trained[0], run, ignore=shutil.ignore_patterns("figures", "evaluation*"))
+    return folder
+
+
+def the_run(out: Path) -> Path:
+    (run,) = (out / "tiny").glob("*/*")
+    return run
+
+
+def jobs(out: Path, **given: object) -> list[Job]:
+    return jobs_of([tiny(**given)], out)
+
+
+def change_facts(run: Path, **facts: object) -> None:
+    path = run / "provenance.json"
+    path.write_text(json.dumps(json.loads(path.read_text()) | facts))
+
+
+def test_a_finished_training_is_not_made_again(out: Path) -> None:
+    *others, third = jobs(out)
+    assert third.training() is None
+    assert third.finished() == the_run(out)
+    assert [stage.name for stage in third.measurements()] == ["evaluate", "plot"]
+    for job in others:
+        stage = job.training()
+        assert stage is not None
+        assert stage.arguments[:3] == ("train", "s1", "--seed")
+        assert [*stage.arguments].count("--set") == len(SET)
+
+
+def test_it_is_known_by_its_scenario_whatever_its_folder_is_called(out: Path) -> None:
+    the_run(out).rename(the_run(out).parent / "renamed")
+    assert jobs(out)[3].training() is None
+
+
+def test_another_training_of_that_seed_is_told_and_left_alone(out: Path) -> None:
+    job = jobs(out, set=(*SET, "reward.terms.speed=-5"))[3]
+    stage = job.training()
+    assert stage is not None
+    assert stage.name == "train"
+    ((run, difference),) = job.strangers()
+    assert run == the_run(out)
+    assert difference.startswith("reward.terms is [")
+
+
+def test_an_interrupted_training_is_taken_up(out: Path) -> None:
+    change_facts(the_run(out), finished=None, stop_reason="interrupted")
+    stage = jobs(out)[3].training()
+    assert stage is not None
+    assert stage.arguments == ("train", "--resume", str(the_run(out)))
+    shutil.rmtree(the_run(out) / "checkpoints")
+    stage = jobs(out)[3].training()
+    assert stage is not None
+    assert stage.name == "train"
+
+
+def test_what_is_measured_follows_the_experiment(out: Path) -> None:
+    job = jobs(out, evaluate_on=["s2"], probes=["latency", "returns"])[3]
+    names = ["evaluate", "evaluate on s2", "record on s2", "plot", "latency", "returns"]
+    assert [stage.name for stage in job.measurements()] == names
+    (the_run(out) / "evaluation-s2.json").write_text("{}")
+    assert [stage.name for stage in job.measurements()] == [n for n in names if n != "evaluate on s2"]
+
+
+def test_the_nearest_failures_are_one_of_each_kind(tmp_path: Path) -> None:
+    table = tmp_path / "map.csv"
+    table.write_text(
+        "dx_m,dy_m,dheading_deg,x_m,y_m,heading_deg,blocked,outcome,phase\n"
+        "1,0,90,24,-10,180,0,collision,0\n"
+        "4,0,0,27,-10,90,0,collision,1\n"
+        "5,0,20,28,-10,110,0,timeout,0\n"
+        "2,0,0,25,-10,90,0,timeout,1\n"
+        "3,0,0,26,-10,90,1,,\n"
+    )
+    assert nearest_failures(table) == ["27,-10,90", "28,-10,110"]
+
+
+def work(
+    jobs: list[Job], stages: dict[int, list[Stage]], monkeypatch: pytest.MonkeyPatch
+) -> dict[int, Progress]:
+    monkeypatch.setattr(crew, "_stages", lambda job: iter(stages.get(job.seed, [])))
+    workers = Crew(jobs, 2, lambda progress: None)
+    workers.work(lambda: None)
+    return {progress.job.seed: progress for progress in workers.progress}
+
+
+def test_one_failure_stops_only_its_own_job(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    good, bad = Stage("good", ("--version",)), Stage("bad", ("validate", "s9"))
+    ended = work(jobs(tmp_path, seeds=3), {0: [good, good], 1: [bad, good]}, monkeypatch)
+    assert [ended[seed].state for seed in range(3)] == ["done", "failed", "done"]
+    assert ended[1].reason.startswith("error: unknown scenario 's9'")
+    assert ended[0].job.log.read_text().count("$ dockctl --version\ndockctl ") == 2
+
+
+def test_a_stage_that_leaves_nothing_has_failed(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    stage = Stage("empty", ("--version",), leaves=tmp_path / "nowhere")
+    assert work(jobs(tmp_path, seeds=1), {0: [stage]}, monkeypatch)[0].state == "failed"
+
+
+def test_ctrl_c_leaves_a_training_that_is_taken_up(tmp_path: Path) -> None:
+    endless = tiny(seeds=1, set=(*QUICK, "training.total_steps=1000000"))
+    command = [
+        *(sys.executable, "-m", "dockctl", "reproduce", "--study", str(write_study(tmp_path, endless))),
+        *("--out", "out", "--results", "results", "--docs", "docs"),
+    ]
+    paths = {"PYTHONPATH": str(Path(package.__file__).parent.parent)}
+    process = subprocess.Popen(
+        command, cwd=tmp_path, env=os.environ | paths, stdout=subprocess.PIPE, text=True, process_group=0
+    )
+    try:
+        while not list(tmp_path.glob("out/tiny/s1/*/checkpoints/last/learner.json")):
+            assert process.poll() is None
+            time.sleep(0.2)
+        process.send_signal(signal.SIGINT)
+        said, _ = process.communicate(timeout=60)
+    finally:
+        process.kill()
+    assert process.returncode == 130
+    assert "Trainings are saved. To go on:" in said
+    (job,) = jobs_of([endless], tmp_path / "out")
+    stage = job.training()
+    assert stage is not None
+    assert stage.name == "resume"
+    assert not (tmp_path / "results").exists()
+
+
+def test_pages_are_written_from_what_is_finished(out: Path, tmp_path: Path) -> None:
+    run, source = the_run(out), write_study(tmp_path, tiny())
+    assert dockctl("evaluate", "--ckpt", run).code == 0
+    places = ("--study", source, "--out", out, "--results", tmp_path / "results", "--docs", tmp_path / "docs")
+    assert load_study(str(source)).experiments == (tiny(),)
+    outcome = dockctl("reproduce", "--pages", *places)
+    assert outcome.code == 0, outcome.err
+    assert "| `tiny` |" in (tmp_path / "docs" / "results.md").read_text()
+    assert (tmp_path / "results" / "tiny" / "seed3" / "episodes.csv.gz").is_file()
+
+
+def test_mistakes_are_told_before_anything_is_made(tmp_path: Path) -> None:
+    outcome = dockctl("reproduce", "s7", "--out", tmp_path / "out")
+    assert (outcome.code, (tmp_path / "out").exists()) == (2, False)
+    assert "no experiment or group 's7'" in outcome.err
+    source = write_study(tmp_path, tiny(set=("training.bots=2",)))
+    outcome = dockctl("reproduce", "--study", source, "--out", tmp_path / "out")
+    assert (outcome.code, (tmp_path / "out").exists()) == (2, False)
+    assert "experiment tiny: --set training.bots: unknown key 'bots'; did you mean 'boats'?" in outcome.err
