@@ -24,7 +24,7 @@ from dockctl.commands.rooms import player
 from dockctl.envs.vector import DockingVectorEnv
 from dockctl.errors import DockctlError
 from dockctl.reports.map import free_starts, map_figure, radius_words, reach_of, success_radius, turned_within
-from dockctl.reports.style import house_style
+from dockctl.reports.style import house_style, save
 from dockctl.runs.statistics import wilson_interval
 from dockctl.runs.tables import MAP, Value, to_csv
 from dockctl.scenarios.berths import layouts
@@ -102,7 +102,8 @@ def chart(ckpt: Path | None, source: str | None, grid: Grid, csv: Path | None, o
     caption = f"policy of {trained.card.scenario}, seed {trained.card.seed}"
     show(table, trained, loaded.scenario.name)
     with house_style():
-        places.store(text, map_figure(table, plan, loaded.scenario.task, caption))
+        figure = map_figure(table, plan, loaded.scenario.task, caption)
+        places.store(text, save({places.stem: figure}, places.figures))
 
 
 def measure(

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -14,8 +15,6 @@ from dockctl.runs.directory import require_writable
 from dockctl.runs.files import write_atomically, writing
 
 if TYPE_CHECKING:
-    from matplotlib.figure import Figure
-
     from dockctl.commands.policies import Trained
 
 
@@ -59,20 +58,16 @@ class Places:
         elsewhere = source is not None and scenario != trained.card.scenario
         return cls(tables, figures, f"{what}-{scenario}" if elsewhere or not run else what, csv)
 
-    def store(self, table: str, figure: Figure) -> None:
-        """Write the table as CSV and the figure, and print their paths.
+    def store(self, table: str, figures: Sequence[Path]) -> None:
+        """Write the table as CSV, after its figures: a table means that all is there; print all paths.
 
         Raises:
-            DockctlError: one cannot be written.
+            DockctlError: the table cannot be written.
         """
-        from dockctl.reports.style import save
-
         with writing(self.tables):
             self.tables.mkdir(parents=True, exist_ok=True)
-        written = save({self.stem: figure}, self.figures)
-        places = (self.tables / f"{self.stem}.csv", self.csv)  # last, so that a table means that all is there
-        written += [write_atomically(path, table.encode()) for path in places if path]
-        for path in written:
+        tables = [path for path in (self.tables / f"{self.stem}.csv", self.csv) if path]
+        for path in [*figures, *(write_atomically(path, table.encode()) for path in tables)]:
             Console().print(str(path), soft_wrap=True, highlight=False)
 
 

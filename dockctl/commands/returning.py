@@ -29,7 +29,7 @@ from dockctl.reports.returns import (
     unit_words,
     verdicts,
 )
-from dockctl.reports.style import house_style
+from dockctl.reports.style import house_style, save
 from dockctl.rewards.compose import RewardFunction
 from dockctl.runs.tables import RETURNS, Value, to_csv
 from dockctl.scenarios.loader import LoadedScenario
@@ -123,7 +123,7 @@ def compare(
         f" discounted by {scenario.training.gamma:g} a step"
     )
     with house_style():
-        places.store(text, returns_figure(table, caption))
+        places.store(text, save({places.stem: returns_figure(table, caption)}, places.figures))
 
 
 def behaviors(loaded: LoadedScenario, trained: Trained) -> Iterator[Behavior]:
