@@ -66,6 +66,8 @@ class TestWheel:
         }
         assert {"s1.yaml", "s2.yaml", "s3.yaml"} <= files
         assert {f"dockctl/scenarios/data/{file}" for file in files} <= contents
+        studies = {path.name for path in (ROOT / "studies").glob("*.yaml")}
+        assert {f"dockctl/scenarios/studies/{file}" for file in studies} <= contents
 
     def test_it_carries_nothing_else(self, contents: set[str]) -> None:
         stem = f"dockctl-{dockctl.__version__}.dist-info/"
