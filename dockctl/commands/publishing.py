@@ -14,8 +14,13 @@ from dockctl.runs.keep import keep
 from dockctl.scenarios.study import load_study
 
 
-def publish(source: str, names: Sequence[str], out: Path, results: Path, docs: Path) -> None:
-    """Keep the finished runs of the experiments `names` below `out`; write the pages of the whole study.
+def publish(
+    source: str, names: Sequence[str], out: Path, results: Path, docs: Path, *, unfinished: bool = False
+) -> None:
+    """Keep the runs of the experiments `names` below `out`; write the pages of the whole study.
+
+    Args:
+        unfinished: keep trainings that are under way, too.
 
     Raises:
         DockctlError: the study is wrong, a run is broken, or a folder cannot be written to.
@@ -25,7 +30,7 @@ def publish(source: str, names: Sequence[str], out: Path, results: Path, docs: P
         require_writable(folder)
     experiments = [e for e in study.chosen(names) if (out / e.name).is_dir()]
     for job in jobs_of(experiments, out):
-        if run := job.finished():
+        if run := job.finished() or (next(iter(job.runs()), None) if unfinished else None):
             kept = keep(run, results, job.experiment.name, job.seed)
             console.print(f"kept {kept}", soft_wrap=True, highlight=False)
     with console.status("drawing the pages"):

@@ -29,6 +29,9 @@ def reproduce(
     pages: Annotated[
         bool, typer.Option("--pages", help="Train nothing; keep what is finished, and write the pages.")
     ] = False,
+    unfinished: Annotated[
+        bool, typer.Option("--unfinished", help="Keep trainings under way, too; the pages say so.")
+    ] = False,
 ) -> None:
     """Train, evaluate and plot everything that the results pages show, and write them.
 
@@ -39,12 +42,12 @@ def reproduce(
     from dockctl.commands import publishing, reproduction
 
     if pages:
-        publishing.publish(study, names or [], out, results, docs)
+        publishing.publish(study, names or [], out, results, docs, unfinished=unfinished)
         return
     cores = len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
     ending = reproduction.carry_out(study, names or [], out, jobs or cores)
     if ending == "interrupted":
         raise typer.Exit(INTERRUPTED)
-    publishing.publish(study, names or [], out, results, docs)
+    publishing.publish(study, names or [], out, results, docs, unfinished=unfinished)
     if ending == "failed":
         raise typer.Exit(FAILED)

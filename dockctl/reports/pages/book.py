@@ -124,7 +124,8 @@ def _glance(experiment: Experiment, runs: list[Kept]) -> dict[str, str]:
         return row | {"seeds": NOT_RUN}
     poses = [ended for run in runs if (ended := run.ended("pose") or run.ended("trained")) is not None]
     return row | {
-        "seeds": f"{len(runs)} of {experiment.seeds}",
+        "seeds": f"{len(runs)} of {experiment.seeds}"
+        + ("" if all(run.finished for run in runs) else ", under way"),
         "mastered": share((sum(run.mastered for run in runs), len(runs))),
         "steps": spread([run.steps for run in runs], "{:,}"),
         "minutes": spread([run.minutes for run in runs]),

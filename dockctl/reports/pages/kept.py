@@ -104,6 +104,10 @@ class Kept:
     # What the tables of the page show
 
     @property
+    def finished(self) -> bool:
+        return self.facts["finished"] is not None
+
+    @property
     def mastered(self) -> bool:
         return bool(self.facts["stop_reason"] == "mastered")
 

@@ -90,7 +90,7 @@ def _outcomes(runs: Sequence[Kept]) -> dict[str, str]:
         return {"seeds": "not run"}
     ends = [run.episodes["outcome"].tail(100).value_counts() for run in runs]
     return {
-        "seeds": str(len(runs)),
+        "seeds": str(len(runs)) + ("" if all(run.finished for run in runs) else ", under way"),
         "mastered": share((sum(run.mastered for run in runs), len(runs))),
         "greedy docks first at": ", ".join(steps(run.first_docked) for run in runs),
         "training": ", ".join(f"{run.steps:,}" for run in runs),
@@ -199,7 +199,7 @@ def _thesis_row(experiment: Experiment, runs: Sequence[Kept]) -> dict[str, str]:
     best = ended.rolling(100).sum()
     greedy = run.run.evaluations
     return row | {
-        "episodes": f"{len(run.episodes):,}",
+        "episodes": f"{len(run.episodes):,}" + ("" if run.finished else ", under way"),
         "steps": f"{run.steps:,}",
         "hours": f"{run.minutes / 60:.1f}",
         "greedy docks first at": f"{steps(run.first_docked)} steps" if run.first_docked else "never",

@@ -78,7 +78,7 @@ def _seed_row(run: Kept) -> dict[str, str]:
     kinds = [kind for kind in ("random", "held_out") if run.ended(kind)]
     clearance, time = run.of_docked("clearance_m"), run.of_docked("time_s")
     return {
-        "seed": str(run.seed),
+        "seed": str(run.seed) if run.finished else f"{run.seed}, under way",
         "greedy docks first at": f"{steps(run.first_docked)}",
         "training": f"{run.steps:,} steps",
         "episodes": f"{len(run.episodes):,}",

@@ -30,6 +30,7 @@ def finished_run(folder: Path, source: str, seed: int) -> Path:
     facts = {
         "seed": seed, "git_commit": "0123456789", "python": "3.11", "libraries": LIBRARIES,
         "hardware": {"processor": "a processor", "cores": 2}, "stop_reason": "mastered",
+        "finished": "2026-01-01T12:00:00+00:00",
     }  # fmt: skip
     (folder / "provenance.json").write_text(json.dumps(facts))
     pd.DataFrame({"env_steps": [100_000], "wall_s": [60.0 + seed]}).to_csv(folder / "timing.csv", index=False)
