@@ -8,6 +8,7 @@ import numpy as np
 import pandas as pd
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
+from matplotlib.layout_engine import ConstrainedLayoutEngine
 from matplotlib.lines import Line2D
 from matplotlib.patches import Patch
 from matplotlib.ticker import MaxNLocator, PercentFormatter
@@ -37,16 +38,20 @@ def compare_figure(table: pd.DataFrame, kinds: Mapping[str, str], caption: str) 
     rows = len(shown) * (len(policies) * ROW_IN + 0.75)
     title = f"{len(policies)} policies on the same episodes"
     figure = sheet(title, f"{caption}; Δ to {policies[0]}, paired", (12.4, 1.55 + rows))
-    parts = figure.subfigures(len(shown), 1, squeeze=False)[:, 0]
-    for part, kind in zip(parts, shown, strict=True):
-        axes = part.subplots(
-            1, 2 + len(MEASURES), sharey=True, width_ratios=(2.1, *[1.0] * (1 + len(MEASURES)))
-        )
+    grid = figure.subplots(
+        len(shown),
+        2 + len(MEASURES),
+        squeeze=False,
+        sharey=True,
+        width_ratios=(2.1, *[1.0] * (1 + len(MEASURES))),
+    )
+    for axes, kind in zip(grid, shown, strict=True):
         own = table[table["start_kind"] == kind]
         draw_endings(axes[0], own, policies, f"{kinds.get(kind, kind)}, {_count(own, policies)} episodes")
         for ax, measure in zip(axes[1:], (SUCCESS, *MEASURES), strict=True):
             draw_differences(ax, measure, [one for one in found if one.kind == kind], len(policies))
     _legend(figure, policies[0])
+    _settle(figure)
     return figure
 
 
@@ -149,3 +154,16 @@ def _legend(figure: Figure, first: str) -> None:
     figure.legend(
         handles=entries, loc="outside lower left", ncols=len(entries), handlelength=1.4, borderaxespad=0.9
     )
+
+
+def _settle(figure: Figure) -> None:
+    """Lay the axes out once and for all; the layout's solver varies from run to run in the last digits."""
+    engine = figure.get_layout_engine()
+    assert isinstance(engine, ConstrainedLayoutEngine)
+    engine.set(w_pad=0.08, h_pad=0.1)
+    for _ in range(2):
+        figure.draw_without_rendering()
+    figure.set_layout_engine("none")
+    for ax in figure.axes:
+        x, y, width, height = (round(value, 5) for value in ax.get_position().bounds)
+        ax.set_position((x, y, width, height))
