@@ -9,7 +9,7 @@ from matplotlib.figure import Figure
 
 from dockctl.reports.map import free_starts, map_figure, radius_words, turned_within
 from dockctl.reports.pages import courses, curves
-from dockctl.reports.pages.kept import ASKEW_DEG, Course, Kept, Kepts
+from dockctl.reports.pages.kept import ASKEW_DEG, KINDS, Course, Kept, Kepts
 from dockctl.reports.pages.markdown import NOT_RUN, listed, picture, share, table
 from dockctl.reports.pages.measures import ending
 from dockctl.reports.pages.page import Draw, Page, course_readings, missing, seeds_table, text_of
@@ -23,14 +23,6 @@ FIXED, MARINA = "s3", "marina"
 WHOSE = {FIXED: "scenario 3's policies", MARINA: "the marina's policies"}
 BERTHS = {"s3-opposite": "The berth on the other side", "s3-appendix-b": "The berth of appendix B"}
 WITHIN_M = (1.0, 2.0, 3.0, 5.0, 10.0)
-KINDS = {
-    "pose": "test poses",
-    "random": "random starts",
-    "trained": "trained berths",
-    "held_out": "held-out berths",
-}
-"""Sorts of starts, in words."""
-
 Panels = Sequence[tuple[str, Course]]
 
 

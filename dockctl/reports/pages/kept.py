@@ -31,6 +31,13 @@ RECENT = 100
 EVALUATION = ("start_kind", "outcome", "time_s", "clearance_m", "control_changes", "path_length_m")
 RETURNS = ("distance_unit_m", "return", "gate_discount")
 ASKEW_DEG = 20.0
+KINDS = {
+    "pose": "test poses",
+    "random": "random starts",
+    "trained": "trained berths",
+    "held_out": "held-out berths",
+}
+"""Sorts of starts, in words."""
 
 
 @dataclass(frozen=True, eq=False)

@@ -8,7 +8,7 @@ from dataclasses import dataclass, field
 import numpy as np
 from matplotlib.figure import Figure
 
-from dockctl.reports.pages.kept import Kept
+from dockctl.reports.pages.kept import KINDS, Kept
 from dockctl.reports.pages.markdown import NOT_RUN, share, spread, steps, table
 from dockctl.reports.pages.measures import OF_COURSES, OF_TRAININGS
 from dockctl.reports.pages.statistics import interquartile_mean, interval
@@ -75,7 +75,6 @@ def middle(values: Sequence[float], form: str = "{:,.0f}") -> str:
 
 
 def _seed_row(run: Kept) -> dict[str, str]:
-    kinds = [kind for kind in ("random", "held_out") if run.ended(kind)]
     clearance, time = run.of_docked("clearance_m"), run.of_docked("time_s")
     return {
         "seed": str(run.seed) if run.finished else f"{run.seed}, under way",
@@ -84,10 +83,9 @@ def _seed_row(run: Kept) -> dict[str, str]:
         "episodes": f"{len(run.episodes):,}",
         "minutes": f"{run.minutes:.1f}",
         "docked of the last 100": str(run.recent_docked),
-        "test poses docked": share(run.ended("pose") or run.ended("trained")),
+        **{f"{words} docked": share(ended) for kind, words in KINDS.items() if (ended := run.ended(kind))},
         "mean time": spread([time.mean()], unit=" s") if len(time) else "-",
         "least clearance": spread([clearance.min()], "{:.2f}", " m") if len(clearance) else "-",
-        "random starts docked": share(run.ended(kinds[0])) if kinds else NOT_RUN,
     }
 
 
