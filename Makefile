@@ -1,7 +1,7 @@
 # make dock   a boat learns to dock, from scratch: environment, training, evaluation, figures
 # make test   environment, then every check that a change must pass
 # make check  the same checks in the environment that is there
-# make bench  the benchmarks against other libraries
+# make bench  the benchmarks against other libraries, and the page of their results (some minutes)
 # make clean  remove the environment and the tools' caches; runs/ stays
 
 PYTHON   ?= python3
@@ -9,6 +9,7 @@ VENV     ?= .venv
 SCENARIO ?= scenarios/s3.yaml
 
 BIN := $(VENV)/bin
+BENCHMARKS := $(filter-out %/bench.py %/page.py %/training.py,$(wildcard benchmarks/*.py))
 PIP := $(BIN)/python -m pip install --quiet --disable-pip-version-check --constraint constraints.txt
 
 .PHONY: dock test check bench clean
@@ -30,7 +31,8 @@ check:
 	$(BIN)/pytest -n 2
 
 bench: $(VENV)/.dev
-	for script in benchmarks/*.py; do $(BIN)/python $$script || exit 1; done
+	for script in $(BENCHMARKS); do $(BIN)/python $$script || exit 1; done
+	$(BIN)/python benchmarks/page.py
 
 clean:
 	rm -rf $(VENV) build dist .import_linter_cache .mypy_cache .pytest_cache .ruff_cache .hypothesis

@@ -1,39 +1,40 @@
 """The LiDAR scan against the usual way to scan a mesh (trimesh with embree), and against its oracle.
 
-    python benchmarks/lidar.py                    # ratios, and the oracle on 2,000 poses of the basin
+    python benchmarks/lidar.py                    # ratios, and the oracle on 10,000 poses of the basin
     python benchmarks/lidar.py --poses 200        # a quick look
 
-Every round times all the candidates one after the other; the table shows the median of the rounds. Poses of
-the fairway lie between the rows of berths; poses of the check lie anywhere in the basin, inside berths and
-across moored vessels and piers too.
+Poses of the fairway lie between the rows of berths, poses of the berth on the last stretch into it. Those of
+the check lie anywhere in the basin, inside berths and across moored vessels and piers too.
 """
 
 from __future__ import annotations
 
 import argparse
-import platform
-import statistics
-import time
 from collections.abc import Callable
-from importlib.metadata import version
 
+import bench  # before numpy
 import numpy as np
 import trimesh
 from numpy.typing import NDArray
-from rich.console import Console
 from rich.progress import track
-from rich.table import Table
 from trimesh.ray.ray_pyembree import RayMeshIntersector
 
 from dockctl.scenarios.loader import load
 from dockctl.sim import lidar as lidar_module
 from dockctl.sim.lidar import LidarArray
-from dockctl.sim.simulator import build_world
+from dockctl.sim.simulator import build_worlds
 
 Floats = NDArray[np.float64]
 
 FAIRWAY = ((14.5, -14.0, -np.pi), (27.0, 14.0, np.pi))
+BERTH = ((28.0, -1.0, 2.8), (36.0, 1.0, 3.5))
 BASIN = ((4.5, -40.0, -np.pi), (38.5, 40.0, np.pi))
+EMBREE = "trimesh + embree + numpy"
+ORACLE = "every ray by the plain tracer"
+SCAN = "dockctl"
+BERTHING = "dockctl, on the way into the berth"
+ONE_CORE = "dockctl, one core by the wall clock"
+ALL_CORES = "dockctl, all cores by the wall clock"
 
 
 def embree_scanner(lidar: LidarArray) -> Callable[[Floats], Floats]:
@@ -64,71 +65,88 @@ def embree_scanner(lidar: LidarArray) -> Callable[[Floats], Floats]:
     return scan
 
 
-def seconds(work: Callable[[], object]) -> float:
-    begin = time.perf_counter()
-    work()
-    return time.perf_counter() - begin
+def scans(lidar: LidarArray, poses: Floats, cores: int) -> bench.Case:
+    """Return the case of scanning from the poses on so many cores."""
 
-
-def on_threads(count: int, lidar: LidarArray, poses: Floats) -> Callable[[], object]:
     def work() -> None:
-        lidar_module.thread_count = lambda: count
+        lidar_module.thread_count = lambda: cores
         lidar.sector_ranges(poses)
 
-    return work
+    return bench.Case(work, len(poses), cores)
+
+
+def megabytes(arrays: tuple[NDArray[np.generic], ...]) -> float:
+    return sum(array.nbytes for array in arrays) / 1e6
 
 
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    parser.add_argument("--poses", type=int, default=2000, help="poses compared with the oracle")
-    parser.add_argument("--rounds", type=int, default=5)
+    parser.add_argument("--poses", type=int, default=10_000, help="poses compared with the oracle")
+    parser.add_argument("--rounds", type=int, default=7)
     arguments = parser.parse_args()
     loaded = load("s3")
-    lidar = build_world(loaded.scenario, loaded.base_dir).lidar
+    lidar = build_worlds(loaded.scenario, loaded.base_dir)[0].lidar
     lidar.prepare()
-    rng, console = np.random.default_rng(0), Console()
-    fairway = rng.uniform(*FAIRWAY, (500, 3))
-    few = fairway[:10]
-    scan = embree_scanner(lidar)
-    cores = lidar_module.thread_count()
-    candidates: dict[str, tuple[int, Callable[[], object]]] = {
-        "trimesh + embree + numpy, 1 core": (len(few), lambda: [scan(pose) for pose in few]),
-        "every ray by the oracle, 1 core": (len(few), lambda: lidar.sector_ranges_by_full_scan(few)),
-        "dockctl, 1 core": (len(fairway), on_threads(1, lidar, fairway)),
-        f"dockctl, {cores} cores": (len(fairway), on_threads(cores, lidar, fairway)),
-    }
-    times: dict[str, list[float]] = {name: [] for name in candidates}
-    for _ in range(arguments.rounds):
-        for name, (count, work) in candidates.items():
-            times[name].append(seconds(work) / count)
-    medians = {name: statistics.median(values) for name, values in times.items()}
-    slowest = medians["trimesh + embree + numpy, 1 core"]
-    table = Table(
-        title=f"Full scans in the fairway: {len(lidar.rays.reach):,} rays, {len(lidar.triangles):,} triangles"
+    rng, cores = np.random.default_rng(0), lidar_module.thread_count()
+    fairway, berth, few = rng.uniform(*FAIRWAY, (500, 3)), rng.uniform(*BERTH, (500, 3)), 10
+    embree = embree_scanner(lidar)
+    report = bench.Report(
+        "lidar", f"Full scans: {len(lidar.rays.reach):,} rays, {len(lidar.triangles):,} triangles"
     )
-    for heading in ("way", "ms a scan", "scans a second", "times embree"):
-        table.add_column(heading, justify="left" if heading == "way" else "right")
-    for name, median in medians.items():
-        table.add_row(name, f"{median * 1e3:.2f}", f"{1 / median:,.0f}", f"{slowest / median:.1f}")
-    console.print(table)
+    report.seconds = bench.alternate(
+        {
+            EMBREE: bench.Case(lambda: [embree(pose) for pose in fairway[:few]], few),
+            ORACLE: bench.Case(lambda: lidar.sector_ranges_by_full_scan(fairway[:few]), few),
+            SCAN: scans(lidar, fairway, 1),
+            BERTHING: scans(lidar, berth, 1),
+        },
+        arguments.rounds,
+        "one core",
+    )
+    by_the_wall = bench.alternate(
+        {
+            ONE_CORE: bench.Case(scans(lidar, fairway, 1).work, len(fairway), cores),
+            ALL_CORES: scans(lidar, fairway, cores),
+        },
+        arguments.rounds,
+        "all cores",
+    )
+    report.seconds |= by_the_wall
 
     poses = rng.uniform(*BASIN, (arguments.poses, 3))
     fast = lidar.sector_ranges(poses)
     blocks = np.array_split(np.arange(len(poses)), max(1, len(poses) // 50))
     plain = np.concatenate(
-        [lidar.sector_ranges_by_full_scan(poses[block]) for block in track(blocks, "oracle")]
+        [
+            lidar.sector_ranges_by_full_scan(poses[block])
+            for block in track(blocks, "oracle", console=bench.console, transient=True)
+        ]
     )
-    peer = np.array([scan(pose) for pose in track(poses[:200], "embree")])
-    off = np.abs(peer - plain[: len(peer)])
-    console.print(
-        f"oracle: {np.sum(fast != plain)} of {plain.size:,} ranges differ from the fast scan's in any bit"
-    )
-    console.print(
-        f"embree: largest difference from the oracle {off.max() * 1e3:.4f} mm over {off.size:,} ranges"
-    )
-    libraries = ", ".join(f"{name} {version(name)}" for name in ("numpy", "numba", "trimesh", "embreex"))
-    machine = platform.processor() or platform.machine()
-    console.print(f"{machine}, {cores} cores, Python {platform.python_version()}, {libraries}")
+    peer = np.array([embree(pose) for pose in poses[:200]])
+    table, grid, _ = lidar._tables
+    report.facts = {
+        "rays": len(lidar.rays.reach),
+        "triangles": len(lidar.triangles),
+        "poses": len(poses),
+        "ranges_compared": fast.size,
+        "embree_off_mm": 1e3 * float(np.abs(peer - plain[: len(peer)]).max()),
+        "rays_mb": megabytes(table),
+        "harbor_mb": megabytes(grid),
+    }
+    report.bars = [
+        bench.Bar("a scan, against embree", bench.ratio(report.seconds, EMBREE, SCAN), at_least=20, unit="×"),
+        bench.Bar(
+            f"scans on {cores} cores, against one",
+            bench.ratio(by_the_wall, ONE_CORE, ALL_CORES),
+            at_least=0.85 * cores,
+            unit="×",
+        ),
+        bench.Bar(
+            f"ranges that differ from the oracle's, of {fast.size:,}", int(np.sum(fast != plain)), at_most=0
+        ),
+        bench.Bar("a harbor's grid", report.facts["harbor_mb"], at_most=25, unit="MB"),
+    ]
+    report.tell()
 
 
 if __name__ == "__main__":

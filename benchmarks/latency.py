@@ -1,0 +1,91 @@
+"""How long the policy and a whole decision take, one boat on one core.
+
+    python benchmarks/latency.py
+
+A decision is scan, state, forward pass and choice. The forward pass is timed against the same network as
+torch modules.
+"""
+
+from __future__ import annotations
+
+import argparse
+import time
+from collections.abc import Callable
+
+import bench  # before numpy
+import numpy as np
+import torch
+from numpy.typing import NDArray
+
+from dockctl.agents.network import DuelingQNetwork
+from dockctl.agents.policy import GreedyPolicy
+from dockctl.commands.timing import time_decisions
+from dockctl.envs.vector import DockingVectorEnv
+from dockctl.sim import lidar as lidar_module
+
+MODULES, POLICY = "the network as torch modules", "dockctl's policy"
+
+
+def microseconds(work: Callable[[], object], times: int) -> NDArray[np.float64]:
+    """Return how long each of so many calls takes [us]."""
+    taken = np.empty(times)
+    for index in range(times):
+        begin = time.perf_counter()
+        work()
+        taken[index] = time.perf_counter() - begin
+    return 1e6 * taken
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser.add_argument("--decisions", type=int, default=2000)
+    parser.add_argument("--rounds", type=int, default=7)
+    arguments = parser.parse_args()
+    torch.set_num_threads(1)
+    lidar_module.thread_count = lambda: 1
+    env = DockingVectorEnv("s3", 1)
+    observation, _ = env.reset(seed=0)
+    training = env.scenario.training
+    network = DuelingQNetwork(observation.shape[1], len(env.action_commands), training.hidden_sizes)
+    policy = GreedyPolicy(network)
+    tensor = torch.from_numpy(observation)
+
+    def by_modules() -> object:
+        with torch.inference_mode():
+            return network(tensor).argmax(dim=1).numpy()
+
+    count = 500
+    report = bench.Report("latency", "Latency: one boat, one core")
+    report.seconds = bench.alternate(
+        {
+            MODULES: bench.Case(lambda: [by_modules() for _ in range(count)], count),
+            POLICY: bench.Case(lambda: [policy(observation) for _ in range(count)], count),
+        },
+        arguments.rounds,
+        "forward pass",
+    )
+    forward = microseconds(lambda: policy(observation), 5 * count)
+    decisions = time_decisions(env, policy, arguments.decisions)
+    report.facts = {
+        "decisions": len(decisions),
+        "forward_us": {f"p{p}": float(np.percentile(forward, p)) for p in (50, 99)},
+        "milliseconds": {
+            part: {f"p{p}": float(np.percentile(decisions[part], p)) for p in (50, 99)} for part in decisions
+        },
+    }
+    slowest = report.facts["milliseconds"]["decision_ms"]["p99"]
+    report.bars = [
+        bench.Bar("policy, p99", report.facts["forward_us"]["p99"], at_most=150, unit="µs"),
+        bench.Bar("whole decision, p99", slowest, at_most=4, unit="ms"),
+        bench.Bar(
+            "policy, against torch modules",
+            bench.ratio(report.seconds, MODULES, POLICY),
+            at_least=1,
+            unit="×",
+        ),
+    ]
+    report.tell()
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,339 @@
+"""Write docs/performance.md and its figures from the results that the benchmarks left: no number is typed.
+
+python benchmarks/page.py
+"""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Callable, Iterator, Sequence
+from pathlib import Path
+from textwrap import fill
+from typing import Any
+
+from bench import BUSY, RESULTS
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+from matplotlib.ticker import FuncFormatter
+
+from dockctl.reports.style import house_style, key, sheet
+from dockctl.runs import palette
+
+DOCS = Path(__file__).parents[1] / "docs"
+SCRIPTS = ("lidar", "environment", "growth", "learner", "latency", "training")
+OURS, PEER = palette.SINGLE, palette.SECOND_MEAN
+Json = dict[str, Any]
+
+
+def results() -> dict[str, Json]:
+    """Return what each script that has been run left, by its name."""
+    paths = [RESULTS / f"{name}.json" for name in SCRIPTS]
+    return {path.stem: json.loads(path.read_text(encoding="utf-8")) for path in paths if path.exists()}
+
+
+def number(value: float) -> str:
+    """Write a number with three digits that count, and no more than needed."""
+    if value == 0:
+        return "0"
+    return f"{value:,.0f}" if abs(value) >= 100 else f"{value:.3g}"
+
+
+def of_three(seconds: Json, factor: float) -> tuple[float, list[list[float]]]:
+    """Return the median and matplotlib's error bars of a summary over the rounds."""
+    middle = factor * seconds["median"]
+    return middle, [[middle - factor * seconds["least"]], [factor * seconds["greatest"] - middle]]
+
+
+def curve(ax: Axes, x: Sequence[float], points: Sequence[Json], factor: float, color: str) -> None:
+    """Draw medians over the rounds, with bars from the least to the greatest."""
+    for at, seconds in zip(x, points, strict=True):
+        middle, spread = of_three(seconds, factor)
+        ax.errorbar([at], [middle], yerr=spread, color=color, capsize=2.5, lw=1.2)
+    ax.plot(x, [factor * seconds["median"] for seconds in points], color=color, marker="o", ms=4)
+
+
+def logarithmic(ax: Axes, x_label: str, y_label: str) -> None:
+    """Scale both axes by decades, and write plain numbers at them."""
+    ax.set(xscale="log", yscale="log", xlabel=x_label, ylabel=y_label)
+    ax.xaxis.set_major_formatter(FuncFormatter(lambda value, _: f"{value:,.0f}"))
+    ax.yaxis.set_major_formatter(FuncFormatter(lambda value, _: f"{value:g}"))
+    ax.margins(x=0.06, y=0.12)
+    ax.yaxis.set_minor_formatter(FuncFormatter(lambda *_: ""))
+    ax.xaxis.set_minor_formatter(FuncFormatter(lambda *_: ""))
+
+
+def growth_figure(growth: Json) -> Figure:
+    """Time of a scan against rays and against triangles, beside embree's."""
+    figure = sheet(
+        "What a scan costs",
+        "one core, poses in the fairway; bars from the least to the greatest of the rounds",
+    )
+    left, right = figure.subplots(1, 2, sharey=True)
+    for ax, size, label in ((left, "rays", "rays a scan"), (right, "triangles", "triangles in the harbor")):
+        points = growth["facts"][size]
+        x = [point[size] for point in points]
+        curve(ax, x, [point["embree"] for point in points], 1e3, PEER)
+        curve(ax, x, [point["dockctl"] for point in points], 1e3, OURS)
+        logarithmic(ax, label, "milliseconds a scan" if ax is left else "")
+    key(left, [("trimesh + embree + numpy", PEER), ("dockctl", OURS)])
+    right.set_title(" ", fontsize=8.5, pad=7)
+    return figure
+
+
+def boats_figure(environment: Json) -> Figure:
+    """Time of one boat's step, and memory, against the number of boats."""
+    facts = environment["facts"]
+    subtitle = f"environment of scenario 3, every ray, {facts['cores']} cores"
+    figure = sheet("What a boat costs among others", subtitle)
+    left, right = figure.subplots(1, 2)
+    curve(left, facts["boats"], list(environment["seconds"].values()), 1e6, OURS)
+    logarithmic(left, "boats", "microseconds a boat and step")
+    held = [max(value, 1) / 1e6 for value in facts["held_bytes"]]
+    expected = [boats * facts["state_bytes_a_boat"] / 1e6 for boats in facts["boats"]]
+    right.plot(facts["boats"], held, color=OURS, marker="o", ms=4)
+    right.plot(facts["boats"], expected, color=palette.RULE, ls="--")
+    logarithmic(right, "boats", "megabytes beside harbor and tables")
+    key(right, [("held by the process", OURS), ("state alone", palette.RULE, "--")])
+    left.set_title(" ", fontsize=8.5, pad=7)
+    return figure
+
+
+def ways_figure(lidar: Json) -> Figure:
+    """Time of a scan by each way, as bars on a scale of decades."""
+    facts = lidar["facts"]
+    subtitle = f"{facts['rays']:,} rays, {facts['triangles']:,} triangles; milliseconds, median of the rounds"
+    figure = sheet("Ways to scan the marina", subtitle, (7.6, 3.2))
+    ax = figure.add_subplot()
+    ways = sorted(lidar["seconds"].items(), key=lambda item: -item[1]["median"])
+    for row, (name, seconds) in enumerate(ways):
+        color = OURS if name.startswith("dockctl") else PEER
+        ax.barh(row, 1e3 * seconds["median"], color=color, height=0.62)
+        ax.text(1.06e3 * seconds["median"], row, number(1e3 * seconds["median"]), va="center", fontsize=8.5)
+    ax.set(
+        xscale="log", xlabel="milliseconds a scan", yticks=range(len(ways)), yticklabels=[w[0] for w in ways]
+    )
+    ax.xaxis.set_major_formatter(FuncFormatter(lambda value, _: f"{value:g}"))
+    ax.set_xlim(0.5e3 * ways[-1][1]["median"], 2.5e3 * ways[0][1]["median"])
+    ax.invert_yaxis()
+    ax.grid(False, axis="y")
+    return figure
+
+
+def table(head: Sequence[str], rows: Sequence[Sequence[str]]) -> str:
+    """Return a table in Markdown; all columns but the first are right-aligned."""
+    lines = [head, ["---", *("---:" for _ in head[1:])], *rows]
+    return "\n".join(f"| {' | '.join(line)} |" for line in lines)
+
+
+def wrapped(block: str) -> str:
+    """Break a paragraph into lines; tables, titles and pictures stay as they are."""
+    return (
+        block
+        if block.startswith(("|", "#", "!["))
+        else fill(block, 110, break_on_hyphens=False, break_long_words=False)
+    )
+
+
+def bars_section(found: dict[str, Json]) -> str:
+    rows = [
+        [
+            bar["what"],
+            f"{number(bar['value'])} {bar['unit']}".rstrip(),
+            bar["demand"],
+            "yes" if bar["reached"] else "**no**",
+        ]
+        for result in found.values()
+        for bar in result["bars"]
+    ]
+    return "## Ratios and bounds\n\n" + table(("", "measured", "bar", "reached"), rows)
+
+
+def scan_section(lidar: Json) -> str:
+    facts = lidar["facts"]
+    return f"""## A scan
+
+![ways to scan](figures/performance-ways.png)
+
+The peer is embree by way of trimesh, asked for distances alone, with the sector ranges by numpy; it
+computes in single precision and differs from the plain tracer by at most {number(facts["embree_off_mm"])}
+mm. The fast scan traces only what can matter and equals the plain tracer bit for bit:
+{facts["ranges_compared"]:,} ranges from {facts["poses"]:,} poses all over the basin were compared, inside
+berths and across moored vessels too.
+
+It keeps {number(facts["rays_mb"])} MB for the rays, shared by all harbors, and
+{number(facts["harbor_mb"])} MB for each harbor."""
+
+
+def growth_section(growth: Json) -> str:
+    rays, cuts = growth["facts"]["rays"], growth["facts"]["triangles"]
+    by_rays, by_triangles = (f"{bar['value']:.2f}" for bar in growth["bars"])
+
+    def rows(points: list[Json], size: str) -> list[list[str]]:
+        return [
+            [
+                f"{one[size]:,}",
+                number(1e3 * one["dockctl"]["median"]),
+                number(1e3 * one["embree"]["median"]),
+                number(one["embree"]["median"] / one["dockctl"]["median"]),
+                number(one["rays_mb"]),
+                number(one["harbor_mb"]),
+            ]
+            for one in points
+        ]
+
+    head = ("dockctl [ms]", "embree [ms]", "ratio", "rays [MB]", "harbor [MB]")
+    return f"""## How the cost of a scan grows
+
+![cost of a scan](figures/performance-growth.png)
+
+With the rays, a scan's time grows to the power of {by_rays}: a cell of the rings is looked up once for all
+the rays that cross it, and only the rays that may hit something near a sector's best are walked. Twice the
+rays find the nearest thing no later. With the triangles it grows to the power of {by_triangles}: the
+grid's cells are as many as before, and a triangle is tested only at the heights at which it passes through
+a cell.
+
+{table(("rays", *head), rows(rays, "rays"))}
+
+{table(("triangles", *head), rows(cuts, "triangles"))}
+
+What limits it: the time goes in equal parts into walking rays through cells of 0.1 m, testing triangles, and
+reading both from memory, since every pose touches another part of the tables. The next factor would be to
+test four triangles or walk eight rays in one instruction, which needs a compiler with vector types; a
+coarser grid or fewer rings only move the cost from one part to another."""
+
+
+def boats_section(environment: Json) -> str:
+    facts = environment["facts"]
+    rows = [
+        [f"{boats:,}", f"{1 / seconds['median']:,.0f}", number(1e6 * seconds["median"]), number(held / 1e6)]
+        for boats, seconds, held in zip(
+            facts["boats"], environment["seconds"].values(), facts["held_bytes"], strict=True
+        )
+    ]
+    return f"""## Boats side by side
+
+![boats](figures/performance-boats.png)
+
+{table(("boats", "steps a second", "µs a boat and step", "memory [MB]"), rows)}
+
+A step of one boat through `gymnasium.make` takes {number(facts["one_step_ms"]["median"])} ms at the median
+and {number(facts["one_step_ms"]["p99"])} ms at the 99th percentile. Few boats pay for the calls from
+Python into the compiled parts and for threads that wait for the slowest scan; many boats pay for the scan
+alone. Memory grows by {number(facts["held_bytes_a_boat"] / 1e3)} kB a boat, of which the state is
+{number(facts["state_bytes_a_boat"] / 1e3)} kB; the rest are its generator and what Gymnasium hands out.
+
+What limits it: the scan. The next factor is more cores: boats do not depend on each other."""
+
+
+def latency_section(latency: Json) -> str:
+    facts = latency["facts"]
+    rows = [
+        [part.removesuffix("_ms").replace("_", " "), number(times["p50"]), number(times["p99"])]
+        for part, times in facts["milliseconds"].items()
+    ]
+    return f"""## Latency
+
+One boat, one core, {facts["decisions"]:,} decisions along greedy episodes [ms]:
+
+{table(("part", "median", "99th percentile"), rows)}
+
+What limits the forward pass is the number of calls into the library, not their arithmetic."""
+
+
+def learner_section(learner: Json) -> str:
+    rows = [
+        [name, f"{1 / seconds['median']:,.0f}", number(1e3 * seconds["median"])]
+        for name, seconds in learner["seconds"].items()
+    ]
+    return "## Learner\n\n" + table(("", "a second", "ms"), rows)
+
+
+def training_section(training: Json) -> str:
+    rows = [
+        [
+            str(run["seed"]),
+            f"{run['wall_s'] / 60:.1f}",
+            f"{run['cores_used']:.2f}",
+            f"{run['peak_memory_gb']:.2f}",
+        ]
+        for run in training["facts"]["runs"]
+    ]
+    head = ("seed", "minutes", "cores at work", "peak memory [GB]")
+    return "## Scenario 3 from nothing to mastery\n\n" + table(head, rows)
+
+
+def machine_section(found: dict[str, Json]) -> str:
+    rows = [
+        [
+            f"`benchmarks/{name}.py`",
+            result["when"].replace("T", " ").removesuffix("+00:00"),
+            f"{result['load']:.1f}" + (" (busy)" if result["load"] > BUSY else ""),
+        ]
+        for name, result in found.items()
+    ]
+    latest = max(found.values(), key=lambda result: result["when"])
+    libraries = ", ".join(f"{name} {version}" for name, version in latest["libraries"].items())
+    machine = latest["hardware"]
+    return f"""## Machine
+
+{machine["processor"]}, {machine["cores"]} cores, {machine["platform"]}; Python {latest["python"]};
+{libraries}.
+
+{table(("script", "when (UTC)", "load of the machine before"), rows)}
+
+Work on one core is timed by the processor's time, which other processes disturb little; work on several
+cores by the clock on the wall, which says little on a busy machine. Candidates take turns within a round,
+a ratio is the median of the rounds' ratios. GPU: {gpu(found)}."""
+
+
+def gpu(found: dict[str, Json]) -> str:
+    """What was measured on a GPU, in words."""
+    name = found.get("learner", {}).get("facts", {}).get("gpu")
+    return f"{name}, see the learner" if name else "not measured, none at hand"
+
+
+FIGURES: dict[str, tuple[str, Callable[[Json], Figure]]] = {
+    "ways": ("lidar", ways_figure),
+    "growth": ("growth", growth_figure),
+    "boats": ("environment", boats_figure),
+}
+SECTIONS: dict[str, Callable[[Json], str]] = {
+    "lidar": scan_section,
+    "growth": growth_section,
+    "environment": boats_section,
+    "learner": learner_section,
+    "latency": latency_section,
+    "training": training_section,
+}
+
+
+def page(found: dict[str, Json]) -> Iterator[str]:
+    yield "# Performance"
+    yield (
+        "What the parts cost, against what one would use instead. This page and its figures are written by"
+        " `python benchmarks/page.py` from `benchmarks/results/`, where `make bench` leaves what it measures;"
+        " `benchmarks/training.py`, which takes minutes, is run by hand."
+    )
+    yield bars_section(found)
+    for name, section in SECTIONS.items():
+        if name in found:
+            yield section(found[name])
+    yield machine_section(found)
+
+
+def main() -> None:
+    found = results()
+    with house_style():
+        for name, (script, draw) in FIGURES.items():
+            if script in found:
+                path = DOCS / "figures" / f"performance-{name}.png"
+                draw(found[script]).savefig(path, metadata={"Software": None})
+                print(path)
+    path = DOCS / "performance.md"
+    blocks = "\n\n".join(page(found)).split("\n\n")
+    path.write_text("\n\n".join(map(wrapped, blocks)) + "\n", encoding="utf-8")
+    print(path)
+
+
+if __name__ == "__main__":
+    main()

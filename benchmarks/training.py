@@ -1,0 +1,71 @@
+"""Scenario 3 from nothing to mastery: wall time and use of the cores, median of three seeds.
+
+    python benchmarks/training.py                 # some minutes a seed; not part of `make bench`
+    python benchmarks/training.py --seeds 0
+
+The runs go to a folder that is removed afterwards.
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+import os
+import resource
+import statistics
+import subprocess
+import sys
+import tempfile
+import time
+from pathlib import Path
+
+import bench
+
+
+def train(seed: int, out: Path) -> dict[str, float | str]:
+    """Train scenario 3 once, and return what it took."""
+    before = resource.getrusage(resource.RUSAGE_CHILDREN)
+    begin = time.perf_counter()
+    command = [sys.executable, "-m", "dockctl", "train", "s3", "--seed", str(seed), "--out", str(out)]
+    subprocess.run(command, check=True, stdout=subprocess.DEVNULL)
+    wall = time.perf_counter() - begin
+    after = resource.getrusage(resource.RUSAGE_CHILDREN)
+    busy = after.ru_utime + after.ru_stime - before.ru_utime - before.ru_stime
+    (provenance,) = out.glob(f"s3/*-seed{seed}/provenance.json")
+    facts = json.loads(provenance.read_text(encoding="utf-8"))
+    return {
+        "seed": seed,
+        "wall_s": wall,
+        "cores_used": busy / wall,
+        "peak_memory_gb": after.ru_maxrss / 1e6,
+        "stop_reason": facts["stop_reason"],
+    }
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser.add_argument("--seeds", type=int, nargs="+", default=[0, 1, 2])
+    arguments = parser.parse_args()
+    report = bench.Report(
+        "training", "Scenario 3 to mastery: 95 of 100 training episodes, and every test pose"
+    )
+    with tempfile.TemporaryDirectory() as folder:
+        runs = [train(seed, Path(folder)) for seed in bench.track(arguments.seeds, "seeds")]
+    report.facts = {"runs": runs, "cores": os.cpu_count()}
+
+    def median(key: str) -> float:
+        return statistics.median(float(run[key]) for run in runs)
+
+    report.bars = [
+        bench.Bar("wall time", median("wall_s") / 60, at_most=5, unit="min"),
+        bench.Bar("cores at work, of 2", median("cores_used"), at_least=1.4),
+        bench.Bar("peak memory", median("peak_memory_gb"), at_most=1.5, unit="GB"),
+        bench.Bar(
+            "runs that ended by mastery", sum(run["stop_reason"] == "mastered" for run in runs), len(runs)
+        ),
+    ]
+    report.tell()
+
+
+if __name__ == "__main__":
+    main()
