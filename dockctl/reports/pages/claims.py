@@ -56,6 +56,7 @@ def slows(kept: Kepts) -> str:
 
 
 def five_poses(kept: Kepts) -> str:
+    """Test poses docked by every seed."""
     ended = [found for run in kept["s2"] if (found := run.ended("pose"))]
     return (
         "; ".join(f"seed {run.seed}: {share(found)}" for run, found in zip(kept["s2"], ended, strict=False))
@@ -126,11 +127,13 @@ def gate(kept: Kepts) -> str:
 
 
 def forward(kept: Kepts) -> str:
+    """Median duration of the forward pass."""
     medians = [float(run.samples["forward_ms"].median()) for run in kept["s3"] if run.samples is not None]
-    return f"{spread(medians, '{:.2f}', ' ms')} at the median"
+    return f"{spread(medians, '{:.2f}', ' ms')} at the median" if medians else NOT_RUN
 
 
 def time(kept: Kepts) -> str:
+    """Wall time of a step and of a training."""
     runs = [run for name in SCENARIOS for run in kept[name]]
     if not runs:
         return NOT_RUN
