@@ -21,6 +21,7 @@ COMMANDS = {
     "reproduce": "reproduce",
     "map": "map_",
     "returns": "returns",
+    "ship": "ship",
     "latency": "latency",
     "show": "show",
     "validate": "validate",

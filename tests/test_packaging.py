@@ -19,6 +19,7 @@ from pydantic import BaseModel
 
 import dockctl
 from dockctl.cli import app
+from dockctl.runs.shipped import FOLDER
 from dockctl.scenarios.loader import load
 from dockctl.scenarios.schema import Scenario
 from dockctl.scenarios.training import THESIS
@@ -68,6 +69,10 @@ class TestWheel:
         assert {f"dockctl/scenarios/data/{file}" for file in files} <= contents
         studies = {path.name for path in (ROOT / "studies").glob("*.yaml")}
         assert {f"dockctl/scenarios/studies/{file}" for file in studies} <= contents
+
+    def test_it_carries_every_checkpoint(self, contents: set[str]) -> None:
+        files = {path.relative_to(ROOT).as_posix() for path in FOLDER.rglob("*") if path.is_file()}
+        assert files <= contents
 
     def test_it_carries_nothing_else(self, contents: set[str]) -> None:
         stem = f"dockctl-{dockctl.__version__}.dist-info/"

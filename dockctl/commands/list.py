@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import inspect
 import sys
+from collections.abc import Iterator
 from enum import StrEnum
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
@@ -26,19 +27,23 @@ class Sort(StrEnum):
     scenarios = "scenarios"
     vessels = "vessels"
     harbors = "harbors"
+    checkpoints = "checkpoints"
 
 
 def list_registered(
     sort: Annotated[Sort, typer.Argument(help="What to list.", metavar="|".join(Sort))] = Sort.scenarios,
     plugin: Annotated[list[Path] | None, typer.Option(help="Local .py file to load first.")] = None,
 ) -> None:
-    """List reward terms, observation parts, scenarios, vessels or harbors with their origins.
+    """List reward terms, observation parts, scenarios, vessels, harbors or shipped checkpoints.
 
     Example: dockctl list rewards --plugin my_terms.py
     """
     from dockctl import plugins
     from dockctl.scenarios import catalog
 
+    if sort is Sort.checkpoints:
+        _print(sort.value, list(_checkpoints()))
+        return
     catalog.fill()
     failures = []
     for path in plugin or ():
@@ -57,6 +62,18 @@ def list_registered(
     _print(sort.value, rows)
     if failures:
         raise DockctlError("\n".join(failures))
+
+
+def _checkpoints() -> Iterator[tuple[str, ...]]:
+    from dockctl.runs.directory import SCENARIO, RunDirectory
+    from dockctl.runs.shipped import shipped
+    from dockctl.scenarios import loader
+
+    for name, folder in shipped().items():
+        facts = RunDirectory(folder).read_json("policy.json")
+        told = f"seed {facts.get('seed')}, {facts.get('env_steps'):,} steps"
+        size = f"{facts.get('observation_size')} numbers to {facts.get('actions')} actions"
+        yield name, "policy", loader.load(folder / SCENARIO).scenario.title, f"{told}, {size}", "dockctl"
 
 
 def _describe(entry: Entry[Any], sort: Sort) -> tuple[str, str, str]:

@@ -1,0 +1,168 @@
+"""Choose a policy among runs, see it dock, and put it into a folder of its own."""
+
+from __future__ import annotations
+
+import math
+import re
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+import numpy as np
+import pandas as pd
+from rich.console import Console
+
+from dockctl.agents.checkpoint import save_policy
+from dockctl.agents.evaluator import Episode
+from dockctl.agents.summary import ending
+from dockctl.commands import modelcard
+from dockctl.commands.policies import Trained, find
+from dockctl.commands.rooms import player
+from dockctl.errors import DockctlError
+from dockctl.runs.directory import SCENARIO, RunDirectory, require_writable
+from dockctl.runs.files import new_folder
+from dockctl.runs.tables import EVALUATION
+from dockctl.scenarios.files import mesh_files, naming
+from dockctl.scenarios.interface import PolicyInterface
+from dockctl.scenarios.loader import LoadedScenario, dump
+from dockctl.scenarios.schema import Scenario
+from dockctl.sim.simulator import World, build_worlds
+from dockctl.sim.sites import free_sites
+from dockctl.sim.starts import Start, given_start
+
+NAME = re.compile(r"[A-Za-z0-9][A-Za-z0-9_.-]*")
+CARD = "card.md"
+
+
+@dataclass(frozen=True, eq=False)
+class Candidate:
+    """An evaluated run and its policy; `evaluation` is its ``evaluation.csv``."""
+
+    trained: Trained
+    run: RunDirectory
+    evaluation: pd.DataFrame
+
+    @property
+    def shares(self) -> dict[str, float]:
+        """Docked share of each sort of starts, in the order of the evaluation."""
+        docked = self.evaluation["outcome"] == "docked"
+        return {str(kind): float(part.mean()) for kind, part in docked.groupby(self.evaluation["start_kind"])}
+
+    @property
+    def rank(self) -> tuple[float, float, int]:
+        """What it is chosen by, the lowest first: judging starts, then testing starts, then the seed."""
+        share = self.shares
+        judged = share.get("pose", share.get("trained", 0.0))
+        tested = share.get("random", share.get("held_out", 0.0))
+        return -judged, -tested, self.trained.card.seed
+
+
+def ship(runs: Sequence[Path], name: str | None, out: Path) -> None:
+    """Write the best policy of `runs` to ``<out>/<name>/``: policy, scenario, local files and card.
+
+    Raises:
+        DockctlError: a run is not there or not evaluated, the runs differ in their scenario, no policy docks
+            from every pose of its training, or the folder cannot be written.
+    """
+    candidates = sorted((candidate(path) for path in runs), key=lambda one: one.rank)
+    names = sorted({one.trained.card.scenario for one in candidates})
+    if len(names) > 1:
+        raise DockctlError(f"give runs of one scenario; these are of {', '.join(names)}")
+    name = name or names[0]
+    if not NAME.fullmatch(name):
+        raise DockctlError(f"--name '{name}': use letters, digits, dots, dashes and underscores")
+    require_writable(out)
+    for best in candidates:
+        loaded = best.trained.scenario(None)
+        episodes = play_training(best.trained, loaded)
+        failures = [one for one in episodes if not one.docked]
+        if not failures:
+            folder = write(best, candidates, loaded, len(episodes), out / name)
+            Console().print(f"{best.run.path} is shipped as {folder}", soft_wrap=True, highlight=False)
+            return
+        for one in failures:
+            x, y, heading = one.start.eta
+            Console(stderr=True).print(
+                f"passed over {best.run.path}: from its training pose {x:g}, {y:g},"
+                f" {math.degrees(heading):.4g}°: {ending(one)}",
+                soft_wrap=True,
+                highlight=False,
+            )
+    raise DockctlError("no policy docks from every pose of its training; nothing is shipped")
+
+
+def candidate(path: Path) -> Candidate:
+    """Read a run and its evaluation.
+
+    Raises:
+        DockctlError: it is no run, has no policy, or that policy is not evaluated.
+    """
+    run = RunDirectory.open(path)
+    trained = find(path)
+    told = f"evaluate it first: dockctl evaluate --ckpt {path}"
+    if not (run.path / "evaluation.json").is_file() or not (run.path / "evaluation.csv").is_file():
+        raise DockctlError(f"{path}: holds no evaluation; {told}")
+    evaluated = run.read_json("evaluation.json").get("policy", {})
+    same = {key: evaluated.get(key) for key in ("env_steps", "seed")} == {
+        "env_steps": trained.card.env_steps,
+        "seed": trained.card.seed,
+    }
+    if not same or evaluated.get("sha256", trained.card.sha256) != trained.card.sha256:
+        raise DockctlError(f"{path}: its evaluation is of another policy; {told}")
+    return Candidate(trained, run, modelcard.table(run.path / "evaluation.csv", EVALUATION))
+
+
+def training_starts(scenario: Scenario, worlds: Sequence[World]) -> list[Start]:
+    """Return starts at every initial pose of the training, at every trained berth where there are berths."""
+    sites = free_sites(scenario, [world.obstacles.blocked for world in worlds])
+    return [
+        given_start(site, scenario.task, pose, index)
+        for site in sites
+        if site.kind != "held_out"
+        for index, pose in enumerate(site.initial)
+    ]
+
+
+def play_training(trained: Trained, loaded: LoadedScenario, *, most: int | None = None) -> list[Episode]:
+    """Play greedy episodes from the poses of the training, from `most` of them spread over all if given."""
+    worlds = build_worlds(loaded.scenario, loaded.base_dir)
+    starts = training_starts(loaded.scenario, worlds)
+    if most is not None and most < len(starts):
+        starts = [starts[i] for i in np.linspace(0, len(starts) - 1, most).astype(int)]
+    return player(loaded, worlds, starts)(trained.policy)
+
+
+def write(
+    best: Candidate,
+    candidates: Sequence[Candidate],
+    loaded: LoadedScenario,
+    training_poses: int,
+    folder: Path,
+) -> Path:
+    """Write the folder of a checkpoint, whole, and return it.
+
+    Raises:
+        DockctlError: it cannot be written.
+    """
+    scenario, card = loaded.scenario, best.trained.card
+    with new_folder(folder) as new:
+        interface = card.interface or PolicyInterface.of(scenario)
+        save_policy(new, best.trained.network, replace(card, interface=interface))
+        home = RunDirectory(new)
+        plugins = home.copy_files("plugins", loaded.plugin_files)
+        meshes = home.copy_files("meshes", mesh_files(scenario))
+        home.write_text(SCENARIO, dump(naming(scenario, plugins, meshes)))
+        others = [(one.trained.card.seed, one.shares) for one in candidates]
+        files = sorted(path for path in new.rglob("*") if path.is_file())
+        text = modelcard.write(
+            folder.name,
+            scenario,
+            replace(card, interface=interface),
+            best.run,
+            others,
+            training_poses,
+            new,
+            files,
+        )
+        home.write_text(CARD, text)
+    return folder

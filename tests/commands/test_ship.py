@@ -1,0 +1,98 @@
+"""`dockctl ship`: what is chosen, written and refused. The policies here are random and need not dock."""
+
+from __future__ import annotations
+
+import json
+import shutil
+from collections.abc import Callable
+from pathlib import Path
+
+import pytest
+
+from dockctl.agents.checkpoint import load_policy
+from dockctl.commands import shipping
+from dockctl.commands.policies import Trained
+from tests.commands.conftest import Outcome, dockctl, forget_interface
+
+MakeRun = Callable[..., Path]
+
+
+@pytest.fixture
+def runs(
+    trained: tuple[Path, Outcome], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> Callable[..., Path]:
+    """Make a run of some seed that was evaluated with these outcomes, and whose training poses do as told."""
+    docking: set[int] = set()
+
+    def play(policy: Trained, loaded: object, *, most: int | None = None) -> list[object]:
+        class One:
+            docked = policy.card.seed in docking
+            outcome = "docked" if docked else "timeout"
+            phase, collided_with = 1, ""
+            start = type("Start", (), {"eta": (20.0, 2.0, 2.8)})
+
+        return [One()]
+
+    monkeypatch.setattr(shipping, "play_training", play)
+
+    def make(seed: int, poses: str, random: str, *, docks: bool = True) -> Path:
+        run = tmp_path / f"run{seed}"
+        shutil.copytree(trained[0], run)
+        card = run / "checkpoints" / "best" / "policy.json"
+        card.write_text(json.dumps({**json.loads(card.read_text()), "seed": seed}))
+        assert dockctl("evaluate", "--ckpt", run, "--episodes", 3).code == 0
+        head, *rows = (run / "evaluation.csv").read_text().splitlines()
+        at, outcomes = head.split(",").index("outcome"), [*poses, *random]
+        cells = [row.split(",") for row in rows]
+        for row, outcome in zip(cells, outcomes, strict=True):
+            row[at] = {"+": "docked", "-": "collision"}[outcome]
+        lines = [head, *(",".join(row) for row in cells)]
+        (run / "evaluation.csv").write_text("\n".join(lines) + "\n")
+        if docks:
+            docking.add(seed)
+        return run
+
+    return make
+
+
+def test_the_best_that_docks_from_its_training_poses_is_shipped(runs: MakeRun, tmp_path: Path) -> None:
+    given = [
+        runs(0, "-", "+++"),
+        runs(1, "+", "++-"),
+        runs(2, "+", "+++", docks=False),
+        runs(4, "+", "++-"),
+    ]
+    forget_interface(given[1])
+    outcome = dockctl("ship", *given, "--name", "mine", "--out", tmp_path / "out")
+    assert outcome.code == 0, outcome.err
+    assert f"passed over {given[2]}" in outcome.err
+    network, card = load_policy(tmp_path / "out" / "mine")
+    assert (card.seed, card.interface is not None) == (1, True)
+    assert (network.flat == load_policy(given[1])[0].flat).all()
+    text = (tmp_path / "out" / "mine" / "card.md").read_text()
+    assert "| `s1` | random starts | 2 of 3 | 66.7% |" in text
+    assert "1 of 3 failed: 1 collision with" in text
+    assert "of 4 runs" in text
+    evaluated = dockctl("evaluate", "--ckpt", tmp_path / "out" / "mine", "--episodes", 0)
+    assert evaluated.code == 0, evaluated.err
+
+
+def test_refusals(runs: MakeRun, trained: tuple[Path, Outcome], tmp_path: Path) -> None:
+    run = runs(5, "+", "+++", docks=False)
+    out = ("--out", tmp_path / "out")
+
+    def refused(*arguments: object) -> str:
+        outcome = dockctl("ship", *arguments, *out)
+        assert outcome.code == 2
+        assert not (tmp_path / "out").exists()
+        return " ".join(outcome.err.split())
+
+    assert "no policy docks from every pose of its training" in refused(run)
+    assert "use letters, digits" in refused(run, "--name", "../up")
+    assert "not a run folder" in refused(tmp_path)
+    result = json.loads((run / "evaluation.json").read_text())
+    result["policy"]["env_steps"] += 1
+    (run / "evaluation.json").write_text(json.dumps(result))
+    assert "its evaluation is of another policy" in refused(run)
+    (run / "evaluation.json").unlink()
+    assert "evaluate it first: dockctl evaluate --ckpt" in refused(run)

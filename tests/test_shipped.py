@@ -1,0 +1,53 @@
+"""The checkpoints of the package: the files of their cards, and that each still docks."""
+
+from __future__ import annotations
+
+import hashlib
+import re
+from pathlib import Path
+
+import pytest
+
+from dockctl.agents.checkpoint import POLICY
+from dockctl.commands.policies import find
+from dockctl.commands.shipping import CARD, play_training
+from dockctl.runs.shipped import shipped
+from tests.commands.conftest import dockctl
+
+NAMES = {"s1", "s2", "s3", "marina"}
+EPISODES = {"marina": 4}
+"""How many training poses are tried; one where nothing stands here."""
+
+each = pytest.mark.parametrize("name", sorted(shipped()))
+
+
+@pytest.mark.skipif(not shipped(), reason="no checkpoint is in the package")
+def test_there_is_one_for_each_scenario_and_the_list_shows_them() -> None:
+    assert set(shipped()) == NAMES
+    lines = dockctl("list", "checkpoints").out.splitlines()
+    assert {line.split("\t")[0] for line in lines[1:]} == NAMES
+
+
+@each
+def test_the_files_are_those_of_the_card(name: str) -> None:
+    folder = shipped()[name]
+    text = (folder / CARD).read_text()
+    told = dict(re.findall(r"^\| `([^`]+)` \| `([0-9a-f]{64})` \|$", text, re.M))
+    there = {
+        path.relative_to(folder).as_posix(): hashlib.sha256(path.read_bytes()).hexdigest()
+        for path in folder.rglob("*")
+        if path.is_file() and path.name != CARD
+    }
+    assert told == there
+    assert {f"{POLICY}.json", f"{POLICY}.safetensors", "scenario.yaml"} <= set(told)
+
+
+@each
+def test_it_docks_from_the_poses_of_its_training(
+    name: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    trained = find(Path(name))
+    assert trained.card.interface is not None
+    episodes = play_training(trained, trained.scenario(None), most=EPISODES.get(name, 1))
+    assert [episode.outcome for episode in episodes] == ["docked"] * EPISODES.get(name, 1)
