@@ -7,6 +7,7 @@ from dataclasses import dataclass
 
 from matplotlib.figure import Figure
 
+from dockctl.reports.book import overview
 from dockctl.reports.pages import courses, curves
 from dockctl.reports.pages.kept import Course, Kept, Kepts
 from dockctl.reports.pages.markdown import picture
@@ -104,6 +105,9 @@ def scenario_page(chapter: Chapter, runs: Sequence[Kept]) -> Page:
             [fact.figure for fact in course],
         ),
     }
+    first = runs[0]
+    if first.tracks:
+        draws[f"{name}-overview"] = lambda: overview(first.run, first.episodes, first.tracks)
     if several:
         draws[f"{name}-seeds"] = lambda: ways_of_seeds(f"Scenario {chapter.number}: every seed", runs)
     text = text_of(
@@ -112,6 +116,7 @@ def scenario_page(chapter: Chapter, runs: Sequence[Kept]) -> Page:
         "## Every seed",
         ENDING,
         seeds_table(runs),
+        picture(f"{name}-overview", f"seed {first.seed} at a glance") if first.tracks else "",
         "## Training",
         picture(f"{name}-training", "training of every seed"),
         training_readings(training, runs),
