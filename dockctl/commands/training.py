@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import os
 import signal
 import sys
 from collections.abc import Callable, Iterator, Sequence
@@ -16,12 +15,11 @@ from rich.console import Console
 from dockctl.agents.checkpoint import LEARNER, load_pair, load_policy
 from dockctl.agents.policy import GreedyPolicy
 from dockctl.agents.progress import REASONS, Progress
-from dockctl.agents.replay import Replay
 from dockctl.agents.trainer import Trainer
 from dockctl.commands.display import TrainingDisplay, best, clock
 from dockctl.commands.inputs import load_checked
+from dockctl.commands.memory import Estimate, require_memory
 from dockctl.commands.rooms import judging_starts, player, shown_starts, trajectory_rows
-from dockctl.envs.spaces import ObservationEncoder
 from dockctl.envs.vector import DockingVectorEnv
 from dockctl.errors import DockctlError
 from dockctl.runs import provenance
@@ -30,7 +28,6 @@ from dockctl.runs.tables import TRAJECTORIES, to_csv
 from dockctl.scenarios.files import mesh_files, naming
 from dockctl.scenarios.interface import PolicyInterface
 from dockctl.scenarios.loader import LoadedScenario, dump
-from dockctl.scenarios.schema import Scenario
 from dockctl.sim.simulator import World, build_worlds
 from dockctl.sim.sites import own_site
 
@@ -42,6 +39,7 @@ class Session:
     loaded: LoadedScenario
     worlds: Sequence[World]
     run: RunDirectory
+    memory: Estimate
     taken_up: bool
 
 
@@ -49,12 +47,12 @@ def begin(source: str, overrides: list[str], plugin_files: list[Path], out: Path
     """Load the scenario, build its world and make the run folder; nothing is written before all is right.
 
     Raises:
-        DockctlError: the scenario is wrong, or `out` cannot be written to.
+        DockctlError: the scenario is wrong, `out` cannot be written to, or there is not the memory.
     """
     loaded = load_checked(source, overrides=overrides, plugin_files=plugin_files)
     require_writable(out)
-    require_memory(loaded.scenario)
     worlds = build_worlds(loaded.scenario, loaded.base_dir)
+    memory = require_memory(loaded.scenario, worlds)
     seed = loaded.scenario.training.seed
     run = RunDirectory.create(out, loaded.scenario.name, seed)
     facts = provenance.collect(seed, sys.argv)
@@ -63,14 +61,14 @@ def begin(source: str, overrides: list[str], plugin_files: list[Path], out: Path
     run.write_text(SCENARIO, dump(naming(loaded.scenario, facts["plugins"], facts["meshes"])))
     run.write_json("scene.json", worlds[own_site(loaded.scenario).harbor].scene().to_json())
     run.write_json(PROVENANCE, facts)
-    return Session(loaded, worlds, run, taken_up=False)
+    return Session(loaded, worlds, run, memory, taken_up=False)
 
 
 def take_up(path: Path, steps: int | None) -> Session:
     """Open a run to go on with it; a finished one only when `steps` reaches past its end, without stop rule.
 
     Raises:
-        DockctlError: `path` is no run, has no checkpoint, or is finished.
+        DockctlError: `path` is no run, has no checkpoint, or is finished, or there is not the memory.
     """
     run = RunDirectory.open(path)
     facts = run.read_json(PROVENANCE)
@@ -88,7 +86,8 @@ def take_up(path: Path, steps: int | None) -> Session:
             )
         overrides += ["training.stop=null", "training.max_episodes=null"]
     loaded = load_checked(run.path / SCENARIO, overrides=overrides)
-    require_memory(loaded.scenario)
+    worlds = build_worlds(loaded.scenario, loaded.base_dir)
+    memory = require_memory(loaded.scenario, worlds)
     if overrides:
         plugins = map(run.inside, loaded.scenario.plugins)
         meshes = [run.inside(str(path)) for path in mesh_files(loaded.scenario)]
@@ -96,27 +95,7 @@ def take_up(path: Path, steps: int | None) -> Session:
     again = {"at": provenance.now(), "env_steps": card["env_steps"], "command": sys.argv}
     facts |= {"finished": None, "stop_reason": None, "taken_up": [*facts.get("taken_up", []), again]}
     run.write_json(PROVENANCE, facts)
-    return Session(loaded, build_worlds(loaded.scenario, loaded.base_dir), run, taken_up=True)
-
-
-def replay_bytes(scenario: Scenario) -> int:
-    """Memory that the replay takes when the training is long enough to fill it [bytes]."""
-    size = len(ObservationEncoder(scenario.observation, scenario.sensors.lidar.sectors).names)
-    return Replay.bytes_needed(min(scenario.training.replay_capacity, scenario.training.total_steps), size)
-
-
-def require_memory(scenario: Scenario) -> None:
-    """Check that the machine can hold the replay.
-
-    Raises:
-        DockctlError: it cannot.
-    """
-    needed, there = replay_bytes(scenario), os.sysconf("SC_PHYS_PAGES") * os.sysconf("SC_PAGE_SIZE")
-    if needed > there:
-        raise DockctlError(
-            f"training.replay_capacity: {scenario.training.replay_capacity:,} transitions take"
-            f" {needed / 1e9:,.1f} GB, and this machine has {there / 1e9:,.1f} GB"
-        )
+    return Session(loaded, worlds, run, memory, taken_up=True)
 
 
 def carry_out(session: Session, device: str) -> str:
@@ -125,10 +104,9 @@ def carry_out(session: Session, device: str) -> str:
     scenario, training = loaded.scenario, loaded.scenario.training
     env = DockingVectorEnv(loaded, training.boats, exploring=True, worlds=session.worlds)
     play = player(loaded, session.worlds, judging_starts(scenario, session.worlds))
-    memory = replay_bytes(scenario)
     title = f"{scenario.name}, seed {training.seed}"
     boats = f"{training.boats} boat{'s' * (training.boats > 1)}"
-    console.print(f"{title}: {boats}, replay memory of at most {memory / 1e6:,.0f} MB")
+    console.print(f"{title}: {boats}; memory: {session.memory}", soft_wrap=True, highlight=False)
     console.print(f"run folder: {run.path}", soft_wrap=True, highlight=False)
     with asked_to_leave() as asked, TrainingDisplay(training, title, console) as display:
         trainer = Trainer(

@@ -121,7 +121,7 @@ def test_interrupted_resumed_finished_and_extended(tmp_path: Path, monkeypatch: 
         (["s9"], "s9"),
         (["s1", "--device", "abacus"], "device 'abacus' cannot be used here"),
         (["s1", "--device", "meta"], "device 'meta' cannot be used here"),
-        (["s1", "--set", "training.replay_capacity=1000000000", "--steps", "1000000000"], "take 136.0 GB"),
+        (["s1", "--set", "training.replay_capacity=1000000000", "--steps", "1000000000"], "replay 136.00"),
         ([""], "is a directory"),
         (["--resume", "nowhere"], "no such run folder"),
         (["--resume", "."], "not a run folder"),
