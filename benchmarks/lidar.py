@@ -86,7 +86,7 @@ def main() -> None:
     arguments = parser.parse_args()
     loaded = load("s3")
     lidar = build_worlds(loaded.scenario, loaded.base_dir)[0].lidar
-    lidar.prepare()
+    lidar_module.prepare([lidar])
     rng, cores = np.random.default_rng(0), lidar_module.thread_count()
     fairway, berth, few = rng.uniform(*FAIRWAY, (500, 3)), rng.uniform(*BERTH, (500, 3)), 10
     embree = embree_scanner(lidar)

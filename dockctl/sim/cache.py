@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 
 Arrays = dict[str, NDArray[Any]]
 
-KEPT_FILES = 12
+KEPT_FILES = 24
 log = logging.getLogger(__name__)
 
 

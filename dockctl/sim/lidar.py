@@ -7,9 +7,10 @@ from __future__ import annotations
 
 import math
 import os
+from collections.abc import Iterable
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
-from functools import cached_property
+from functools import cached_property, lru_cache
 from pathlib import Path
 from types import ModuleType
 
@@ -105,24 +106,14 @@ class LidarArray:
     @cached_property
     def _tables(self) -> tuple[ShellTable, HeightGrid, Levels]:
         """What the compiled scan takes: rays by shells, the harbor's grid, and its level for each cell."""
-        sensors = [self.spec.model_dump_json().encode(), _source(scan, heightgrid)]
-        table = ShellTable(**cached("LiDAR rays", sensors, self._build_shells))
+        table = _shells(self.spec)
         radius = needed_radii(table).max()
         harbor = [self.triangles.tobytes(), radius.tobytes(), _source(heightgrid)]
         grid = HeightGrid(**cached("harbor grid", harbor, lambda: self._build_grid(radius)))
         return table, grid, Levels.of(table, grid)
 
-    def _build_shells(self) -> Arrays:
-        rays = self.rays
-        beams = rays.origins, rays.directions, rays.reach, rays.channel
-        return ShellTable.of(*beams, self.spec.sectors, self.spec.range_m)._asdict()
-
     def _build_grid(self, largest_radius_m: float) -> Arrays:
         return HeightGrid.over(self.triangles, largest_radius_m)._asdict()
-
-    def prepare(self) -> None:
-        """Build the tables of the fast scan now, rather than at the first scan."""
-        self.sector_ranges(np.zeros((1, 3)))
 
     def sector_ranges(self, eta: Floats) -> Floats:
         """Scan from n poses and return the nearest return of each sector: exact, by branch and bound.
@@ -189,6 +180,27 @@ class LidarArray:
             _turned(self.rays.directions, c, s),
             self.rays.reach,
         )
+
+
+def prepare(sensors: Iterable[object]) -> None:
+    """Build the tables of those that are `LidarArray` now, side by side, not each at its first scan."""
+    lidars = [sensor for sensor in sensors if isinstance(sensor, LidarArray)]
+    for lidar in lidars[:1]:
+        lidar.sector_ranges(np.zeros((1, 3)))  # compiles, and builds what they all share
+    list(_pool().map(lambda lidar: lidar._tables, lidars[1:]))
+
+
+@lru_cache(maxsize=4)
+def _shells(spec: Lidar) -> ShellTable:
+    """Return the rays by shells, which all the harbors share."""
+
+    def build() -> Arrays:
+        rays = Rays.of(spec)
+        beams = rays.origins, rays.directions, rays.reach, rays.channel
+        return ShellTable.of(*beams, spec.sectors, spec.range_m)._asdict()
+
+    ingredients = [spec.model_dump_json().encode(), _source(scan, heightgrid)]
+    return ShellTable(**cached("LiDAR rays", ingredients, build))
 
 
 def _source(*modules: ModuleType) -> bytes:

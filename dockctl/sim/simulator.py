@@ -20,7 +20,7 @@ from dockctl.scenarios.vessel import Hull
 from dockctl.sim.collision import CollisionChecker
 from dockctl.sim.goal import TO_FINAL, measure, reached
 from dockctl.sim.harbor import build_harbor, scene_of
-from dockctl.sim.lidar import LidarArray
+from dockctl.sim.lidar import LidarArray, prepare
 from dockctl.sim.starts import Start
 from dockctl.sim.status import Bools, Floats, Ints, StepStatus
 from dockctl.sim.vessel import VesselModel
@@ -96,6 +96,7 @@ class Simulator:
     """
 
     def __init__(self, scenario: Scenario, worlds: Sequence[World], num_boats: int) -> None:
+        prepare(world.lidar for world in worlds)
         self.task = scenario.task
         self.worlds = worlds
         self.vessel = VesselModel(scenario.vessel)
