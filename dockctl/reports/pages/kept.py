@@ -84,7 +84,8 @@ class Kept:
     @cached_property
     def samples(self) -> pd.DataFrame | None:
         """Times of single decisions [ms]."""
-        return read_table(self.folder / "latency.csv", tuple(PARTS))
+        table = read_table(self.folder / "latency.csv", tuple(PARTS))
+        return None if table is None else table[[*PARTS]]
 
     @cached_property
     def map(self) -> pd.DataFrame | None:

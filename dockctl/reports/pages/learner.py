@@ -8,10 +8,10 @@ import pandas as pd
 
 from dockctl.reports.pages import curves
 from dockctl.reports.pages.kept import Kept, Kepts
-from dockctl.reports.pages.markdown import picture, share, spread, steps, table
+from dockctl.reports.pages.markdown import picture, share, steps, table
 from dockctl.reports.pages.measures import change_share, change_size, slowing_m
 from dockctl.reports.pages.page import Draw, Page, middle, missing, text_of
-from dockctl.reports.pages.thesis import EPISODES
+from dockctl.reports.pages.thesis import EPISODES, TRAINING
 from dockctl.reports.returns import returns_figure, unit_words, verdicts
 from dockctl.scenarios.study import Experiment, Study
 
@@ -198,6 +198,8 @@ def _thesis_row(experiment: Experiment, runs: Sequence[Kept]) -> dict[str, str]:
     ended = run.episodes["outcome"].eq("docked")
     best = ended.rolling(100).sum()
     greedy = run.run.evaluations
+    error = run.updates["td_error"].abs() / run.reward_scale
+    errors = (error.min(), error.max(), error.iloc[-1])
     return row | {
         "episodes": f"{len(run.episodes):,}" + ("" if run.finished else ", under way"),
         "steps": f"{run.steps:,}",
@@ -210,7 +212,6 @@ def _thesis_row(experiment: Experiment, runs: Sequence[Kept]) -> dict[str, str]:
         if best.max()
         else "0",
         "docked of the last 100": str(run.recent_docked),
-        "largest mean abs. TD error": spread(
-            [float(run.updates["td_error"].abs().max()) / run.reward_scale], "{:,.0f}"
-        ),
+        "mean abs. TD error: least, largest, last": ", ".join(f"{error:,.0f}" for error in errors),
+        "the thesis": TRAINING[experiment.scenario][0].seen,
     }

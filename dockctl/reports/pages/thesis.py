@@ -31,6 +31,7 @@ PENALTY = "far out, the speed term is the smaller part of a step's cost, and slo
 STRAIGHT = "top speed for most of the way"
 TOLERANCE = "it is done within 0.07 rad (4°)"
 YAW = "hard over, the yaw rate follows the rudder at once"
+UNTRAINED = "one start and one berth teach no other; the marina's see many, and the bearing"
 RUDDER = "nothing in the reward asks for calm controls"
 
 TRAINING = {
@@ -81,22 +82,22 @@ COURSES = {
         Fact("4.30", "rudder", "hard over at once, later slower", RUDDER),
     ),
     "s3-opposite": (
-        Fact("4.31", "pose", "docks at the untrained berth on the other side", ""),
-        Fact("4.32", "gate", "as in the training", ""),
-        Fact("4.33", "heading", "as in the training", ""),
-        Fact("4.34", "velocity", "top speed until close", ""),
-        Fact("4.35", "yaw", SHOWN, ""),
-        Fact("4.36", "propeller", "reverses at the end", ""),
-        Fact("4.37", "rudder", "much calmer than in the training", ""),
+        Fact("4.31", "pose", "docks at the untrained berth on the other side", UNTRAINED),
+        Fact("4.32", "gate", "as in the training", UNTRAINED),
+        Fact("4.33", "heading", "as in the training", UNTRAINED),
+        Fact("4.34", "velocity", "top speed until close", PENALTY),
+        Fact("4.35", "yaw", SHOWN, YAW),
+        Fact("4.36", "propeller", "reverses at the end", RUDDER),
+        Fact("4.37", "rudder", "much calmer than in the training", RUDDER),
     ),
     "s3-appendix-b": (
-        Fact("B.1", "pose", "docks at one more untrained berth", ""),
-        Fact("B.2", "gate", SHOWN, ""),
-        Fact("B.3", "heading", SHOWN, ""),
-        Fact("B.4", "velocity", SHOWN, ""),
-        Fact("B.5", "yaw", SHOWN, ""),
-        Fact("B.6", "propeller", SHOWN, ""),
-        Fact("B.7", "rudder", SHOWN, ""),
+        Fact("B.1", "pose", "docks at one more untrained berth", UNTRAINED),
+        Fact("B.2", "gate", SHOWN, UNTRAINED),
+        Fact("B.3", "heading", SHOWN, UNTRAINED),
+        Fact("B.4", "velocity", SHOWN, PENALTY),
+        Fact("B.5", "yaw", SHOWN, YAW),
+        Fact("B.6", "propeller", SHOWN, RUDDER),
+        Fact("B.7", "rudder", SHOWN, RUDDER),
     ),
 }
 """The figures of single maneuvers."""
