@@ -1,0 +1,56 @@
+"""``dockctl record``: what it leaves is read like a run, and poses are checked."""
+
+from __future__ import annotations
+
+import shutil
+from pathlib import Path
+
+import pytest
+
+from dockctl.reports.run import read_run
+from dockctl.scenarios.base import Pose
+from tests.commands.conftest import Outcome, dockctl
+
+Trained = tuple[Path, Outcome]
+
+
+@pytest.fixture
+def run(trained: Trained, tmp_path: Path) -> Path:
+    folder = tmp_path / "run"
+    shutil.copytree(trained[0], folder, ignore=shutil.ignore_patterns("figures"))
+    return folder
+
+
+def test_a_recording_elsewhere_lies_in_the_run_and_is_drawn_like_one(run: Path, tmp_path: Path) -> None:
+    outcome = dockctl("record", "--ckpt", run, "--scenario", "s2", "--pose", "20,2,160")
+    assert outcome.code == 0, outcome.err
+    assert outcome.out.startswith("from 20, 2, 160°: ")
+    recorded = read_run(run / "elsewhere" / "s2")
+    assert (recorded.scenario, recorded.tests) == ("s2", (Pose(x_m=20, y_m=2, heading_deg=160),))
+    assert recorded.trajectories is not None
+    first = recorded.trajectories.iloc[0]
+    assert (first["x_m"], first["y_m"], first["heading_deg"]) == (20, 2, 160)
+    assert dockctl("plot", run / "elsewhere" / "s2").code == 0
+    assert (run / "elsewhere" / "s2" / "figures" / "docking-poses.png").is_file()
+
+
+def test_without_a_pose_it_records_the_test_poses_as_the_training_did(run: Path, tmp_path: Path) -> None:
+    assert dockctl("record", "--ckpt", run, "--out", tmp_path / "here").code == 0
+    recorded = (tmp_path / "here" / "trajectories.csv").read_text()
+    assert recorded == (run / "trajectories.csv").read_text()
+
+
+@pytest.mark.parametrize(
+    ("pose", "told"),
+    [
+        ("20,2", "give three numbers"),
+        ("36,4,180", "is blocked by"),
+        ("90,0,0", "is outside of the basin"),
+        ("1e9,0,0", "must lie within"),
+    ],
+)
+def test_a_pose_that_is_not_free_is_told(run: Path, pose: str, told: str) -> None:
+    outcome = dockctl("record", "--ckpt", run, "--pose", pose)
+    assert outcome.code == 2
+    assert told in outcome.err
+    assert not (run / "elsewhere").exists()
