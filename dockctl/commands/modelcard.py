@@ -16,10 +16,12 @@ from dockctl.errors import DockctlError
 from dockctl.reports.map import free_starts, radius_words, reach_of, success_radius, turned_within
 from dockctl.runs.directory import PROVENANCE, RunDirectory
 from dockctl.runs.statistics import wilson_interval
-from dockctl.runs.tables import EVALUATION, MAP
 from dockctl.scenarios.schema import ObservationPart, Scenario
 
 FAILURES_LISTED = 12
+EPISODES = ("start_kind", "x_m", "y_m", "heading_deg", "outcome", "collided_with", "phase", "clearance_m")
+CELLS = ("dx_m", "dy_m", "dheading_deg", "blocked", "outcome", "collided_with")
+"""Columns that the card is written from."""
 LIMITS = """\
 For research and teaching in simulation. It was trained for one vessel, without wind, current, waves, moving
 vessels or sensor noise, and knows its own pose and velocity exactly. It promises nothing for a real boat,
@@ -64,7 +66,7 @@ def write(
         folder, files: the checkpoint's folder and the files in it, for their hashes.
     """
     files_of_episodes = [run.path / "evaluation.csv", *sorted(run.path.glob("evaluation-*.csv"))]
-    evaluations = {path.stem: table(path, EVALUATION) for path in files_of_episodes}
+    evaluations = {path.stem: table(path, EPISODES) for path in files_of_episodes}
     sections = [
         f"# {name}\n\n{scenario.title}\n\n{scenario.description}".rstrip(),
         "```sh\n" + f"dockctl evaluate --ckpt {name}\n" + "```",
@@ -139,7 +141,7 @@ def _groups(
 def _further(run: RunDirectory) -> Iterator[str]:
     """What the map of starts and the timing of decisions tell, where the run has them."""
     if (run.path / "map.csv").is_file():
-        starts = table(run.path / "map.csv", MAP)
+        starts = table(run.path / "map.csv", CELLS)
         free, reach = free_starts(starts), reach_of(starts)
         straight, askew = (
             radius_words(success_radius(turned_within(free, limit), reach)) for limit in (0, 20)

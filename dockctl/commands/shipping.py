@@ -21,7 +21,6 @@ from dockctl.commands.rooms import player
 from dockctl.errors import DockctlError
 from dockctl.runs.directory import SCENARIO, RunDirectory, require_writable
 from dockctl.runs.files import new_folder
-from dockctl.runs.tables import EVALUATION
 from dockctl.scenarios.files import mesh_files, naming
 from dockctl.scenarios.interface import PolicyInterface
 from dockctl.scenarios.loader import LoadedScenario, dump
@@ -109,7 +108,7 @@ def candidate(path: Path) -> Candidate:
     }
     if not same or evaluated.get("sha256", trained.card.sha256) != trained.card.sha256:
         raise DockctlError(f"{path}: its evaluation is of another policy; {told}")
-    return Candidate(trained, run, modelcard.table(run.path / "evaluation.csv", EVALUATION))
+    return Candidate(trained, run, modelcard.table(run.path / "evaluation.csv", modelcard.EPISODES))
 
 
 def training_starts(scenario: Scenario, worlds: Sequence[World]) -> list[Start]:
