@@ -224,5 +224,11 @@ def _by_berth(runs: Sequence[Kept]) -> str:
         return ""
     every = pd.concat(tables)
     held_out = every[every["start_kind"] == "held_out"]
-    rows = [{"held-out berth": str(berth), **_success(group)} for berth, group in held_out.groupby("berth")]
-    return table(rows) if rows else ""
+    groups = sorted(((str(berth), group) for berth, group in held_out.groupby("berth")), key=_along_the_quay)
+    return table([{"held-out berth": berth, **_success(group)} for berth, group in groups]) if groups else ""
+
+
+def _along_the_quay(entry: tuple[str, pd.DataFrame]) -> tuple[str, float, int]:
+    """Order berths, named like ``east -9 mirrored``, by quay and place."""
+    side, place, *mirrored = entry[0].split()
+    return side, float(place), len(mirrored)

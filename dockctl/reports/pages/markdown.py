@@ -32,7 +32,7 @@ def steps(value: int | None) -> str:
 
 def share(counts: tuple[int, int] | None) -> str:
     """``k of n``."""
-    return NOT_RUN if counts is None else f"{counts[0]} of {counts[1]:,}"
+    return NOT_RUN if counts is None else f"{counts[0]:,} of {counts[1]:,}"
 
 
 def spread(values: Sequence[float], form: str = "{:.1f}", unit: str = "") -> str:

@@ -13,10 +13,12 @@ from dockctl.reports.pages.markdown import NOT_RUN, share, spread, steps, table
 from dockctl.reports.pages.measures import OF_COURSES, OF_TRAININGS
 from dockctl.reports.pages.statistics import interquartile_mean, interval
 from dockctl.reports.pages.thesis import Fact
-from dockctl.reports.trajectory import Track
+from dockctl.reports.trajectory import Track, docked
 from dockctl.scenarios.schema import Task
 
 Draw = Callable[[], Figure]
+ALL_TRACKS = ("pose", "gate")
+"""Measures that tell of failures, too; the others are of the maneuvers that dock."""
 
 
 @dataclass(frozen=True)
@@ -54,7 +56,8 @@ def course_readings(facts: Sequence[Fact], sets: Mapping[str, tuple[Sequence[Tra
     for fact in facts:
         row = {"Fig.": fact.figure, "the thesis": fact.seen}
         for name, (tracks, task) in sets.items():
-            row[name] = OF_COURSES[fact.measure](tracks, task)
+            there = tracks if fact.measure in ALL_TRACKS else [t for t in tracks if docked(t, task)]
+            row[name] = OF_COURSES[fact.measure](there, task) if there else "-"
         rows.append(row | ({"because": fact.why} if fact.why else {}))
     return table(rows)
 
