@@ -31,6 +31,7 @@ check:
 	$(BIN)/pytest -n 2
 
 bench: $(VENV)/.dev
+	$(PIP) --editable '.[dev,bench]'
 	for script in $(BENCHMARKS); do $(BIN)/python $$script || exit 1; done
 	$(BIN)/python benchmarks/page.py
 
