@@ -186,7 +186,9 @@ class TestDocuments:
         for name, field in model.model_fields.items():
             assert f"`{name}`" in rows
             if isinstance(field.default, int | float | None):
-                default = "null" if field.default is None else f"{field.default:.10g}"
+                words = {None: "null", True: "true", False: "false"}
+                is_word = field.default is None or isinstance(field.default, bool)
+                default = words[field.default] if is_word else f"{field.default:.10g}"
                 assert f"| `{name}` | {default} |" in rows
 
     def test_the_numbers_of_the_thesis_are_those_of_its_preset(self) -> None:
