@@ -55,6 +55,8 @@ class DoubleDQN:
     It computes what `dockctl.agents.oracle` does by autograd, as products of matrices into buffers that are
     made once, and with the output layer only where it is used.
 
+    On the CPU the same batches give the same bits; a GPU adds up the output layer's gradient in any order.
+
     Args:
         network: the online network; it is trained in place.
         training: loss, clipping, optimizer and target copies.
@@ -124,15 +126,18 @@ class DoubleDQN:
             torch.from_numpy(array).to(device)
             for array in (transitions.action, transitions.reward, transitions.discount)
         )
+        # The targets: the online network chooses the next action, the target network values it (eq. 2.52).
         hidden = passes.hidden_outputs(self._layers, work.observations, work.online)
         best_action = passes.greedy_action(self._layers, hidden[: work.rows])
         next_hidden = passes.hidden_outputs(self._target_layers, work.next_observation, work.target)
         next_value, _ = passes.value_of(self._target_output, next_hidden, best_action)
+        # The values of the actions taken, and the loss.
         passes.fold(self._layers, self._output)
         q, chosen = passes.value_of(self._output, work.seen[-1], action)
         td_error = q - torch.addcmul(reward, discount, next_value)
         loss, slope = _loss(td_error, self.training.huber_delta)
         slope /= work.rows
+        # Back through the output layer, of which each transition used one row, and through the hidden layers.
         torch.mul(chosen, slope.unsqueeze(1), out=work.slopes[-1])
         self._output_gradient.weight.zero_().index_add_(0, action, work.seen[-1] * slope.unsqueeze(1))
         self._output_gradient.bias.zero_().index_add_(0, action, slope)
