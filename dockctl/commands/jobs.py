@@ -111,7 +111,8 @@ class Job:
         probes = {"latency": latency, "map": run / "map.csv", "returns": run / "returns.csv"}
         for probe in self.experiment.probes:
             yield Stage(probe, (probe, *policy), probes[probe])
-        if "map" in self.experiment.probes and (failures := nearest_failures(run / "map.csv")):
+        charted = "map" in self.experiment.probes and probes["map"].is_file()
+        if charted and (failures := nearest_failures(probes["map"])):
             starts = [word for pose in failures for word in ("--pose", pose)]
             out = records / FAILURES
             yield Stage(
