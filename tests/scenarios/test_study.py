@@ -73,6 +73,20 @@ def test_names_are_used_once(tmp_path: Path) -> None:
         load_study(write(tmp_path, "experiments:\n" + row + row))
 
 
+def test_every_key_is_documented_with_its_default() -> None:
+    text = (Path(__file__).parents[2] / "docs" / "studies.md").read_text(encoding="utf-8")
+    for name, field in Experiment.model_fields.items():
+        default = {"": "empty", (): "[]"}.get(field.default, field.default)
+        shown = "required" if field.is_required() else default
+        assert f"| `{name}` | {shown} |" in text
+
+
+def test_the_study_in_the_document_is_valid(tmp_path: Path) -> None:
+    text = (Path(__file__).parents[2] / "docs" / "studies.md").read_text(encoding="utf-8")
+    study = load_study(write(tmp_path, text.partition("```yaml\n")[2].partition("```")[0]))
+    assert [experiment.seeds for experiment in study.experiments] == [3, 3]
+
+
 def test_an_unknown_study_is_told() -> None:
     with pytest.raises(DockctlError, match=r"no study 'thesys'; did you mean 'thesis'\? \(known: thesis\)"):
         load_study("thesys")
