@@ -1,9 +1,10 @@
-"""How the cost of a scan grows with the number of rays and of triangles, beside embree's.
+"""How costs grow: a scan's with rays and triangles, an update's with the batch, beside a peer's.
 
     python benchmarks/growth.py
 
-Rays: the four LiDARs fire more or fewer times a turn. Triangles: each of the marina's is cut into four,
-and again, so that the scene stays the same. Poses lie in the fairway; one core.
+Rays: the four LiDARs fire more or fewer times a turn. Triangles: each of the marina's is cut into four, and
+again, so that the scene stays the same. Poses lie in the fairway. The peer is embree for scans, torch with
+modules and autograd for updates. One core.
 """
 
 from __future__ import annotations
@@ -14,9 +15,12 @@ import tempfile
 
 import bench  # before numpy
 import numpy as np
+import torch
+from learner import eager, ours
 from lidar import FAIRWAY, embree_scanner, megabytes, scans
 from numpy.typing import NDArray
 
+from dockctl.envs.single import DockingEnv
 from dockctl.scenarios.loader import load
 from dockctl.sim.lidar import LidarArray
 from dockctl.sim.simulator import build_worlds
@@ -24,6 +28,7 @@ from dockctl.sim.simulator import build_worlds
 AZIMUTH_STEPS = (225, 450, 900, 1800, 3600, 7200)
 CUTS = (0, 1, 2)
 EMBREE_POSES = 4
+BATCHES = (32, 128, 512, 2048, 8192)
 
 
 def quartered(triangles: NDArray[np.float64]) -> NDArray[np.float64]:
@@ -40,7 +45,7 @@ def point(lidar: LidarArray, rounds: int, what: str) -> dict[str, object]:
     embree = embree_scanner(lidar)
     cases = {
         "dockctl": scans(lidar, poses, 1),
-        "embree": bench.Case(lambda: [embree(pose) for pose in poses[:EMBREE_POSES]], EMBREE_POSES),
+        "peer": bench.Case(lambda: [embree(pose) for pose in poses[:EMBREE_POSES]], EMBREE_POSES),
     }
     times = bench.alternate(cases, rounds, what)
     table, grid, _ = lidar._tables
@@ -53,8 +58,17 @@ def point(lidar: LidarArray, rounds: int, what: str) -> dict[str, object]:
     }
 
 
+def update(env: DockingEnv, batch: int, rounds: int) -> dict[str, object]:
+    """Measure the learner's update with one size of batch."""
+    count = max(2, 4096 // batch)
+    made = {"dockctl": ours(env, batch), "peer": eager(env, batch)}
+    cases = {name: bench.Case(lambda learn=learn: learn(count), count) for name, learn in made.items()}
+    times = bench.alternate(cases, rounds, "batches")
+    return {"batch": batch, **{name: bench.summary(seconds) for name, seconds in times.items()}}
+
+
 def exponent(points: list[dict[str, object]], size: str) -> float:
-    """Return the exponent with which the time of a scan grows with a size, by least squares."""
+    """Return the exponent with which our time grows with a size, by least squares."""
     x = np.log([float(str(one[size])) for one in points])
     y = np.log([one["dockctl"]["median"] for one in points])  # type: ignore[index]
     return float(np.polyfit(x, y, 1)[0])
@@ -67,7 +81,7 @@ def main() -> None:
     loaded = load("s3")
     triangles = build_worlds(loaded.scenario, loaded.base_dir)[0].lidar.triangles
     spec = loaded.scenario.sensors.lidar
-    report = bench.Report("growth", "How the cost of a scan grows")
+    report = bench.Report("growth", "How costs grow")
     with tempfile.TemporaryDirectory() as folder:
         os.environ["XDG_CACHE_HOME"] = folder  # these tables are nobody's to keep
         rays = [
@@ -82,10 +96,15 @@ def main() -> None:
         for _ in CUTS[1:]:
             scenes.append(quartered(scenes[-1]))
         cuts = [point(LidarArray(spec, scene), arguments.rounds, "triangles") for scene in scenes]
-    report.facts = {"rays": rays, "triangles": cuts}
+    torch.set_num_threads(1)
+    batches = [update(DockingEnv("s3"), batch, arguments.rounds) for batch in BATCHES]
+    report.facts = {"rays": rays, "triangles": cuts, "batches": batches}
     report.bars = [
-        bench.Bar("exponent of the cost in rays", exponent(rays, "rays"), at_most=1),
-        bench.Bar("exponent of the cost in triangles", exponent(cuts, "triangles"), at_most=0.5),
+        bench.Bar("a scan's time grows with the rays to the power", exponent(rays, "rays"), at_most=1),
+        bench.Bar("with the triangles to the power", exponent(cuts, "triangles"), at_most=0.5),
+        bench.Bar(
+            "an update's time grows with the batch to the power", exponent(batches, "batch"), at_most=1
+        ),
     ]
     report.tell()
 

@@ -14,7 +14,7 @@ from typing import Any
 from bench import BUSY, RESULTS
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
-from matplotlib.ticker import FuncFormatter
+from matplotlib.ticker import FuncFormatter, NullFormatter, NullLocator
 
 from dockctl.reports.style import house_style, key, sheet
 from dockctl.runs import palette
@@ -52,31 +52,40 @@ def curve(ax: Axes, x: Sequence[float], points: Sequence[Json], factor: float, c
     ax.plot(x, [factor * seconds["median"] for seconds in points], color=color, marker="o", ms=4)
 
 
-def logarithmic(ax: Axes, x_label: str, y_label: str) -> None:
-    """Scale both axes by decades, and write plain numbers at them."""
+def logarithmic(ax: Axes, x: Sequence[float], x_label: str, y_label: str) -> None:
+    """Scale both axes by decades, with the measured sizes written at the lower one."""
     ax.set(xscale="log", yscale="log", xlabel=x_label, ylabel=y_label)
-    ax.xaxis.set_major_formatter(FuncFormatter(lambda value, _: f"{value:,.0f}"))
+    ax.set_xticks(x, [short(value) for value in x])
+    ax.xaxis.set_minor_locator(NullLocator())
     ax.yaxis.set_major_formatter(FuncFormatter(lambda value, _: f"{value:g}"))
+    ax.yaxis.set_minor_formatter(NullFormatter())
     ax.margins(x=0.06, y=0.12)
-    ax.yaxis.set_minor_formatter(FuncFormatter(lambda *_: ""))
-    ax.xaxis.set_minor_formatter(FuncFormatter(lambda *_: ""))
+
+
+def short(value: float) -> str:
+    """Write a size for an axis: 32, 14k, 907k, 1.2M."""
+    for unit, letter in ((1e6, "M"), (1e3, "k")):
+        if value >= unit:
+            return f"{value / unit:.3g}{letter}" if value < 10 * unit else f"{value / unit:.0f}{letter}"
+    return f"{value:g}"
 
 
 def growth_figure(growth: Json) -> Figure:
-    """Time of a scan against rays and against triangles, beside embree's."""
-    figure = sheet(
-        "What a scan costs",
-        "one core, poses in the fairway; bars from the least to the greatest of the rounds",
+    """Times against rays, triangles and the batch, beside a peer's."""
+    subtitle = "one core; bars from the least to the greatest of the rounds"
+    figure = sheet("How costs grow", subtitle, (10.4, 4.0))
+    panels = (
+        ("rays", "rays a scan", "a scan [ms]", "trimesh + embree + numpy"),
+        ("triangles", "triangles in the harbor", "a scan [ms]", "trimesh + embree + numpy"),
+        ("batches", "transitions an update", "an update [ms]", "torch modules and autograd"),
     )
-    left, right = figure.subplots(1, 2, sharey=True)
-    for ax, size, label in ((left, "rays", "rays a scan"), (right, "triangles", "triangles in the harbor")):
+    for ax, (size, x_label, y_label, peer) in zip(figure.subplots(1, 3), panels, strict=True):
         points = growth["facts"][size]
-        x = [point[size] for point in points]
-        curve(ax, x, [point["embree"] for point in points], 1e3, PEER)
+        x = [point["batch" if size == "batches" else size] for point in points]
+        curve(ax, x, [point["peer"] for point in points], 1e3, PEER)
         curve(ax, x, [point["dockctl"] for point in points], 1e3, OURS)
-        logarithmic(ax, label, "milliseconds a scan" if ax is left else "")
-    key(left, [("trimesh + embree + numpy", PEER), ("dockctl", OURS)])
-    right.set_title(" ", fontsize=8.5, pad=7)
+        logarithmic(ax, x, x_label, y_label)
+        key(ax, [("dockctl", OURS), (peer, PEER)])
     return figure
 
 
@@ -86,36 +95,41 @@ def boats_figure(environment: Json) -> Figure:
     subtitle = f"environment of scenario 3, every ray, {facts['cores']} cores"
     figure = sheet("What a boat costs among others", subtitle)
     left, right = figure.subplots(1, 2)
-    curve(left, facts["boats"], list(environment["seconds"].values()), 1e6, OURS)
-    logarithmic(left, "boats", "microseconds a boat and step")
+    curve(left, facts["boats"], facts["processor_seconds"], 1e6, OURS)
+    logarithmic(left, facts["boats"], "boats", "processor time a boat and step [µs]")
     held = [max(value, 1) / 1e6 for value in facts["held_bytes"]]
     expected = [boats * facts["state_bytes_a_boat"] / 1e6 for boats in facts["boats"]]
     right.plot(facts["boats"], held, color=OURS, marker="o", ms=4)
     right.plot(facts["boats"], expected, color=palette.RULE, ls="--")
-    logarithmic(right, "boats", "megabytes beside harbor and tables")
+    logarithmic(right, facts["boats"], "boats", "megabytes beside harbor and tables")
     key(right, [("held by the process", OURS), ("state alone", palette.RULE, "--")])
     left.set_title(" ", fontsize=8.5, pad=7)
     return figure
 
 
 def ways_figure(lidar: Json) -> Figure:
-    """Time of a scan by each way, as bars on a scale of decades."""
+    """Time of a scan on one core by each way, on a scale of decades."""
     facts = lidar["facts"]
-    subtitle = f"{facts['rays']:,} rays, {facts['triangles']:,} triangles; milliseconds, median of the rounds"
-    figure = sheet("Ways to scan the marina", subtitle, (7.6, 3.2))
+    subtitle = f"{facts['rays']:,} rays, {facts['triangles']:,} triangles; one core, median of the rounds"
+    figure = sheet("Ways to scan the marina", subtitle, (7.6, 2.7))
     ax = figure.add_subplot()
-    ways = sorted(lidar["seconds"].items(), key=lambda item: -item[1]["median"])
-    for row, (name, seconds) in enumerate(ways):
+    ways = [(name, 1e3 * s["median"]) for name, s in lidar["seconds"].items() if "wall" not in name]
+    ways.sort(key=lambda way: -way[1])
+    for row, (name, milliseconds) in enumerate(ways):
         color = OURS if name.startswith("dockctl") else PEER
-        ax.barh(row, 1e3 * seconds["median"], color=color, height=0.62)
-        ax.text(1.06e3 * seconds["median"], row, number(1e3 * seconds["median"]), va="center", fontsize=8.5)
-    ax.set(
-        xscale="log", xlabel="milliseconds a scan", yticks=range(len(ways)), yticklabels=[w[0] for w in ways]
-    )
+        ax.plot([milliseconds], [row], "o", ms=9, color=color)
+        ax.annotate(
+            f"{number(milliseconds)} ms",
+            (milliseconds, row),
+            (10, 0),
+            textcoords="offset points",
+            va="center",
+        )
+    ax.set(xscale="log", xlabel="milliseconds a scan", yticks=range(len(ways)))
+    ax.set_yticklabels([name for name, _ in ways], color=palette.INK)
     ax.xaxis.set_major_formatter(FuncFormatter(lambda value, _: f"{value:g}"))
-    ax.set_xlim(0.5e3 * ways[-1][1]["median"], 2.5e3 * ways[0][1]["median"])
-    ax.invert_yaxis()
-    ax.grid(False, axis="y")
+    ax.set_xlim(0.5 * ways[-1][1], 3 * ways[0][1])
+    ax.set_ylim(len(ways) - 0.5, -0.5)
     return figure
 
 
@@ -166,15 +180,15 @@ It keeps {number(facts["rays_mb"])} MB for the rays, shared by all harbors, and
 
 def growth_section(growth: Json) -> str:
     rays, cuts = growth["facts"]["rays"], growth["facts"]["triangles"]
-    by_rays, by_triangles = (f"{bar['value']:.2f}" for bar in growth["bars"])
+    by_rays, by_triangles, by_batch = (f"{bar['value']:.2f}" for bar in growth["bars"])
 
     def rows(points: list[Json], size: str) -> list[list[str]]:
         return [
             [
                 f"{one[size]:,}",
                 number(1e3 * one["dockctl"]["median"]),
-                number(1e3 * one["embree"]["median"]),
-                number(one["embree"]["median"] / one["dockctl"]["median"]),
+                number(1e3 * one["peer"]["median"]),
+                number(one["peer"]["median"] / one["dockctl"]["median"]),
                 number(one["rays_mb"]),
                 number(one["harbor_mb"]),
             ]
@@ -182,9 +196,9 @@ def growth_section(growth: Json) -> str:
         ]
 
     head = ("dockctl [ms]", "embree [ms]", "ratio", "rays [MB]", "harbor [MB]")
-    return f"""## How the cost of a scan grows
+    return f"""## How costs grow
 
-![cost of a scan](figures/performance-growth.png)
+![how costs grow](figures/performance-growth.png)
 
 With the rays, a scan's time grows to the power of {by_rays}: a cell of the rings is looked up once for all
 the rays that cross it, and only the rays that may hit something near a sector's best are walked. Twice the
@@ -199,22 +213,24 @@ a cell.
 What limits it: the time goes in equal parts into walking rays through cells of 0.1 m, testing triangles, and
 reading both from memory, since every pose touches another part of the tables. The next factor would be to
 test four triangles or walk eight rays in one instruction, which needs a compiler with vector types; a
-coarser grid or fewer rings only move the cost from one part to another."""
+coarser grid or fewer rings only move the cost from one part to another.
+
+An update of the learner grows with the batch to the power of {by_batch} over the sizes in the figure: a small
+one pays for its calls into torch, a large one for the products of its matrices."""
 
 
 def boats_section(environment: Json) -> str:
     facts = environment["facts"]
+    timed = zip(facts["boats"], environment["seconds"].values(), facts["processor_seconds"], strict=True)
     rows = [
-        [f"{boats:,}", f"{1 / seconds['median']:,.0f}", number(1e6 * seconds["median"]), number(held / 1e6)]
-        for boats, seconds, held in zip(
-            facts["boats"], environment["seconds"].values(), facts["held_bytes"], strict=True
-        )
+        [f"{boats:,}", f"{1 / wall['median']:,.0f}", number(1e6 * processor["median"]), number(held / 1e6)]
+        for (boats, wall, processor), held in zip(timed, facts["held_bytes"], strict=True)
     ]
     return f"""## Boats side by side
 
 ![boats](figures/performance-boats.png)
 
-{table(("boats", "steps a second", "µs a boat and step", "memory [MB]"), rows)}
+{table(("boats", "steps a second", "processor [µs a boat and step]", "memory [MB]"), rows)}
 
 A step of one boat through `gymnasium.make` takes {number(facts["one_step_ms"]["median"])} ms at the median
 and {number(facts["one_step_ms"]["p99"])} ms at the 99th percentile. Few boats pay for the calls from
@@ -241,11 +257,31 @@ What limits the forward pass is the number of calls into the library, not their 
 
 
 def learner_section(learner: Json) -> str:
-    rows = [
-        [name, f"{1 / seconds['median']:,.0f}", number(1e3 * seconds["median"])]
-        for name, seconds in learner["seconds"].items()
+    batches = {name: facts for name, facts in learner["facts"].items() if "updates_per_second" in facts}
+    tables = [
+        table(
+            (name, "updates a second", "times as fast is dockctl"),
+            [
+                [peer, number(rate), number(facts["times_as_fast_as"].get(peer, 1.0))]
+                for peer, rate in facts["updates_per_second"].items()
+            ],
+        )
+        for name, facts in batches.items()
     ]
-    return "## Learner\n\n" + table(("", "a second", "ms"), rows)
+    shares = [f"{facts['share_of_the_arithmetic_bound']:.0%} at {name}" for name, facts in batches.items()]
+    forward = learner["facts"]["forward"]["microseconds"].items()
+    tables.append(table(("forward pass of one boat", "µs"), [[name, number(time)] for name, time in forward]))
+    return "\n\n".join(
+        [
+            "## The learner",
+            "One core. Against the arithmetic alone, the multiplications and additions of an update over the"
+            f" rate at which this core multiplies large matrices, the update reaches {' and '.join(shares)}.",
+            *tables,
+            "What limits it: at small batches the number of calls into torch, at large ones the products of"
+            " matrices and the passes over memory between them. The next factor is a graphics processor or"
+            " half precision for large batches; at small ones there is only fewer and larger updates.",
+        ]
+    )
 
 
 def training_section(training: Json) -> str:
