@@ -26,7 +26,7 @@ def judging_starts(scenario: Scenario, worlds: Sequence[World]) -> list[Start]:
     """Return the starts that judge a policy during training.
 
     They are the test poses, or the initial poses where none are given; where the task has berths, random
-    starts at the trained ones.
+    starts at the trained ones, by way of intermediate poses as in training.
     """
     from dockctl.sim.sites import free_sites, own_site, pose_array
     from dockctl.sim.starts import given_start, random_starts
@@ -39,7 +39,7 @@ def judging_starts(scenario: Scenario, worlds: Sequence[World]) -> list[Start]:
     trained = [site for site in free_sites(scenario, blocked) if site.kind == "trained"]
     seed = evaluation.random_starts.seed
     count = evaluation.trained_berths
-    return random_starts(scenario, trained, blocked, episodes=count, seed=seed, kind="trained")
+    return random_starts(scenario, trained, blocked, episodes=count, seed=seed, kind="trained", spread=True)
 
 
 def shown_starts(scenario: Scenario, worlds: Sequence[World]) -> list[Start]:

@@ -15,8 +15,8 @@ from dockctl.scenarios.training import Evaluation, Training
 from dockctl.scenarios.vessel import Vessel
 
 
-class StartPose(Pose):
-    """An initial pose, drawn uniformly within +- position_offset_m in x and y and +- heading_offset_deg."""
+class SpreadPose(Pose):
+    """A pose drawn uniformly within +- position_offset_m in x and y and +- heading_offset_deg, in training."""
 
     position_offset_m: NonNegative = 0.0
     heading_offset_deg: NonNegative = 0.0
@@ -48,8 +48,8 @@ class Tolerance(Model):
 class Task(Model):
     """Where an episode begins, passes and ends (thesis Table 3.6, sections 3.2.3 and 4.3)."""
 
-    initial: tuple[StartPose, ...] = Field(min_length=1)
-    intermediate: Pose | None = None
+    initial: tuple[SpreadPose, ...] = Field(min_length=1)
+    intermediate: SpreadPose | None = None
     final: Pose
     final_tolerance: Tolerance = Tolerance(distance_m=1.0, heading_rad=0.07, speed_mps=0.1)
     intermediate_tolerance: Tolerance = Tolerance(distance_m=1.5, heading_deg=5.0, speed_mps=0.1)

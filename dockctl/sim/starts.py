@@ -93,6 +93,16 @@ def exploring_start(
     return _first_free(draw, blocked) or initial_start(site, task, rng, blocked)
 
 
+def spread_intermediate(site: Site, task: Task, rng: np.random.Generator, blocked: Blocked) -> Site:
+    """Return the site with its intermediate pose drawn within the offsets that the task gives it."""
+    pose = task.intermediate
+    if pose is None or not (reach := _reach(pose.position_offset_m, pose.heading_offset_deg)).any():
+        return site
+    intermediate, final = site.goals
+    gate = given_start(site, task, intermediate, 0)
+    return replace(site, goals=np.stack([_nearby(gate, reach, rng, blocked).eta, final]))
+
+
 class StartSampler:
     """Draws the starts of episodes at the sites of one scenario.
 
@@ -117,6 +127,7 @@ class StartSampler:
         """Draw the start of one episode."""
         site = self._sites[int(rng.integers(len(self._sites)))]
         blocked = self._blocked[site.harbor]
+        site = spread_intermediate(site, self._task, rng, blocked)
         if self._exploring is not None and rng.random() < self._exploring.fraction:
             return exploring_start(site, self._task, self._exploring, rng, blocked)
         return initial_start(site, self._task, rng, blocked)
@@ -130,10 +141,12 @@ def random_starts(
     episodes: int,
     seed: int,
     kind: str = "random",
+    spread: bool = False,
 ) -> list[Start]:
     """Draw free starts around the initial poses of the sites, as `evaluation.random_starts` says.
 
     Start i does not depend on how many are drawn. A draw that finds nothing free is the initial pose itself.
+    With `spread`, the intermediate pose is drawn as in training, too.
     """
     around, task = scenario.evaluation.random_starts, scenario.task
     reach = _reach(around.position_m, around.heading_deg)
@@ -141,6 +154,8 @@ def random_starts(
     for child in np.random.SeedSequence(seed).spawn(episodes):
         rng = np.random.default_rng(child)
         site = sites[int(rng.integers(len(sites)))]
+        if spread:
+            site = spread_intermediate(site, task, rng, blocked[site.harbor])
         index = int(rng.integers(len(site.initial)))
         start = given_start(site, task, site.initial[index], index, kind)
         starts.append(_nearby(start, reach, rng, blocked[site.harbor]))

@@ -108,3 +108,20 @@ def test_random_starts_lie_around_their_own_site() -> None:
 def test_berths_that_cannot_be_are_refused(override: str, message: str) -> None:
     with pytest.raises(InputError, match=message):
         load("marina", overrides=[override])
+
+
+def test_the_intermediate_pose_is_spread_in_training_and_nominal_in_tests() -> None:
+    gate = MARINA.task.intermediate
+    assert gate is not None and gate.position_offset_m > 0
+    reach = [gate.position_offset_m, gate.position_offset_m, math.radians(gate.heading_offset_deg)]
+    nominal = {site.berth: site.goals for site in sites(MARINA)}
+    sampler, rng = StartSampler(MARINA, sites(MARINA), OPEN), np.random.default_rng(2)
+    offsets = []
+    for _ in range(200):
+        start = sampler.draw(rng)
+        assert np.array_equal(start.goals[1], nominal[start.berth][1])
+        offsets.append(start.goals[0] - nominal[start.berth][0])
+    assert (np.abs(offsets) <= reach).all()
+    assert (np.ptp(offsets, axis=0) > np.array(reach)).all()
+    tests = random_starts(MARINA, sites(MARINA), OPEN, episodes=20, seed=1)
+    assert all(np.array_equal(start.goals, nominal[start.berth]) for start in tests)
