@@ -10,13 +10,15 @@ import pytest
 
 from dockctl.agents.checkpoint import POLICY
 from dockctl.commands.policies import find
-from dockctl.commands.shipping import CARD, play_training
+from dockctl.commands.rooms import judging_starts, player
+from dockctl.commands.shipping import CARD, training_starts
 from dockctl.runs.shipped import shipped
+from dockctl.sim.simulator import build_worlds
 from tests.commands.conftest import dockctl
 
 NAMES = {"s1", "s2", "s3", "marina"}
 EPISODES = {"marina": 4}
-"""How many training poses are tried; one where nothing stands here."""
+"""How many starts of its training are tried; one where nothing stands here."""
 
 each = pytest.mark.parametrize("name", sorted(shipped()))
 
@@ -43,11 +45,14 @@ def test_the_files_are_those_of_the_card(name: str) -> None:
 
 
 @each
-def test_it_docks_from_the_poses_of_its_training(
+def test_it_docks_from_starts_of_its_training(
     name: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.chdir(tmp_path)
     trained = find(Path(name))
     assert trained.card.interface is not None
-    episodes = play_training(trained, trained.scenario(None), most=EPISODES.get(name, 1))
-    assert [episode.outcome for episode in episodes] == ["docked"] * EPISODES.get(name, 1)
+    loaded = trained.scenario(None)
+    worlds = build_worlds(loaded.scenario, loaded.base_dir)
+    starts = judging_starts if loaded.scenario.task.berths else training_starts
+    some = starts(loaded.scenario, worlds)[: EPISODES.get(name, 1)]
+    assert [one.outcome for one in player(loaded, worlds, some)(trained.policy)] == ["docked"] * len(some)

@@ -19,6 +19,7 @@ from dockctl.runs.statistics import wilson_interval
 from dockctl.scenarios.schema import ObservationPart, Scenario
 
 FAILURES_LISTED = 12
+KINDS = {"training": "poses of its training", **GROUPS}
 EPISODES = ("start_kind", "x_m", "y_m", "heading_deg", "outcome", "collided_with", "phase", "clearance_m")
 CELLS = ("dx_m", "dy_m", "dheading_deg", "blocked", "outcome", "collided_with")
 """Columns that the card is written from."""
@@ -47,13 +48,23 @@ def table(path: Path, columns: Sequence[str]) -> pd.DataFrame:
     return read.assign(collided_with=read["collided_with"].fillna(""))
 
 
+def evaluations(run: Path) -> dict[str, pd.DataFrame]:
+    """Read the evaluations of a run by the stems of their files, the one on its own scenario first.
+
+    Raises:
+        DockctlError: one cannot be read.
+    """
+    paths = [run / "evaluation.csv", *sorted(run.glob("evaluation-*.csv"))]
+    return {path.stem: table(path, EPISODES) for path in paths}
+
+
 def write(
     name: str,
     scenario: Scenario,
     card: PolicyCard,
     run: RunDirectory,
     others: Sequence[tuple[int, Mapping[str, float]]],
-    training_poses: int,
+    training: pd.DataFrame,
     folder: Path,
     files: Sequence[Path],
 ) -> str:
@@ -62,23 +73,21 @@ def write(
     Args:
         name: of the checkpoint.
         others: seed and docked share by sort of start of every run that it was chosen from, itself first.
-        training_poses: how many it docks from, all of them.
+        training: its episodes from the poses of its training, columns `EPISODES`.
         folder, files: the checkpoint's folder and the files in it, for their hashes.
     """
-    files_of_episodes = [run.path / "evaluation.csv", *sorted(run.path.glob("evaluation-*.csv"))]
-    evaluations = {path.stem: table(path, EPISODES) for path in files_of_episodes}
+    episodes = {"": training, **evaluations(run.path)}
     sections = [
         f"# {name}\n\n{scenario.title}\n\n{scenario.description}".rstrip(),
         "```sh\n" + f"dockctl evaluate --ckpt {name}\n" + "```",
         "## What it is\n\n" + _rows(("", ""), _facts(scenario, card, run, others)),
-        f"## What it does\n\nIt docks from {_all(training_poses)} of its training."
-        " Episodes of the greedy policy, and the Wilson interval of their success:\n\n"
+        "## What it does\n\nEpisodes of the greedy policy, and the Wilson interval of their success:\n\n"
         + _rows(
             ("scenario", "starts", "docked", "success", "95 % interval", "least clearance"),
-            _successes(scenario, evaluations),
+            _successes(scenario, episodes),
         ),
         *_further(run),
-        "## Known failures\n\n" + "\n".join(_failures(scenario, evaluations)),
+        "## Known failures\n\n" + "\n".join(_failures(scenario, episodes)),
         "## Use and limits\n\n" + LIMITS + "\n" + (FIXED if scenario.task.berths is None else BERTHS),
         "## Files\n\n" + _rows(("file", "SHA-256"), _hashes(folder, files)),
     ]
@@ -96,7 +105,8 @@ def _facts(
         rates = ", ".join(f"{share[kind]:.0%} (seed {seed})" for seed, share in others)
         yield (
             "chosen",
-            f"of {len(others)} runs, by their evaluations; {GROUPS.get(kind, kind)} docked: {rates}",
+            f"of {len(others)} runs, for its evaluations, which therefore flatter it;"
+            f" {GROUPS.get(kind, kind)} docked: {rates}",
         )
     yield "steps", f"{card.env_steps:,} environment steps, where its training found the best greedy policy"
     yield "network", f"dueling, layers of {', '.join(map(str, card.hidden_sizes))}"
@@ -135,7 +145,7 @@ def _groups(
     for stem, episodes in evaluations.items():
         where = stem.removeprefix("evaluation").removeprefix("-") or scenario.name
         for kind in episodes["start_kind"].unique():
-            yield where, GROUPS.get(kind, kind), episodes[episodes["start_kind"] == kind]
+            yield where, KINDS.get(kind, kind), episodes[episodes["start_kind"] == kind]
 
 
 def _further(run: RunDirectory) -> Iterator[str]:
@@ -196,7 +206,3 @@ def _hashes(folder: Path, files: Sequence[Path]) -> Iterator[tuple[str, str]]:
 def _rows(head: Sequence[str], rows: Iterator[Sequence[str]]) -> str:
     lines = [head, ["---"] * len(head), *rows]
     return "\n".join("| " + " | ".join(line) + " |" for line in lines)
-
-
-def _all(poses: int) -> str:
-    return "the pose" if poses == 1 else f"all {poses} poses"

@@ -22,8 +22,9 @@ def ship(
     """Put the best policy of one or more runs into a folder of its own, with scenario and model card.
 
     Of several runs the one is taken that docks from the most test poses, or at the most trained berths; then
-    from the most random starts, or at the most held-out berths; then that of the lowest seed. It must dock
-    from every pose of its training. What `evaluate`, `map` and `latency` found goes into the card.
+    from the most random starts, or at the most held-out berths; then most often on the other scenarios that
+    it was evaluated on; then that of the lowest seed. It must dock from every pose of its training, unless
+    that has many berths. What `evaluate`, `map` and `latency` found goes into the card.
 
     Example: dockctl ship runs/s3/* --name s3
     """

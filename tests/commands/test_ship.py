@@ -24,11 +24,12 @@ def runs(
     """Make a run of some seed that was evaluated with these outcomes, and whose training poses do as told."""
     docking: set[int] = set()
 
-    def play(policy: Trained, loaded: object, *, most: int | None = None) -> list[object]:
+    def play(policy: Trained, loaded: object) -> list[object]:
         class One:
             docked = policy.card.seed in docking
             outcome = "docked" if docked else "timeout"
             phase, collided_with = 1, ""
+            row = staticmethod(lambda: {"outcome": "docked", "phase": 1, "clearance_m": 1.5})
             start = type("Start", (), {"eta": (20.0, 2.0, 2.8)})
 
         return [One()]
@@ -70,6 +71,7 @@ def test_the_best_that_docks_from_its_training_poses_is_shipped(runs: MakeRun, t
     assert (card.seed, card.interface is not None) == (1, True)
     assert (network.flat == load_policy(given[1])[0].flat).all()
     text = (tmp_path / "out" / "mine" / "card.md").read_text()
+    assert "| `s1` | poses of its training | 1 of 1 | 100.0% |" in text
     assert "| `s1` | random starts | 2 of 3 | 66.7% |" in text
     assert "1 of 3 failed: 1 collision with" in text
     assert "of 4 runs" in text
