@@ -12,7 +12,7 @@ from dockctl.reports.pages import claims, elsewhere, learner, scenario
 from dockctl.reports.pages.kept import Kept, Kepts, read_results
 from dockctl.reports.pages.markdown import NOT_RUN, listed, share, spread, table
 from dockctl.reports.pages.page import Page, text_of
-from dockctl.reports.pages.thesis import INDEX
+from dockctl.reports.pages.thesis import INDEX, Entry
 from dockctl.reports.pages.time import time_page
 from dockctl.reports.style import house_style
 from dockctl.runs.files import write_atomically, writing
@@ -98,7 +98,7 @@ def overview(study: Study, kept: Kepts, pages: list[Page]) -> Page:
         "## Claims",
         table(list(claims.rows(kept))),
         "## Every figure and table",
-        table([_index_row(entry.numbers, entry.shows, entry.page, entry.command) for entry in INDEX]),
+        table([_index_row(entry) for entry in INDEX]),
         "## Pages",
         "\n".join(f"- [{page.text.splitlines()[0].lstrip('# ')}]({page.path})" for page in pages),
     )
@@ -133,5 +133,11 @@ def _glance(experiment: Experiment, runs: list[Kept]) -> dict[str, str]:
     }
 
 
-def _index_row(numbers: str, shows: str, page: str, command: str) -> dict[str, str]:
-    return {"thesis": numbers, "shows": shows, "ours": f"[here]({page})", "made by": f"`{command}`"}
+def _index_row(entry: Entry) -> dict[str, str]:
+    return {
+        "thesis": entry.numbers,
+        "shows": entry.shows,
+        "ours": f"[here]({entry.page})",
+        "how they differ": entry.differs,
+        "made by": f"`{entry.command}`",
+    }
