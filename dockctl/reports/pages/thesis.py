@@ -164,7 +164,7 @@ INDEX = (
         f"{ELSEWHERE}#the-berth-on-the-other-side", f"{ALL} s3 marina", "beside it the marina's policies",
     ),
     Entry(
-        "Fig. 4.38", "duration of a forward pass", "results/time.md", f"{ALL} s3", "and of the whole decision",
+        "Fig. 4.38", "duration of a forward pass", "results/time.md", f"{ALL} s3", "also of whole decisions",
     ),
     Entry(
         "Figs. 4.39, 4.40", "failures far from the trained start",
