@@ -2,8 +2,7 @@
 
     python benchmarks/latency.py
 
-A decision is scan, state, forward pass and choice. The forward pass is timed against the same network as
-torch modules.
+A decision is scan, state, forward pass and choice of the action.
 """
 
 from __future__ import annotations
@@ -23,7 +22,8 @@ from dockctl.commands.timing import time_decisions
 from dockctl.envs.vector import DockingVectorEnv
 from dockctl.sim import lidar as lidar_module
 
-MODULES, POLICY = "the network as torch modules", "dockctl's policy"
+FORWARDS = 2600
+WARM_UP = 100
 
 
 def microseconds(work: Callable[[], object], times: int) -> NDArray[np.float64]:
@@ -39,7 +39,6 @@ def microseconds(work: Callable[[], object], times: int) -> NDArray[np.float64]:
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("--decisions", type=int, default=2000)
-    parser.add_argument("--rounds", type=int, default=7)
     arguments = parser.parse_args()
     torch.set_num_threads(1)
     lidar_module.thread_count = lambda: 1
@@ -48,23 +47,8 @@ def main() -> None:
     training = env.scenario.training
     network = DuelingQNetwork(observation.shape[1], len(env.action_commands), training.hidden_sizes)
     policy = GreedyPolicy(network)
-    tensor = torch.from_numpy(observation)
-
-    def by_modules() -> object:
-        with torch.inference_mode():
-            return network(tensor).argmax(dim=1).numpy()
-
-    count = 500
     report = bench.Report("latency", "Latency: one boat, one core")
-    report.seconds = bench.alternate(
-        {
-            MODULES: bench.Case(lambda: [by_modules() for _ in range(count)], count),
-            POLICY: bench.Case(lambda: [policy(observation) for _ in range(count)], count),
-        },
-        arguments.rounds,
-        "forward pass",
-    )
-    forward = microseconds(lambda: policy(observation), 5 * count)
+    forward = microseconds(lambda: policy(observation), FORWARDS)[WARM_UP:]
     decisions = time_decisions(env, policy, arguments.decisions)
     report.facts = {
         "decisions": len(decisions),
@@ -77,12 +61,6 @@ def main() -> None:
     report.bars = [
         bench.Bar("policy, p99", report.facts["forward_us"]["p99"], at_most=150, unit="µs"),
         bench.Bar("whole decision, p99", slowest, at_most=4, unit="ms"),
-        bench.Bar(
-            "policy, against torch modules",
-            bench.ratio(report.seconds, MODULES, POLICY),
-            at_least=1,
-            unit="×",
-        ),
     ]
     report.tell()
 

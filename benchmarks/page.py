@@ -20,7 +20,7 @@ from dockctl.reports.style import house_style, key, sheet
 from dockctl.runs import palette
 
 DOCS = Path(__file__).parents[1] / "docs"
-SCRIPTS = ("lidar", "environment", "growth", "learner", "latency", "training")
+SCRIPTS = ("lidar", "oracle", "environment", "growth", "learner", "latency", "training")
 OURS, PEER = palette.SINGLE, palette.SECOND_MEAN
 Json = dict[str, Any]
 
@@ -168,14 +168,17 @@ def scan_section(lidar: Json) -> str:
 
 ![ways to scan](figures/performance-ways.png)
 
-The peer is embree by way of trimesh, asked for distances alone, with the sector ranges by numpy; it
-computes in single precision and differs from the plain tracer by at most {number(facts["embree_off_mm"])}
-mm. The fast scan traces only what can matter and equals the plain tracer bit for bit:
-{facts["ranges_compared"]:,} ranges from {facts["poses"]:,} poses all over the basin were compared, inside
-berths and across moored vessels too.
-
-It keeps {number(facts["rays_mb"])} MB for the rays, shared by all harbors, and
+The peer is embree by way of trimesh, asked for distances alone, with the sector ranges by numpy. The
+fast scan keeps {number(facts["rays_mb"])} MB for the rays, shared by all harbors, and
 {number(facts["harbor_mb"])} MB for each harbor."""
+
+
+def oracle_section(oracle: Json) -> str:
+    facts = oracle["facts"]
+    return f"""The fast scan traces only what can matter and must equal the plain tracer bit for bit:
+{facts["ranges_compared"]:,} ranges were compared, from {facts["poses"]:,} poses all over the basin, of which
+{facts["touching"]:,} touch something or lie inside of it. Embree computes in single precision and differs
+from the plain tracer by at most {number(facts["embree_off_mm"])} mm."""
 
 
 def growth_section(growth: Json) -> str:
@@ -335,6 +338,7 @@ FIGURES: dict[str, tuple[str, Callable[[Json], Figure]]] = {
 }
 SECTIONS: dict[str, Callable[[Json], str]] = {
     "lidar": scan_section,
+    "oracle": oracle_section,
     "growth": growth_section,
     "environment": boats_section,
     "learner": learner_section,

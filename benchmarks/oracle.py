@@ -1,0 +1,61 @@
+"""The fast scan against every ray traced, bit for bit, and against embree to its precision.
+
+    python benchmarks/oracle.py                   # 500 poses
+    python benchmarks/oracle.py --poses 10000     # a quarter of an hour on one core
+
+Poses lie anywhere in the basin: in the fairway, inside berths, across moored vessels, piers and piles.
+"""
+
+from __future__ import annotations
+
+import argparse
+from concurrent.futures import ThreadPoolExecutor
+
+import bench  # before numpy
+import numpy as np
+from lidar import embree_scanner
+from rich.progress import track
+
+from dockctl.scenarios.loader import load
+from dockctl.sim.lidar import prepare, thread_count
+from dockctl.sim.simulator import build_worlds
+
+BASIN = ((4.5, -40.0, -np.pi), (38.5, 40.0, np.pi))
+BLOCK = 20
+EMBREE_POSES = 200
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser.add_argument("--poses", type=int, default=500)
+    arguments = parser.parse_args()
+    loaded = load("s3")
+    world = build_worlds(loaded.scenario, loaded.base_dir)[0]
+    lidar = world.lidar
+    prepare([lidar])
+    poses = np.random.default_rng(0).uniform(*BASIN, (arguments.poses, 3))
+    fast, touching = lidar.sector_ranges(poses), world.obstacles.blocked(poses)
+    lidar.sector_ranges_by_full_scan(poses[:1])  # builds its tree, before threads ask for it
+    blocks = np.array_split(poses, max(1, len(poses) // BLOCK))
+    with ThreadPoolExecutor(thread_count()) as pool:
+        scanned = pool.map(lidar.sector_ranges_by_full_scan, blocks)
+        shown = track(scanned, "oracle", len(blocks), console=bench.console, transient=True)
+        plain = np.concatenate(list(shown))
+    embree = embree_scanner(lidar)
+    peer = np.array([embree(pose) for pose in poses[:EMBREE_POSES]])
+    report = bench.Report("oracle", f"The fast scan against every ray traced, {len(poses):,} poses")
+    report.facts = {
+        "poses": len(poses),
+        "touching": int(touching.sum()),
+        "ranges_compared": fast.size,
+        "embree_off_mm": 1e3 * float(np.abs(peer - plain[: len(peer)]).max()),
+    }
+    report.bars = [
+        bench.Bar(f"ranges that differ, of {fast.size:,}", int(np.sum(fast != plain)), at_most=0),
+        bench.Bar("embree's greatest difference", report.facts["embree_off_mm"], at_most=1, unit="mm"),
+    ]
+    report.tell()
+
+
+if __name__ == "__main__":
+    main()
