@@ -78,6 +78,8 @@ class DoubleDQN:
             passes.empty_output(self._layers) for _ in range(3)
         )
         self._work = Workspace(network, training.batch_size)
+        largest = training.largest_return
+        self._largest = math.inf if largest is None else largest * training.reward_scale
         self.copy_to_target()
 
     def copy_to_target(self) -> None:
@@ -134,7 +136,7 @@ class DoubleDQN:
         # The values of the actions taken, and the loss.
         passes.fold(self._layers, self._output)
         q, chosen = passes.value_of(self._output, work.seen[-1], action)
-        td_error = q - torch.addcmul(reward, discount, next_value)
+        td_error = q - torch.addcmul(reward, discount, next_value).clamp_(max=self._largest)
         loss, slope = _loss(td_error, self.training.huber_delta)
         slope /= work.rows
         # Back through the output layer, of which each transition used one row, and through the hidden layers.

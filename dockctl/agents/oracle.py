@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable
 from dataclasses import dataclass
 
@@ -30,11 +31,12 @@ class Batch:
 
 
 @torch.no_grad()
-def td_target(batch: Batch, online: QFunction, target: QFunction) -> Tensor:
-    """Double DQN target: the online network chooses the next action, the target network values it. (m,)"""
+def td_target(batch: Batch, online: QFunction, target: QFunction, largest: float = math.inf) -> Tensor:
+    """Double DQN target, at most `largest`: the online network chooses the next action, the target network
+    values it. (m,)"""
     best_action = online(batch.next_observation).argmax(dim=1, keepdim=True)
     next_value = target(batch.next_observation).gather(1, best_action).squeeze(1)
-    return batch.reward + batch.discount * next_value
+    return (batch.reward + batch.discount * next_value).clamp(max=largest)
 
 
 def td_loss(q: Tensor, target: Tensor, huber_delta: float | None) -> Tensor:
@@ -44,7 +46,13 @@ def td_loss(q: Tensor, target: Tensor, huber_delta: float | None) -> Tensor:
     return functional.huber_loss(q, target, delta=huber_delta)
 
 
-def loss(batch: Batch, online: QFunction, target: QFunction, huber_delta: float | None) -> Tensor:
+def loss(
+    batch: Batch,
+    online: QFunction,
+    target: QFunction,
+    huber_delta: float | None,
+    largest: float = math.inf,
+) -> Tensor:
     """Loss of a batch, ready for `backward`."""
     q = online(batch.observation).gather(1, batch.action.unsqueeze(1)).squeeze(1)
-    return td_loss(q, td_target(batch, online, target), huber_delta)
+    return td_loss(q, td_target(batch, online, target, largest), huber_delta)

@@ -86,6 +86,9 @@ class Training(Model):
     huber_delta: Positive | None = Field(default=10.0, description="null for the squared error")
     gradient_clip: Positive | None = Field(default=10.0, description="largest L2 norm; null for none")
     reward_scale: Positive = 1e-3
+    largest_return: Positive | None = Field(
+        default=None, description="no target is above it, for a return has no more to gain; null for no bound"
+    )
     epsilon: Epsilon = Epsilon()
     exploring_starts: ExploringStarts | None = ExploringStarts()
     stop: StopRule | None = StopRule()

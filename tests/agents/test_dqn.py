@@ -47,6 +47,7 @@ def learner(**training: object) -> DoubleDQN:
     actions=st.integers(1, 12),
     hidden_sizes=st.lists(st.integers(1, 24), min_size=1, max_size=4),
     huber_delta=st.sampled_from([None, 0.1, 1.0, 10.0]),
+    largest=st.sampled_from([None, 0.5]),
     seed=st.integers(0, 1000),
 )
 def test_loss_and_gradient_are_those_of_autograd(
@@ -55,6 +56,7 @@ def test_loss_and_gradient_are_those_of_autograd(
     actions: int,
     hidden_sizes: list[int],
     huber_delta: float | None,
+    largest: float | None,
     seed: int,
 ) -> None:
     """Of every parameter, with random biases and a target network of its own."""
@@ -62,11 +64,13 @@ def test_loss_and_gradient_are_those_of_autograd(
     online, target = (DuelingQNetwork(observation_size, actions, hidden_sizes, generator) for _ in range(2))
     for network in (online, target):
         network.flat += 0.2 * torch.randn(network.flat.shape, generator=generator)
-    dqn = DoubleDQN(online, Training(huber_delta=huber_delta, gradient_clip=None))
+    bounds = {"largest_return": largest, "reward_scale": 1.0}
+    dqn = DoubleDQN(online, Training(huber_delta=huber_delta, gradient_clip=None, **bounds))
     dqn.load({**dqn.state(), "target.flat": target.flat.numpy()}, 0)
     transitions = batch(seed, size, observation_size=observation_size, actions=actions)
 
-    loss = oracle.loss(Batch.of(transitions, CPU), online, target, huber_delta)
+    bound = math.inf if largest is None else largest
+    loss = oracle.loss(Batch.of(transitions, CPU), online, target, huber_delta, bound)
     loss.backward()  # type: ignore[no-untyped-call]  # torch leaves it untyped
     assert online.flat.grad is not None
     expected = online.flat.grad.clone()
@@ -111,6 +115,16 @@ def test_a_terminal_transition_is_worth_its_reward() -> None:
     steps = Batch(one, torch.tensor([0]), torch.tensor([-3.0]), torch.tensor([0.0]), one)
     network = DuelingQNetwork(4, 3, (8,))
     assert td_target(steps, network, network).tolist() == [-3.0]
+
+
+def test_no_target_is_above_the_largest_return() -> None:
+    one = torch.zeros(2, 4)
+    steps = Batch(one, torch.tensor([0, 0]), torch.tensor([50.0, -50.0]), torch.tensor([0.9, 0.9]), one)
+
+    def high(observation: Tensor) -> Tensor:
+        return torch.full((2, 3), 100.0)
+
+    assert td_target(steps, high, high, 60.0).tolist() == pytest.approx([60, -50 + 90])
 
 
 def test_losses_by_hand() -> None:
