@@ -105,6 +105,7 @@ class Report:
     bars: list[Bar] = field(default_factory=list)
     facts: dict[str, Any] = field(default_factory=dict)
     load: float = field(default_factory=lambda: os.getloadavg()[0])
+    niceness: int = field(default_factory=lambda: os.nice(0))
 
     def tell(self) -> None:
         """Print the bars, and write ``results/<name>.json``."""
@@ -127,6 +128,7 @@ class Report:
             "title": self.title,
             "when": now(),
             "load": round(self.load, 2),
+            "niceness": self.niceness,
             "hardware": hardware(),
             "python": platform.python_version(),
             "libraries": {name: found for name in LIBRARIES if (found := installed(name))},

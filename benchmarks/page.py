@@ -63,11 +63,10 @@ def logarithmic(ax: Axes, x: Sequence[float], x_label: str, y_label: str) -> Non
 
 
 def short(value: float) -> str:
-    """Write a size for an axis: 32, 14k, 907k, 1.2M."""
-    for unit, letter in ((1e6, "M"), (1e3, "k")):
-        if value >= unit:
-            return f"{value / unit:.3g}{letter}" if value < 10 * unit else f"{value / unit:.0f}{letter}"
-    return f"{value:g}"
+    """Write a size for an axis: 32, 8,192, 14k, 907k, 1.2M."""
+    if value >= 1e6:
+        return f"{value / 1e6:.1f}M"
+    return f"{value:,.0f}" if value < 1e4 else f"{value / 1e3:.0f}k"
 
 
 def growth_figure(growth: Json) -> Figure:
@@ -97,12 +96,14 @@ def boats_figure(environment: Json) -> Figure:
     left, right = figure.subplots(1, 2)
     curve(left, facts["boats"], facts["processor_seconds"], 1e6, OURS)
     logarithmic(left, facts["boats"], "boats", "processor time a boat and step [µs]")
-    held = [max(value, 1) / 1e6 for value in facts["held_bytes"]]
-    expected = [boats * facts["state_bytes_a_boat"] / 1e6 for boats in facts["boats"]]
-    right.plot(facts["boats"], held, color=OURS, marker="o", ms=4)
-    right.plot(facts["boats"], expected, color=palette.RULE, ls="--")
-    logarithmic(right, facts["boats"], "boats", "megabytes beside harbor and tables")
-    key(right, [("held by the process", OURS), ("state alone", palette.RULE, "--")])
+    left.set(yscale="linear", ylim=(0, None))
+    held = [value / 1e6 for value in facts["held_bytes"]]
+    line = [(facts["held_bytes"][0] + facts["held_bytes_a_boat"] * boats) / 1e6 for boats in facts["boats"]]
+    right.plot(facts["boats"], line, color=palette.RULE, ls="--")
+    right.plot(facts["boats"], held, "o", color=OURS, ms=5)
+    logarithmic(right, facts["boats"], "boats", "memory, harbor and tables apart [MB]")
+    per_boat = number(facts["held_bytes_a_boat"] / 1e3)
+    key(right, [("measured", OURS), (f"{per_boat} kB a boat", palette.RULE, "--")])
     left.set_title(" ", fontsize=8.5, pad=7)
     return figure
 
@@ -213,10 +214,10 @@ a cell.
 
 {table(("triangles", *head), rows(cuts, "triangles"))}
 
-What limits it: the time goes in equal parts into walking rays through cells of 0.1 m, testing triangles, and
-reading both from memory, since every pose touches another part of the tables. The next factor would be to
-test four triangles or walk eight rays in one instruction, which needs a compiler with vector types; a
-coarser grid or fewer rings only move the cost from one part to another.
+What limits it: about half of the time goes into walking rays through cells of 0.1 m and testing the
+triangles there, the rest into finding out which rays to walk; both wait for memory, since every pose touches
+another part of the tables. The next factor would be to walk eight rays with one instruction, which needs a
+compiler with vector types; other sizes of cells and rings only move the cost from one part to the other.
 
 An update of the learner grows with the batch to the power of {by_batch} over the sizes in the figure: a small
 one pays for its calls into torch, a large one for the products of its matrices."""
@@ -236,10 +237,11 @@ def boats_section(environment: Json) -> str:
 {table(("boats", "steps a second", "processor [µs a boat and step]", "memory [MB]"), rows)}
 
 A step of one boat through `gymnasium.make` takes {number(facts["one_step_ms"]["median"])} ms at the median
-and {number(facts["one_step_ms"]["p99"])} ms at the 99th percentile. Few boats pay for the calls from
-Python into the compiled parts and for threads that wait for the slowest scan; many boats pay for the scan
-alone. Memory grows by {number(facts["held_bytes_a_boat"] / 1e3)} kB a boat, of which the state is
-{number(facts["state_bytes_a_boat"] / 1e3)} kB; the rest are its generator and what Gymnasium hands out.
+and {number(facts["one_step_ms"]["p99"])} ms at the 99th percentile. Few boats pay for
+the calls from Python into the compiled parts and for threads that wait for the slowest scan; many boats pay
+for the scan alone. Memory grows by {number(facts["held_bytes_a_boat"] / 1e3)} kB a boat, of which the state
+is {number(facts["state_bytes_a_boat"] / 1e3)} kB; the rest are its generator and the last observation and
+facts that were handed out.
 
 What limits it: the scan. The next factor is more cores: boats do not depend on each other."""
 
@@ -307,6 +309,7 @@ def machine_section(found: dict[str, Json]) -> str:
             f"`benchmarks/{name}.py`",
             result["when"].replace("T", " ").removesuffix("+00:00"),
             f"{result['load']:.1f}" + (" (busy)" if result["load"] > BUSY else ""),
+            str(result.get("niceness", 0)),
         ]
         for name, result in found.items()
     ]
@@ -318,7 +321,7 @@ def machine_section(found: dict[str, Json]) -> str:
 {machine["processor"]}, {machine["cores"]} cores, {machine["platform"]}; Python {latest["python"]};
 {libraries}.
 
-{table(("script", "when (UTC)", "load of the machine before"), rows)}
+{table(("script", "when (UTC)", "load of the machine before", "niceness"), rows)}
 
 Work on one core is timed by the processor's time, which other processes disturb little; work on several
 cores by the clock on the wall, which says little on a busy machine. Candidates take turns within a round,
