@@ -16,7 +16,7 @@ from dockctl.scenarios.vessel import Vessel
 
 
 class SpreadPose(Pose):
-    """A pose drawn uniformly within +- position_offset_m in x and y and +- heading_offset_deg, in training."""
+    """A pose that is drawn within +- position_offset_m in x and y and +- heading_offset_deg, in training."""
 
     position_offset_m: NonNegative = 0.0
     heading_offset_deg: NonNegative = 0.0
