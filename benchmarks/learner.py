@@ -8,8 +8,8 @@ steer. What is compared:
 - Stable-Baselines3's DQN with the very network of ours put into it, and with its own multi-layer perceptron
   of the widths 256, 128, 64, 64. It makes a pass less than ours: its target is not that of double DQN.
 - sbx, the same on JAX, if it is installed (`pip install sbx-rl`; it stands on nightly builds, which nothing
-  here can pin): its network has two hidden layers of one width, 205 here, which
-  gives as many parameters as ours has. Compilation is not counted.
+  here can pin): its network has two hidden layers of one width, 205 here, which gives as many parameters as
+  ours has. Compilation is not counted.
 - The same update by torch modules, autograd and torch's Adam: `dockctl.agents.oracle`.
 - The arithmetic alone: multiplications and additions of an update, over the rate at which this core
   multiplies large matrices.
