@@ -90,7 +90,7 @@ def test_exploring_starts_lie_near_their_leg(seed: int) -> None:
     assert low - math.radians(26) <= start.eta[2] <= high + math.radians(26)
     assert abs(start.nu[0]) <= 0.35
     assert not start.nu[1:].any()
-    assert (start.kind, start.max_steps) == ("exploring", 200)
+    assert (start.kind, start.max_steps) == ("exploring", 300)
 
 
 def test_exploring_starts_cover_both_legs_their_length_and_both_directions() -> None:
