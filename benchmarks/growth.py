@@ -70,7 +70,7 @@ def update(env: DockingEnv, batch: int, rounds: int) -> dict[str, object]:
 def exponent(points: list[dict[str, object]], size: str) -> float:
     """Return the exponent with which our time grows with a size, by least squares."""
     x = np.log([float(str(one[size])) for one in points])
-    y = np.log([one["dockctl"]["median"] for one in points])  # type: ignore[index]
+    y = np.log([one["dockctl"]["median"] for one in points])  # type: ignore[index]  # a point's values are of several kinds
     return float(np.polyfit(x, y, 1)[0])
 
 

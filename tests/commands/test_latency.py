@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import shutil
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pandas as pd
@@ -63,7 +64,7 @@ def test_a_missing_checkpoint_is_refused(tmp_path: Path) -> None:
     assert "no such run folder or checkpoint" in outcome.err
 
 
-def test_the_timed_observation_is_the_environment_s_own() -> None:
+def test_the_timed_observation_is_the_environment_s_own(monkeypatch: pytest.MonkeyPatch) -> None:
     from dockctl.commands.timing import time_decisions
     from dockctl.envs.vector import DockingVectorEnv
 
@@ -76,7 +77,13 @@ def test_the_timed_observation_is_the_environment_s_own() -> None:
 
     seen = [env.reset(seed=0, options={"poses": np.array([[20.0, 2.0, np.radians(160)]])})[0]]
     step = env.step
-    env.step = lambda actions: (seen.append((result := step(actions))[0]), result)[1]  # type: ignore[method-assign]
+
+    def seeing(actions: np.ndarray) -> Any:
+        result = step(actions)
+        seen.append(result[0])
+        return result
+
+    monkeypatch.setattr(env, "step", seeing)
     time_decisions(env, policy, 10)
     count = min(len(timed), len(seen)) - 1  # the last step may begin another episode
     assert count >= 29

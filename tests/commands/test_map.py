@@ -14,16 +14,7 @@ from dockctl.runs.tables import MAP
 from dockctl.scenarios.loader import load
 from dockctl.sim.collision import CollisionChecker
 from dockctl.sim.harbor import build_harbor
-from tests.commands.conftest import Outcome, dockctl
-
-Trained = tuple[Path, Outcome]
-
-
-@pytest.fixture
-def run(trained: Trained, tmp_path: Path) -> Path:
-    folder = tmp_path / "run"
-    shutil.copytree(trained[0], folder, ignore=shutil.ignore_patterns("figures"))
-    return folder
+from tests.commands.conftest import dockctl
 
 
 @pytest.mark.parametrize(

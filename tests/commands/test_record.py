@@ -2,23 +2,13 @@
 
 from __future__ import annotations
 
-import shutil
 from pathlib import Path
 
 import pytest
 
 from dockctl.reports.run import read_run
 from dockctl.scenarios.base import Pose
-from tests.commands.conftest import Outcome, dockctl
-
-Trained = tuple[Path, Outcome]
-
-
-@pytest.fixture
-def run(trained: Trained, tmp_path: Path) -> Path:
-    folder = tmp_path / "run"
-    shutil.copytree(trained[0], folder, ignore=shutil.ignore_patterns("figures"))
-    return folder
+from tests.commands.conftest import dockctl
 
 
 def test_a_recording_elsewhere_lies_in_the_run_and_is_drawn_like_one(run: Path, tmp_path: Path) -> None:

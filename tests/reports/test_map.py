@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import itertools
+from collections.abc import Set as AbstractSet
 from pathlib import Path
 
 import numpy as np
@@ -29,8 +30,8 @@ OFFSETS = [(dx, dy) for dx in (-4.0, -2.0, 0.0, 2.0, 4.0) for dy in (-4.0, -2.0,
 
 
 def starts(
-    failing: set[tuple[float, float]] = frozenset(),  # type: ignore[assignment]
-    blocked: set[tuple[float, float]] = frozenset(),  # type: ignore[assignment]
+    failing: AbstractSet[tuple[float, float]] = frozenset(),
+    blocked: AbstractSet[tuple[float, float]] = frozenset(),
     headings: tuple[float, ...] = (0.0,),
 ) -> pd.DataFrame:
     """A map on which all but some starts dock, the same ones for each heading."""

@@ -129,7 +129,7 @@ def test_scalars(text: str, value: object) -> None:
 
 def test_places_count_from_one_and_keys_have_their_own() -> None:
     tree = read_text("a: 1\nb:\n  - {c: 2}\n", "x.yaml")
-    inner = tree.value["b"].value[0]  # type: ignore[index, union-attr]
+    inner = tree.value["b"].value[0]  # type: ignore[index, union-attr]  # the text above says so
     assert str(inner.keys["c"].problem("!")) == "x.yaml:3:6: !"
     assert str(inner.value["c"].place.problem("!", "b.0.c")) == "x.yaml:3:9: b.0.c: !"
 

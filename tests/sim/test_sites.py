@@ -61,7 +61,8 @@ def test_each_berth_is_free_in_its_harbor_and_all_the_others_there_are_taken_or_
         assert free == set(layout.berths)
         assert 0 < len(free) <= MARINA.task.berths.vacant
         free_somewhere += layout.berths
-    every = {BerthPlace(row.side, at) for row in MARINA.harbor.rows for at in row.berths}  # type: ignore[union-attr]
+    assert isinstance(MARINA.harbor, Marina)
+    every = {BerthPlace(row.side, at) for row in MARINA.harbor.rows for at in row.berths}
     assert sorted(free_somewhere) == sorted(every)
 
 
