@@ -7,17 +7,14 @@ from typing import Annotated
 
 import typer
 
+from dockctl.commands.options import Ckpt, Elsewhere
+
 BELOW_MINIMUM = 1
 
 
 def evaluate(
-    ckpt: Annotated[
-        Path | None, typer.Option(help="Run folder or checkpoint; the latest run in ./runs if none is given.")
-    ] = None,
-    scenario: Annotated[
-        str | None,
-        typer.Option(help="Scenario to dock in, file or name; the one of the training by default."),
-    ] = None,
+    ckpt: Ckpt = None,
+    scenario: Elsewhere = None,
     set_: Annotated[
         list[str] | None, typer.Option("--set", metavar="KEY=VALUE", help="Override a value of the scenario.")
     ] = None,

@@ -7,11 +7,11 @@ from typing import Annotated
 
 import typer
 
+from dockctl.commands.options import Ckpt
+
 
 def latency(
-    ckpt: Annotated[
-        Path | None, typer.Option(help="Run folder or checkpoint; the latest run in ./runs if none is given.")
-    ] = None,
+    ckpt: Ckpt = None,
     scenario: Annotated[
         str | None, typer.Option(help="Scenario file or name; the one of the training, or s3, by default.")
     ] = None,

@@ -7,6 +7,8 @@ from typing import Annotated
 
 import typer
 
+from dockctl.commands.options import Elsewhere
+
 HEADINGS = "0,20,-20,45,-45,90,-90,180"
 
 
@@ -15,10 +17,7 @@ def map_(
         Path | None,
         typer.Option(help="Run folder, checkpoint, or name of a shipped one; the latest run by default."),
     ] = None,
-    scenario: Annotated[
-        str | None,
-        typer.Option(help="Scenario to dock in, file or name; the one of the training by default."),
-    ] = None,
+    scenario: Elsewhere = None,
     reach_m: Annotated[float, typer.Option(min=0, max=1000, help="± in x and in y [m].")] = 10.0,
     step_m: Annotated[float, typer.Option(min=0.01, max=1000, help="Between two starts [m].")] = 2.0,
     headings: Annotated[

@@ -7,15 +7,12 @@ from typing import Annotated
 
 import typer
 
+from dockctl.commands.options import Ckpt, Elsewhere
+
 
 def record(
-    ckpt: Annotated[
-        Path | None, typer.Option(help="Run folder or checkpoint; the latest run in ./runs if none is given.")
-    ] = None,
-    scenario: Annotated[
-        str | None,
-        typer.Option(help="Scenario to dock in, file or name; the one of the training by default."),
-    ] = None,
+    ckpt: Ckpt = None,
+    scenario: Elsewhere = None,
     pose: Annotated[
         list[str] | None,
         typer.Option(metavar="X,Y,HEADING", help="Start [m, m, °], one or more; the test poses by default."),
