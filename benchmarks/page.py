@@ -20,7 +20,7 @@ from dockctl.reports.style import house_style, key, sheet
 from dockctl.runs import palette
 
 DOCS = Path(__file__).parents[1] / "docs"
-SCRIPTS = ("lidar", "oracle", "environment", "growth", "learner", "latency", "training")
+SCRIPTS = ("lidar", "oracle", "environment", "growth", "learner", "latency", "start", "training")
 OURS, PEER = palette.SINGLE, palette.SECOND_MEAN
 Json = dict[str, Any]
 
@@ -289,6 +289,19 @@ def learner_section(learner: Json) -> str:
     )
 
 
+def start_section(start: Json) -> str:
+    rows = [
+        [case, *(number(seconds[of]) for of in ("least", "median", "greatest"))]
+        for case, seconds in start["seconds"].items()
+    ]
+    return f"""## From the command to the first gradient step
+
+The whole process of a training that ends after its first update, greedy evaluation and checkpoint included
+[s]; from nothing, it builds the tables of every harbor and compiles its inner loops, both kept for the next:
+
+{table(("", "least", "median", "greatest"), rows)}"""
+
+
 def training_section(training: Json) -> str:
     rows = [
         [
@@ -346,6 +359,7 @@ SECTIONS: dict[str, Callable[[Json], str]] = {
     "environment": boats_section,
     "learner": learner_section,
     "latency": latency_section,
+    "start": start_section,
     "training": training_section,
 }
 

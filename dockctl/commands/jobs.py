@@ -12,6 +12,7 @@ from typing import Any
 
 from dockctl.commands.inputs import load_checked
 from dockctl.errors import DockctlError
+from dockctl.reports.map import ASKEW_DEG
 from dockctl.runs.directory import PROVENANCE, SCENARIO, RunDirectory
 from dockctl.runs.keep import ELSEWHERE, FAILURES
 from dockctl.scenarios.loader import load
@@ -19,7 +20,6 @@ from dockctl.scenarios.schema import Scenario
 from dockctl.scenarios.study import Experiment
 
 TRAJECTORIES = "trajectories.csv"
-ASKEW_DEG = 20.0
 WORDS = {"title", "description", "plugins"}
 """Fields of a scenario that a training does not depend on."""
 

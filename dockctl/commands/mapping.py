@@ -23,7 +23,15 @@ from dockctl.commands.policies import Trained, find
 from dockctl.commands.rooms import player
 from dockctl.envs.vector import DockingVectorEnv
 from dockctl.errors import DockctlError
-from dockctl.reports.map import free_starts, map_figure, radius_words, reach_of, success_radius, turned_within
+from dockctl.reports.map import (
+    ASKEW_DEG,
+    free_starts,
+    map_figure,
+    radius_words,
+    reach_of,
+    success_radius,
+    turned_within,
+)
 from dockctl.reports.style import house_style, save
 from dockctl.runs.statistics import wilson_interval
 from dockctl.runs.tables import MAP, Value, to_csv
@@ -175,7 +183,7 @@ def show(table: pd.DataFrame, trained: Trained, scenario: str) -> None:
         summary.add_column(name, justify="right", no_wrap=True)
     headings = table["dheading_deg"].unique()
     groups = [(f"{heading:+g}°", free[free["dheading_deg"] == heading]) for heading in headings]
-    for name, group in [*groups, ("up to 20°", turned_within(free, 20)), ("all", free)]:
+    for name, group in [*groups, (f"up to {ASKEW_DEG:g}°", turned_within(free, ASKEW_DEG)), ("all", free)]:
         if not len(group):
             summary.add_row(name, "no free start")
             continue

@@ -13,7 +13,14 @@ import pandas as pd
 from dockctl.agents.checkpoint import PolicyCard
 from dockctl.commands.evaluation import GROUPS
 from dockctl.errors import DockctlError
-from dockctl.reports.map import free_starts, radius_words, reach_of, success_radius, turned_within
+from dockctl.reports.map import (
+    ASKEW_DEG,
+    free_starts,
+    radius_words,
+    reach_of,
+    success_radius,
+    turned_within,
+)
 from dockctl.runs.directory import PROVENANCE, RunDirectory
 from dockctl.runs.statistics import wilson_interval
 from dockctl.scenarios.schema import ObservationPart, Scenario
@@ -154,7 +161,7 @@ def _further(run: RunDirectory) -> Iterator[str]:
         starts = table(run.path / "map.csv", CELLS)
         free, reach = free_starts(starts), reach_of(starts)
         straight, askew = (
-            radius_words(success_radius(turned_within(free, limit), reach)) for limit in (0, 20)
+            radius_words(success_radius(turned_within(free, limit), reach)) for limit in (0, ASKEW_DEG)
         )
         yield (
             f"Of {len(free):,} free starts within ±{reach:g} m of the first initial pose, at any of the"

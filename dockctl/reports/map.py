@@ -29,7 +29,9 @@ Floats = NDArray[np.float64]
 
 COLUMNS = ("dx_m", "dy_m", "dheading_deg", "x_m", "y_m", "heading_deg", "blocked", "outcome")
 """What the figure needs of ``map.csv``."""
-HEADINGS_DEG = (20.0, 45.0, 180.0)
+ASKEW_DEG = 20.0
+"""A start whose heading is off by more counts as askew: beyond what a helmsman would leave to a policy."""
+HEADINGS_DEG = (ASKEW_DEG, 45.0, 180.0)
 DISTANCES_M = (3.0, 6.0, 10.0)
 """Largest offsets of the curves' groups."""
 THESIS_M = {3.0: "§4.4", 5.0: "§5.2"}
@@ -93,7 +95,9 @@ def map_figure(table: pd.DataFrame, plan: Scene, task: Task, caption: str) -> Fi
     view = _view(plan, table, goals)
     width = 13.0
     panels = rows * ((width - 0.4) / columns * (view[3] - view[1]) / (view[2] - view[0]) * 0.93 + 0.45)
-    straight, askew = (radius_words(success_radius(turned_within(free, limit), reach)) for limit in (0, 20))
+    straight, askew = (
+        radius_words(success_radius(turned_within(free, limit), reach)) for limit in (0, ASKEW_DEG)
+    )
     figure = sheet(
         f"Where it docks from: starts within ±{reach:g} m of {pose}",
         f"{caption}; {len(free):,} free starts, {free['docked'].mean():.0%} dock. Success radius, up to which"

@@ -11,7 +11,7 @@ from PIL import Image
 from dockctl.reports.pages import claims, elsewhere, learner, scenario
 from dockctl.reports.pages.kept import Kept, Kepts, read_results
 from dockctl.reports.pages.markdown import NOT_RUN, listed, share, spread, table
-from dockctl.reports.pages.page import Page, text_of
+from dockctl.reports.pages.page import Page, mastered, text_of
 from dockctl.reports.pages.thesis import INDEX, Entry
 from dockctl.reports.pages.time import time_page
 from dockctl.reports.style import house_style
@@ -84,17 +84,15 @@ def overview(study: Study, kept: Kepts, pages: list[Page]) -> Page:
     text = text_of(
         "# Results",
         "Chapter 4 of the thesis and ours, side by side. These pages and their figures are written by"
-        " `dockctl reproduce --pages` from the small files of every run that are kept under"
-        " `results/`: no number"
-        " is typed by hand. All of it again, from nothing, interrupted as often as you like:",
+        " `dockctl reproduce --pages` from the small files of every run that are kept under `results/`: no"
+        " number is typed by hand. All of it again, from nothing, interrupted as often as you like:",
         "```sh\ndockctl reproduce\n```",
         f"One part of it: `dockctl reproduce` with the names of experiments or of groups ({listed(groups)}).",
         _made_on(every),
         "## At a glance",
         table([_glance(experiment, kept[experiment.name]) for experiment in study.experiments]),
-        "Full VLP-16 resolution everywhere; the terms and weights of Table 3.5 as they stand, no"
-        " `progress` term;"
-        " δd in units of 20 m where nothing else is said ([why](results/reward.md)).",
+        "Full VLP-16 resolution everywhere; the terms and weights of Table 3.5 as they stand, no `progress`"
+        " term; δd in units of 20 m where nothing else is said ([why](results/reward.md)).",
         "## Claims",
         table(list(claims.rows(kept))),
         "## Every figure and table",
@@ -126,7 +124,7 @@ def _glance(experiment: Experiment, runs: list[Kept]) -> dict[str, str]:
     return row | {
         "seeds": f"{len(runs)} of {experiment.seeds}"
         + ("" if all(run.finished for run in runs) else ", under way"),
-        "mastered": share((sum(run.mastered for run in runs), len(runs))),
+        "mastered": mastered(runs),
         "steps": spread([run.steps for run in runs], "{:,}"),
         "minutes": spread([run.minutes for run in runs]),
         "test poses docked": share((sum(k for k, _ in poses), sum(n for _, n in poses)) if poses else None),

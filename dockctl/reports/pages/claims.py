@@ -6,9 +6,9 @@ from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 
 from dockctl.reports.latency import THESIS_FORWARD_MS
-from dockctl.reports.map import free_starts, radius_words, turned_within
+from dockctl.reports.map import ASKEW_DEG, free_starts, radius_words, turned_within
 from dockctl.reports.pages.elsewhere import MARINA, WHOSE
-from dockctl.reports.pages.kept import ASKEW_DEG, Kept, Kepts
+from dockctl.reports.pages.kept import Kept, Kepts
 from dockctl.reports.pages.markdown import NOT_RUN, share, spread
 from dockctl.reports.pages.measures import change_share, slowing_m
 from dockctl.reports.pages.page import middle

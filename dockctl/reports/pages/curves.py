@@ -137,7 +137,7 @@ def losses_figure(title: str, runs: Sequence[tuple[str, Kept]]) -> Figure:
     colors = (*palette.SERIES, palette.INK)
     for (_, run), color in zip(runs, colors, strict=False):
         table = run.updates
-        scale = run.reward_scale
+        scale = float(run.training["reward_scale"])
         left.plot(table["env_steps"], smooth(table["td_error"].abs(), 5) / scale, color=color, lw=1.4)
         right.plot(table["env_steps"], smooth(table["q_mean"], 5) / scale, color=color, lw=1.4)
     left.set_yscale("log")

@@ -7,9 +7,9 @@ from collections.abc import Mapping, Sequence
 import pandas as pd
 from matplotlib.figure import Figure
 
-from dockctl.reports.map import free_starts, map_figure, radius_words, turned_within
+from dockctl.reports.map import ASKEW_DEG, free_starts, map_figure, radius_words, turned_within
 from dockctl.reports.pages import courses, curves
-from dockctl.reports.pages.kept import ASKEW_DEG, KINDS, Course, Kept, Kepts
+from dockctl.reports.pages.kept import KINDS, Course, Kept, Kepts
 from dockctl.reports.pages.markdown import NOT_RUN, listed, picture, share, table
 from dockctl.reports.pages.measures import ending
 from dockctl.reports.pages.page import Draw, Page, course_readings, missing, seeds_table, text_of
@@ -30,11 +30,9 @@ def generalization_page(kept: Kepts) -> Page:
     """Figs. 4.31-4.37, 4.39, 4.40 and B.1-B.7."""
     blocks, draws = ["# Where they were not trained"], dict[str, Draw]()
     blocks.append(
-        "The thesis trains one start and one berth, and finds that the same network docks at two"
-        " berths that it"
-        " never saw. Ours knows no direction to the goal but through the LiDAR, as theirs; the"
-        " policies of the"
-        " [marina](marina.md), trained at many berths, are told it."
+        "The thesis trains one start and one berth, and finds that the same network docks at two berths that"
+        " it never saw. Ours knows no direction to the goal but through the LiDAR, as theirs; the policies of"
+        " the [marina](marina.md), trained at many berths, are told it."
     )
     for name, title in BERTHS.items():
         text, figures = _berth(name, title, kept)
@@ -96,11 +94,9 @@ def _far_starts(kept: Kepts) -> tuple[str, dict[str, Draw]]:
     said = ", ".join(f"{radius:g} m ({section})" for section, radius in RADII_M.items())
     blocks = [
         head,
-        f"The thesis puts the limit at {said}, without saying how many starts were tried. Below: a"
-        f" grid of free"
-        f" starts around the trained one, headings up to {ASKEW_DEG:g}° askew; the success radius"
-        f" is the largest"
-        " distance up to which every one of them docks.",
+        f"The thesis puts the limit at {said}, without saying how many starts were tried. Below: a grid of"
+        f" free starts around the trained one, headings up to {ASKEW_DEG:g}° askew; the success radius is the"
+        " largest distance up to which every one of them docks.",
         table(rows),
     ]
     draws: dict[str, Draw] = {}
@@ -117,9 +113,8 @@ def _far_starts(kept: Kepts) -> tuple[str, dict[str, Draw]]:
         if who == FIXED and panels:
             draws[f"{who}-failures"] = _failures(panels)
             blocks.append(
-                "Figs. 4.39 and 4.40 show a collision after the intermediate pose was reached in a"
-                " bad place, and"
-                " a boat that never reaches it. The nearest starts that fail in these two ways here:"
+                "Figs. 4.39 and 4.40 show a collision after the intermediate pose was reached in a bad"
+                " place, and a boat that never reaches it. The nearest starts that fail in these two ways:"
             )
             blocks.append(picture(f"{who}-failures", "the nearest failures of every seed"))
     return "\n\n".join(blocks), draws
@@ -154,11 +149,9 @@ def marina_page(study: Study, kept: Kepts) -> Page:
     path, runs = "results/marina.md", kept[MARINA]
     experiments = [experiment for experiment in study.experiments if experiment.name == MARINA]
     head = (
-        "# Marina\n\nPast the thesis: random starts at random berths of both sides, some of them"
-        " held out. The"
-        " state has the bearing to the goal beside what the thesis gives it; task, reward and"
-        " learner are those"
-        " of scenario 3."
+        "# Marina\n\nPast the thesis: random starts at random berths of both sides, some of them held out."
+        " The state has the bearing to the goal beside what the thesis gives it; task, reward and learner are"
+        " those of scenario 3."
     )
     if not runs:
         return Page(path, text_of(head, missing([MARINA])))
@@ -176,8 +169,8 @@ def marina_page(study: Study, kept: Kepts) -> Page:
         _by_berth(runs),
         "## The same networks elsewhere",
         *(elsewhere_table(experiment, runs) for experiment in experiments),
-        "Starts farther off: [how far from the trained"
-        " start](generalization.md#how-far-from-the-trained-start).",
+        "Starts farther off: [how far from the trained start]"
+        "(generalization.md#how-far-from-the-trained-start).",
     )
     return Page(path, text, draws)
 

@@ -18,8 +18,8 @@ from dockctl.errors import DockctlError
 from dockctl.reports import trajectory
 from dockctl.reports.latency import PARTS
 from dockctl.reports.learning import from_the_start
+from dockctl.reports.map import ASKEW_DEG, free_starts, reach_of, success_radius, turned_within
 from dockctl.reports.map import COLUMNS as MAP_COLUMNS
-from dockctl.reports.map import free_starts, reach_of, success_radius, turned_within
 from dockctl.reports.run import Run, read_run, read_table
 from dockctl.runs.directory import PROVENANCE, SCENARIO
 from dockctl.runs.keep import ELSEWHERE
@@ -30,7 +30,6 @@ from dockctl.scenarios.study import Experiment, Study
 RECENT = 100
 EVALUATION = ("start_kind", "outcome", "time_s", "clearance_m", "control_changes", "path_length_m")
 RETURNS = ("distance_unit_m", "return", "gate_discount")
-ASKEW_DEG = 20.0
 KINDS = {
     "pose": "test poses",
     "random": "random starts",
@@ -52,10 +51,10 @@ class Kept:
         return read_run(self.folder)
 
     @cached_property
-    def reward_scale(self) -> float:
-        """What the learner multiplied rewards by; its losses and values are in that scale."""
+    def training(self) -> dict[str, Any]:
+        """The section of that name of its scenario, with every default written out."""
         resolved = yaml.safe_load((self.folder / SCENARIO).read_text(encoding="utf-8"))
-        return float(resolved["training"]["reward_scale"])
+        return dict(resolved["training"])
 
     @cached_property
     def facts(self) -> dict[str, Any]:
@@ -116,6 +115,11 @@ class Kept:
         return self.facts["finished"] is not None
 
     @property
+    def has_stop_rule(self) -> bool:
+        """Whether its training was to end once the task is mastered."""
+        return self.training["stop"] is not None
+
+    @property
     def mastered(self) -> bool:
         return bool(self.facts["stop_reason"] == "mastered")
 
@@ -159,7 +163,7 @@ class Kept:
         return rows[column]
 
     def radius(self) -> float | None:
-        """Largest distance up to which every free start with a heading at most 20° askew docks [m]."""
+        """Largest distance up to which every free start with a heading at most `ASKEW_DEG` off docks [m]."""
         if self.map is None:
             return None
         free = turned_within(free_starts(self.map), ASKEW_DEG)

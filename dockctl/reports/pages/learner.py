@@ -10,7 +10,7 @@ from dockctl.reports.pages import curves
 from dockctl.reports.pages.kept import Kept, Kepts
 from dockctl.reports.pages.markdown import picture, share, steps, table
 from dockctl.reports.pages.measures import change_share, change_size, slowing_m
-from dockctl.reports.pages.page import Draw, Page, middle, missing, text_of
+from dockctl.reports.pages.page import Draw, Page, mastered, middle, missing, text_of
 from dockctl.reports.pages.thesis import EPISODES, TRAINING
 from dockctl.reports.returns import returns_figure, unit_words, verdicts
 from dockctl.scenarios.study import Experiment, Study
@@ -24,11 +24,10 @@ def reward_page(kept: Kepts) -> Page:
     """What Table 3.5 means, and the weight of the speed."""
     blocks = [
         "# The reading of the reward",
-        "The thesis does not say in which unit its reward takes δd. Its weights (Table 3.5) and"
-        " its rule that a"
-        " collision must cost more than an episode that never arrives (section 3.2.3) only go"
-        " together when δd is"
-        " small: here in units of 20 m. In meters the same numbers prize early collisions and loitering.",
+        "The thesis does not say in which unit its reward takes δd. Its weights (Table 3.5) and its rule that"
+        " a collision must cost more than an episode that never arrives (section 3.2.3) only go together when"
+        " δd is small: here in units of 20 m. In meters the same numbers prize early collisions and"
+        " loitering.",
         "## What behaviors are worth",
     ]
     draws: dict[str, Draw] = {}
@@ -91,7 +90,7 @@ def _outcomes(runs: Sequence[Kept]) -> dict[str, str]:
     ends = [run.episodes["outcome"].tail(100).value_counts() for run in runs]
     return {
         "seeds": str(len(runs)) + ("" if all(run.finished for run in runs) else ", under way"),
-        "mastered": share((sum(run.mastered for run in runs), len(runs))),
+        "mastered": mastered(runs),
         "greedy docks first at": ", ".join(steps(run.first_docked) for run in runs),
         "training": ", ".join(f"{run.steps:,}" for run in runs),
         "docked of the last 100": ", ".join(str(end.get("docked", 0)) for end in ends),
@@ -103,9 +102,8 @@ def _outcomes(runs: Sequence[Kept]) -> dict[str, str]:
 def _velocity(kept: Kepts) -> list[str]:
     """r_velocity of 20 and 10 in scenario 3 (section 4.3)."""
     head = (
-        "## r_velocity: 20 or 10\n\nSection 4.3 halves it for scenario 3 and sees sudden changes"
-        " of the propeller all but"
-        " vanish, those of the rudder stay, and the boat slow down late."
+        "## r_velocity: 20 or 10\n\nSection 4.3 halves it for scenario 3 and sees sudden changes of the"
+        " propeller all but vanish, those of the rudder stay, and the boat slow down late."
     )
     if not (kept[BASE] and kept[FASTER]):
         return [head, missing([BASE, FASTER])]
@@ -127,11 +125,7 @@ def _controls(weight: str, runs: Sequence[Kept]) -> dict[str, str]:
 def ablation_page(study: Study, kept: Kepts) -> Page:
     """What each part of the default learner buys."""
     rows = [experiment for experiment in study.experiments if experiment.group == "ablation"]
-    head = (
-        "# What each part of the learner buys\n\nScenario 1, one thing changed at a time, 250,000"
-        " environment steps"
-        " at most; values seed by seed."
-    )
+    head = "# What each part of the learner buys"
     if not rows:
         return Page("results/ablation.md", text_of(head, missing(["ablation"])))
     base, *others = rows
@@ -145,25 +139,27 @@ def ablation_page(study: Study, kept: Kepts) -> Page:
         )
     text = text_of(
         head,
+        f"Scenario {base.scenario[1:]} with {_settings(base)}, one thing changed at a time; values seed by"
+        " seed.",
         "```sh\ndockctl reproduce ablation\n```",
-        table([{"change": e.title, "set": _settings(e), **_outcomes(kept[e.name])} for e in rows]),
+        table([{"change": e.title, "set": _settings(e, base), **_outcomes(kept[e.name])} for e in rows]),
         picture("ablation", "share of docked episodes of every ablation") if draws else "",
     )
     return Page("results/ablation.md", text, draws)
 
 
-def _settings(experiment: Experiment) -> str:
-    shown = [s for s in experiment.set if not s.startswith("training.total_steps")]
-    return ", ".join(f"`{setting}`" for setting in shown)
+def _settings(experiment: Experiment, base: Experiment | None = None) -> str:
+    """What an experiment sets, without what `base` sets, too."""
+    shared = base.set if base else ()
+    return ", ".join(f"`{setting}`" for setting in experiment.set if setting not in shared)
 
 
 def thesis_page(study: Study, kept: Kepts) -> Page:
     """The thesis' learner to its full number of episodes, under both readings."""
     experiments = [experiment for experiment in study.experiments if experiment.group == "thesis"]
     head = (
-        "# The thesis' own learner\n\nOne boat, batches of 32, one-step targets, RMSProp, squared"
-        " error, no exploring"
-        " starts (preset `thesis`), to the thesis' number of episodes: "
+        "# The thesis' own learner\n\nOne boat, batches of 32, one-step targets, RMSProp, squared error, no"
+        " exploring starts (preset `thesis`), to the thesis' number of episodes: "
         + ", ".join(f"{count:,} in scenario {name[1:]}" for name, count in EPISODES.items())
         + "."
     )
@@ -198,7 +194,7 @@ def _thesis_row(experiment: Experiment, runs: Sequence[Kept]) -> dict[str, str]:
     ended = run.episodes["outcome"].eq("docked")
     best = ended.rolling(100).sum()
     greedy = run.run.evaluations
-    error = run.updates["td_error"].abs() / run.reward_scale
+    error = run.updates["td_error"].abs() / run.training["reward_scale"]
     errors = (error.min(), error.max(), error.iloc[-1])
     return row | {
         "episodes": f"{len(run.episodes):,}" + ("" if run.finished else ", under way"),

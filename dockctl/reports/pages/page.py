@@ -77,6 +77,12 @@ def middle(values: Sequence[float], form: str = "{:,.0f}") -> str:
     return f"{form.format(interquartile_mean(array))} [{form.format(low)}, {form.format(high)}]"
 
 
+def mastered(runs: Sequence[Kept]) -> str:
+    """How many trainings ended by mastery; "-" where they were to go on to their last step."""
+    judged = [run.mastered for run in runs if run.has_stop_rule]
+    return share((sum(judged), len(judged))) if judged else "-"
+
+
 def _seed_row(run: Kept) -> dict[str, str]:
     clearance, time = run.of_docked("clearance_m"), run.of_docked("time_s")
     return {

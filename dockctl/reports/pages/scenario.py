@@ -65,9 +65,8 @@ def poses_page(kept: Kepts) -> Page:
     vessel = load(first[0][2].folder / "scenario.yaml").scenario.vessel
     text = text_of(
         head,
-        "Poses as in Table 3.6, but for the heading of 150° that it prints for the start of"
-        " scenario 1 and the"
-        " text gives as 160° (see [choices](../choices.md)). The harbor is ours.",
+        "Poses as in Table 3.6, but for the heading of 150° that it prints for the start of scenario 1 and"
+        " the text gives as 160° (see [choices](../choices.md)). The harbor is ours.",
         picture("scenarios", "the poses of the three scenarios", 1),
         "## Surge",
         "The thesis' Fig. 3.10 shows about 0.4 m/s at 50 N; the same coefficients give the curve below.",

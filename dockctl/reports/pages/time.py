@@ -19,8 +19,8 @@ def time_page(kept: Kepts) -> Page:
     timed = [run for run in kept[TIMED] if run.latency and run.samples is not None]
     blocks = [
         "# Time",
-        "Seconds depend on the machine and on what else it did: the thesis' is a six-core i5-8400, ours two"
-        " cores of a server processor that trained something else meanwhile.",
+        "Seconds depend on the machine and on what else it does: the thesis' is a six-core i5-8400, ours is"
+        " named in the [overview](../results.md), and has as many trainings side by side as it has cores.",
         "## A decision",
         f"Fig. 4.38: a forward pass takes {THESIS_FORWARD_MS:g} ms on average. Here, in milliseconds:",
     ]
