@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import csv
+import hashlib
 import json
 import math
 from collections.abc import Iterator, Sequence
@@ -15,6 +16,7 @@ from dockctl.errors import DockctlError
 from dockctl.reports.map import ASKEW_DEG
 from dockctl.runs.directory import PROVENANCE, SCENARIO, RunDirectory
 from dockctl.runs.keep import ELSEWHERE, FAILURES
+from dockctl.scenarios.files import mesh_files, naming
 from dockctl.scenarios.loader import load
 from dockctl.scenarios.schema import Scenario
 from dockctl.scenarios.study import Experiment
@@ -70,10 +72,9 @@ class Job:
     def difference(self, run: Path) -> str | None:
         """What tells the run from this job, None where it is the same training."""
         try:
-            theirs = load(run / SCENARIO).scenario
-        except DockctlError as error:
+            return _difference(_substance(self.scenario), _substance(load(run / SCENARIO).scenario))
+        except (DockctlError, OSError) as error:
             return str(error).splitlines()[0]
-        return _difference(self.scenario.model_dump(exclude=WORDS), theirs.model_dump(exclude=WORDS))
 
     def strangers(self) -> Iterator[tuple[Path, str]]:
         """Folders of this seed that hold another training, each with what differs."""
@@ -170,6 +171,12 @@ def _finished(run: Path) -> bool:
 
 def _can_be_taken_up(run: Path) -> bool:
     return (RunDirectory(run).checkpoint("last") / "learner.json").is_file()
+
+
+def _substance(scenario: Scenario) -> dict[str, Any]:
+    """What a training depends on: of a mesh not where its file lies, but what it holds."""
+    contents = [hashlib.sha256(path.read_bytes()).hexdigest() for path in mesh_files(scenario)]
+    return naming(scenario, (), contents).model_dump(exclude=WORDS)
 
 
 def _difference(asked: Any, found: Any, path: str = "") -> str | None:

@@ -3,15 +3,13 @@
 from __future__ import annotations
 
 import shlex
-import signal
 import sys
 import time
 from collections import Counter
-from collections.abc import Callable, Iterator, Sequence
-from contextlib import contextmanager
+from collections.abc import Sequence
 from pathlib import Path
 from types import TracebackType
-from typing import Any, Literal, Self
+from typing import Literal, Self
 
 from rich.console import Console, Group
 from rich.live import Live
@@ -20,6 +18,7 @@ from rich.text import Text
 
 from dockctl.commands.crew import Crew, Progress
 from dockctl.commands.display import clock
+from dockctl.commands.interrupt import on_interrupt
 from dockctl.commands.jobs import jobs_of
 from dockctl.runs.directory import require_writable
 from dockctl.scenarios.study import load_study
@@ -43,7 +42,7 @@ def carry_out(source: str, names: Sequence[str], out: Path, hands: int) -> Endin
         for run, difference in job.strangers():
             _print(console, f"note: {run} is not taken for {job.label}: {difference}", "yellow")
     crew = Crew(jobs, min(hands, len(jobs)), lambda progress: display.tell(progress))
-    with Display(console, crew) as display, _asked_to_leave(crew.stop):
+    with Display(console, crew) as display, on_interrupt(crew.stop):
         crew.work(display.show)
     return _tell_ending(console, crew)
 
@@ -125,18 +124,3 @@ def _tell_ending(console: Console, crew: Crew) -> Ending:
 
 def _print(console: Console, text: str, style: str = "") -> None:
     console.print(Text(text, style=style), soft_wrap=True)
-
-
-@contextmanager
-def _asked_to_leave(leave: Callable[[], None]) -> Iterator[None]:
-    """Call `leave` whenever Ctrl-C is pressed or the process is told to end."""
-
-    def handle(signum: int, frame: Any) -> None:
-        leave()
-
-    previous = [(number, signal.signal(number, handle)) for number in (signal.SIGINT, signal.SIGTERM)]
-    try:
-        yield
-    finally:
-        for number, handler in previous:
-            signal.signal(number, handler)

@@ -2,13 +2,11 @@
 
 from __future__ import annotations
 
-import signal
 import sys
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
 
 from rich.console import Console
 
@@ -18,6 +16,7 @@ from dockctl.agents.progress import REASONS, Progress
 from dockctl.agents.trainer import Trainer
 from dockctl.commands.display import TrainingDisplay, best, clock
 from dockctl.commands.inputs import load_checked
+from dockctl.commands.interrupt import on_interrupt
 from dockctl.commands.memory import Estimate, require_memory
 from dockctl.commands.rooms import judging_starts, player, shown_starts, trajectory_rows
 from dockctl.envs.vector import DockingVectorEnv
@@ -150,15 +149,11 @@ def asked_to_leave() -> Iterator[Callable[[], bool]]:
     """Give a function that tells whether Ctrl-C was pressed; a second one leaves at once."""
     asked = False
 
-    def remember(signum: int, frame: Any) -> None:
+    def remember() -> None:
         nonlocal asked
         if asked:
             raise KeyboardInterrupt
         asked = True
 
-    previous = [(number, signal.signal(number, remember)) for number in (signal.SIGINT, signal.SIGTERM)]
-    try:
+    with on_interrupt(remember):
         yield lambda: asked
-    finally:
-        for number, handler in previous:
-            signal.signal(number, handler)

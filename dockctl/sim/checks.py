@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from dockctl.scenarios.base import Pose
 from dockctl.scenarios.schema import Scenario
-from dockctl.sim.collision import CollisionChecker
+from dockctl.sim.collision import CollisionChecker, collision_checker
 from dockctl.sim.harbor import Harbor, build_harbor
 from dockctl.sim.hulls import hull_outline
 
@@ -55,7 +55,7 @@ class PoseCheck:
     def of(cls, scenario: Scenario, harbor: Harbor) -> PoseCheck:
         """Check the scenario's vessel in its harbor."""
         hull = scenario.vessel.hull
-        return cls(CollisionChecker(harbor, hull), harbor.basin, hull_outline(hull))
+        return cls(collision_checker(harbor, hull), harbor.basin, hull_outline(hull))
 
     def free(self, eta: Floats) -> bool:
         """Whether the boat at a pose (3,) [m, m, rad] touches nothing and lies over the basin."""

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator
+from functools import lru_cache
 
 import fcl
 import numpy as np
@@ -73,6 +74,12 @@ class CollisionChecker:
             rotation[0, 0], rotation[0, 1], rotation[1, 0], rotation[1, 1] = cosine, -sine, sine, cosine
             hull.setTransform(fcl.Transform(rotation, (x, y, 0.0)))
             yield hull
+
+
+@lru_cache(maxsize=16)
+def collision_checker(harbor: Harbor, hull: Hull) -> CollisionChecker:
+    """Return the checker of a hull in a harbor, built once."""
+    return CollisionChecker(harbor, hull)
 
 
 def _bvh(triangles: Floats) -> fcl.BVHModel:

@@ -107,14 +107,19 @@ def scene_of(harbor: Harbor, hull: Hull) -> Scene:
     return Scene(harbor.name, tuple(polygons), hull_outline(hull), harbor.bounds)
 
 
-@lru_cache(maxsize=8)
 def build_harbor(spec: HarborSpec, base_dir: Path) -> Harbor:
-    """Build the harbor of `spec`; paths of mesh files are relative to `base_dir`.
+    """Return the harbor of `spec`, built once; paths of mesh files are relative to `base_dir`.
 
     Raises:
         InputError: mesh files are missing, unreadable, empty or broken; it names them all.
         DockctlError: no model of the fleet fits a berth.
     """
+    # Without mesh files the folder does not matter, and one harbor serves the scenarios of all folders.
+    return _build(spec, base_dir if spec.meshes else Path())
+
+
+@lru_cache(maxsize=16)
+def _build(spec: HarborSpec, base_dir: Path) -> Harbor:
     parts: list[Part] = []
     berths: list[Berth] = []
     basin = None

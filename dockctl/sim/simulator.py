@@ -13,13 +13,12 @@ from numpy.typing import NDArray
 
 from dockctl.runs.scene import Scene
 from dockctl.scenarios.berths import layouts
-from dockctl.scenarios.harbor import HarborSpec
 from dockctl.scenarios.schema import Scenario
 from dockctl.scenarios.sensors import Lidar
 from dockctl.scenarios.vessel import Hull
-from dockctl.sim.collision import CollisionChecker
+from dockctl.sim.collision import collision_checker
 from dockctl.sim.goal import TO_FINAL, measure, reached
-from dockctl.sim.harbor import build_harbor, scene_of
+from dockctl.sim.harbor import Harbor, build_harbor, scene_of
 from dockctl.sim.lidar import LidarArray, prepare
 from dockctl.sim.starts import Start
 from dockctl.sim.status import Bools, Floats, Ints, StepStatus
@@ -60,18 +59,15 @@ def build_worlds(scenario: Scenario, base_dir: Path) -> tuple[World, ...]:
     Raises:
         DockctlError: the harbor cannot be built.
     """
-    # Without mesh files the folder does not matter, and one world serves the scenarios of all folders.
-    directory = base_dir if scenario.harbor.meshes else Path()
     hull, lidar = scenario.vessel.hull, scenario.sensors.lidar
-    harbors = (layout.harbor for layout in layouts(scenario.harbor, scenario.task.berths))
-    return tuple(_build_world(harbor, hull, lidar, directory) for harbor in harbors)
+    specs = (layout.harbor for layout in layouts(scenario.harbor, scenario.task.berths))
+    return tuple(_world_in(build_harbor(spec, base_dir), hull, lidar) for spec in specs)
 
 
 @lru_cache(maxsize=16)
-def _build_world(harbor_spec: HarborSpec, hull: Hull, lidar: Lidar, base_dir: Path) -> World:
-    harbor = build_harbor(harbor_spec, base_dir)
+def _world_in(harbor: Harbor, hull: Hull, lidar: Lidar) -> World:
     return World(
-        obstacles=CollisionChecker(harbor, hull),
+        obstacles=collision_checker(harbor, hull),
         lidar=LidarArray(lidar, harbor.triangles),
         scene=cache(partial(scene_of, harbor, hull)),
     )

@@ -17,10 +17,13 @@ import dockctl as package
 from dockctl.commands import crew
 from dockctl.commands.crew import Crew, Progress
 from dockctl.commands.jobs import Job, Stage, jobs_of, nearest_failures
+from dockctl.scenarios.files import naming
+from dockctl.scenarios.loader import dump
 from dockctl.scenarios.study import Experiment, Study, load_study
 from tests.commands.conftest import QUICK, Outcome, dockctl
 
 Trained = tuple[Path, Outcome]
+EXAMPLES = Path(__file__).parents[2] / "examples"
 SET = (*QUICK, "training.total_steps=300")
 
 
@@ -87,6 +90,19 @@ def test_another_training_of_that_seed_is_told_and_left_alone(out: Path) -> None
     ((run, difference),) = job.strangers()
     assert run == the_run(out)
     assert difference.startswith("reward.terms is [")
+
+
+def test_a_mesh_is_known_by_what_it_holds_wherever_it_lies(out: Path) -> None:
+    source = EXAMPLES / "custom-harbor" / "s1-pontoon.yaml"
+    job = jobs(out, scenario=str(source))[3]
+    run, mesh = the_run(out), the_run(out) / "meshes" / "00-pontoon.obj"
+    mesh.parent.mkdir()
+    shutil.copy(source.with_name("pontoon.obj"), mesh)
+    (run / "scenario.yaml").write_text(dump(naming(job.scenario, (), ["meshes/00-pontoon.obj"])))
+    assert job.training() is None
+    mesh.write_text(mesh.read_text() + "# changed\n")
+    ((_, difference),) = job.strangers()
+    assert difference.startswith("harbor.meshes is [")
 
 
 def test_an_interrupted_training_is_taken_up(out: Path) -> None:
