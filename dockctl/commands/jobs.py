@@ -122,15 +122,15 @@ class Job:
 
 
 def nearest_failures(table: Path) -> list[str]:
-    """Poses ``x,y,heading`` of the nearest start that collides, and of the nearest that gets nowhere.
+    """Poses ``x,y,heading`` of the nearest starts that fail as in Figs. 4.39 and 4.40.
 
-    The second never reaches the intermediate pose. They are the two kinds of failure of Figs. 4.39 and 4.40.
+    The first reaches the intermediate pose and then collides, the second never reaches it, nor collides.
     Starts with the heading askew by more than `ASKEW_DEG` count only where there are no others.
     """
     with table.open(encoding="utf-8", newline="") as file:
         rows = [row for row in csv.DictReader(file) if row["outcome"] in ("collision", "timeout")]
     kinds = (
-        [row for row in rows if row["outcome"] == "collision"],
+        [row for row in rows if row["outcome"] == "collision" and row["phase"] == "1"],
         [row for row in rows if row["outcome"] == "timeout" and row["phase"] == "0"],
     )
     nearest = [min(kind, key=_oddity) for kind in kinds if kind]

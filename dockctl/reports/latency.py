@@ -12,7 +12,7 @@ from dockctl.reports.style import HALO, sheet
 from dockctl.runs import palette
 
 THESIS_FORWARD_MS = 2.0
-"""Forward pass of the thesis' network on an i5-8400 (section 4.5)."""
+"""Forward pass of the thesis' network on an i5-8400 (section 4.3.3)."""
 PARTS = {
     "scan_ms": "LiDAR scan",
     "state_ms": "State",

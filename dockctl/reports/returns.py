@@ -45,18 +45,18 @@ def value(rows: pd.DataFrame, behavior: str, column: str) -> float:
 
 def verdicts(rows: pd.DataFrame) -> Iterator[str]:
     """Say what the reward prefers under one reading, a sentence each."""
-    hits, waiting = rows[rows["outcome"] == "collision"], value(rows, AT_START, "return")
+    hits = rows[rows["outcome"] == "collision"]
+    docking, waiting = (value(rows, name, "return") for name in (DOCKING, AT_START))
+    worth = [f"Docking is worth {docking:,.0f}", f"waiting at the start {waiting:,.0f}"]
     if len(hits):
         best = hits.sort_values("return").iloc[-1]
-        yield (
-            f"The best way to hit something ({best['behavior']}) is worth {best['return']:,.0f},"
-            f" waiting at the start {waiting:,.0f}."
-        )
+        worth.insert(1, f"the best way to hit something ({best['behavior']}) {best['return']:,.0f}")
+    yield f"{', '.join(worth)}."
     if (least := break_even(rows)) is not None:
-        docking, loitering = (value(rows, name, "return") for name in (DOCKING, AT_GATE))
+        condition = f"if that pose pays more than {least:,.0f}" if least > 0 else "whatever that pose pays"
         yield (
-            f"Docking is worth {docking:,.0f}, loitering at the gate {loitering:,.0f}; docking is worth more"
-            f" when the intermediate pose pays more than {least:,.0f}."
+            f"Loitering at the gate, just before the intermediate pose, is worth"
+            f" {value(rows, AT_GATE, 'return'):,.0f}: docking is worth more {condition}."
         )
 
 

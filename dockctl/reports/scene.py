@@ -202,8 +202,16 @@ def draw_paths(ax: Axes, scene: Scene, tracks: Sequence[Track], task: Task) -> f
         )
         time = table["time_s"].to_numpy(float) - table["time_s"].iloc[0]
         rows = np.searchsorted(time, np.arange(0, time[-1] + 1e-9, interval) - 1e-9)
+        among_others = len(tracks) > 1  # their outlines lie on each other, and must not hide the ways
         for row in rows[1:]:
-            draw_boat(ax, scene.hull, poses[row], track.color, fill=0.08 if len(tracks) > 1 else 0.14, lw=0.7)
+            draw_boat(
+                ax,
+                scene.hull,
+                poses[row],
+                track.color,
+                fill=0.0 if among_others else 0.14,
+                lw=0.45 if among_others else 0.7,
+            )
         draw_boat(ax, scene.hull, poses[0], track.color, fill=0.35, lw=1.4)
         draw_heading(ax, scene.hull, poses[0], track.color)
         draw_boat(ax, scene.hull, poses[-1], track.color, fill=0.55, lw=1.4)

@@ -200,22 +200,24 @@ def mark_phases(ax: Axes, tracks: Sequence[Track], *, names: bool = True) -> Non
 
 
 def _spans(ax: Axes, tracks: Sequence[Track], task: Task) -> list[tuple[float, float, Tolerance]]:
-    """When which tolerance holds: the final one, but for a single track before its change of phase."""
+    """When which tolerance holds: the final one from the first change of phase on, the other to the last."""
     end = ax.get_xlim()[1]
-    if len(tracks) == 1 and (row := tracks[0].switch) is not None:
-        change = float(tracks[0].table["time_s"].iloc[row])
-        return [(0.0, change, task.intermediate_tolerance), (change, end, task.final_tolerance)]
-    return [(0.0, end, task.final_tolerance)]
+    changes = [float(t.table["time_s"].iloc[row]) for t in tracks if (row := t.switch) is not None]
+    if not changes:
+        return [(0.0, end, task.final_tolerance)]
+    return [(0.0, max(changes), task.intermediate_tolerance), (min(changes), end, task.final_tolerance)]
 
 
 def _tolerance(ax: Axes, times: tuple[float, float], band: tuple[float, float], text: str) -> None:
     ax.fill_between(times, *band, color=palette.DOCKED, alpha=0.18, lw=0, zorder=0.5)
+    # The last band's name stands at its end, where the boats are inside of it.
+    is_last = times[1] >= ax.get_xlim()[1]
     ax.annotate(
         text,
-        (times[0], band[1]),
-        xytext=(4, 3),
+        (times[1] if is_last else times[0], band[1]),
+        xytext=(-4 if is_last else 4, 3),
         textcoords="offset points",
-        ha="left",
+        ha="right" if is_last else "left",
         fontsize=8,
         color=palette.DOCKED,
         path_effects=HALO,

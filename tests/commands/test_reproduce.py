@@ -128,7 +128,8 @@ def test_the_nearest_failures_are_one_of_each_kind(tmp_path: Path) -> None:
     table = tmp_path / "map.csv"
     table.write_text(
         "dx_m,dy_m,dheading_deg,x_m,y_m,heading_deg,blocked,outcome,phase\n"
-        "1,0,90,24,-10,180,0,collision,0\n"
+        "1,0,0,24,-10,90,0,collision,0\n"
+        "1,0,90,24,-10,180,0,collision,1\n"
         "4,0,0,27,-10,90,0,collision,1\n"
         "5,0,20,28,-10,110,0,timeout,0\n"
         "2,0,0,25,-10,90,0,timeout,1\n"

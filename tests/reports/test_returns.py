@@ -54,11 +54,21 @@ def test_the_break_even_reward_of_the_gate() -> None:
 
 def test_what_follows_is_said_in_numbers() -> None:
     first, second = verdicts(returns())
-    assert first == "The best way to hit something (full astern) is worth -850, waiting at the start -2,000."
-    assert "Docking is worth -800, loitering at the gate -700" in second
-    assert second.endswith("more than 500.")
-    assert len(list(verdicts(returns(gate=False)))) == 1
-    assert not list(verdicts(returns(gate=False).query("outcome != 'collision'")))
+    assert first == (
+        "Docking is worth -800, the best way to hit something (full astern) -850,"
+        " waiting at the start -2,000."
+    )
+    assert "Loitering at the gate, just before the intermediate pose, is worth -700" in second
+    assert second.endswith("if that pose pays more than 500.")
+    (alone,) = verdicts(returns(gate=False).query("outcome != 'collision'"))
+    assert alone == "Docking is worth -900, waiting at the start -2,000."
+
+
+def test_docking_can_be_worth_more_whatever_the_gate_pays() -> None:
+    table = returns()
+    table.loc[table["behavior"] == AT_GATE, "return"] = -1000.0  # less than the 900 that docking costs
+    *_, verdict = verdicts(table)
+    assert verdict.endswith("docking is worth more whatever that pose pays.")
 
 
 def test_units_in_words() -> None:

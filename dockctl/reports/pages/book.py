@@ -91,8 +91,9 @@ def overview(study: Study, kept: Kepts, pages: list[Page]) -> Page:
         _made_on(every),
         "## At a glance",
         table([_glance(experiment, kept[experiment.name]) for experiment in study.experiments]),
-        "Full VLP-16 resolution everywhere; the terms and weights of Table 3.5 as they stand, no `progress`"
-        " term; δd in units of 20 m where nothing else is said ([why](results/reward.md)).",
+        "Full VLP-16 resolution everywhere; the terms and weights of Table 3.5, halved for the speed in"
+        " scenario 3 as section 4.3 says, no `progress` term; δd in units of 20 m where nothing else is said"
+        " ([why](results/reward.md)); what the thesis leaves open is settled in [choices](choices.md).",
         "## Claims",
         table(list(claims.rows(kept))),
         "## Every figure and table",

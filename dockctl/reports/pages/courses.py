@@ -24,6 +24,8 @@ MOTIONS = (
     trajectory.draw_velocity,
     trajectory.draw_yaw_rate,
 )
+TITLED_IN = 8.5
+"""Least width of a sheet, for its title [inches]."""
 CONTROLS = ((trajectory.draw_propeller, "P [N]"), (trajectory.draw_rudder, "φ [°]"))
 
 
@@ -78,14 +80,13 @@ def ways_figure(title: str, subtitle: str, panels: Sequence[tuple[str, Course]])
     """The ways of several policies side by side, each over its harbor."""
     columns = min(3, len(panels))
     rows = -(-len(panels) // columns)
-    figure = sheet(title, subtitle, (4.5 * columns, 0.8 + 4.5 * rows))
+    figure = sheet(title, subtitle, (max(4.5 * columns, TITLED_IN), 0.8 + 4.5 * rows))
     axes = np.atleast_1d(figure.subplots(rows, columns)).ravel()
     for ax, (name, course) in zip(axes, panels, strict=False):
         draw_ways(ax, course.scene, course.task, course.tracks, "")
-        if legend := ax.get_legend():
-            legend.remove()
-        ax.set_title("")
-        ax.set_title(name, loc="left", fontsize=9, fontweight="bold", color=palette.INK)
+        if (legend := ax.get_legend()) and ax is not axes[0]:
+            legend.remove()  # the first panel's names the colors of all
+        ax.set_title(name, loc="left" if ax.get_legend() is None else "right", fontsize=9, fontweight="bold")
     for ax in axes[len(panels) :]:
         ax.set_visible(False)
     return figure
@@ -140,7 +141,7 @@ def _draw_controls(figure: SubFigure, tracks: Sequence[Track], task: Task, cited
             draw(ax, [track], task)
             ax.set_xlim(0, 1.015 * end)
             ax.set_ylabel(label, fontsize=8.5)
-            ax.set_xlabel("" if row is not axes[-1] else "Time [s]")
+            ax.set_xlabel("Time [s]" if track is tracks[-1] else "")
         row[0].set_title(track.label, loc="left", fontsize=8.5, color=track.color, fontweight="bold", pad=2)
     for ax, number in zip(axes[0], cited, strict=True):
         _cite(ax, number)

@@ -43,7 +43,7 @@ def training_figure(title: str, runs: Sequence[Kept], cited: Sequence[str]) -> F
     figure = sheet(
         title,
         f"{_seeds(runs)}; episodes from an initial pose, means of {WINDOW}; dark: interquartile mean of the"
-        " seeds with its 95 % bootstrap interval; a dot where a seed's training ended",
+        " seeds with its 95 % bootstrap interval; a dot where a training ended: its last value counts on",
         (12.4, 7.6),
     )
     axes = figure.subplots(2, 2).ravel()

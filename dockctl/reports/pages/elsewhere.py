@@ -12,7 +12,15 @@ from dockctl.reports.pages import courses, curves
 from dockctl.reports.pages.kept import KINDS, Course, Kept, Kepts
 from dockctl.reports.pages.markdown import NOT_RUN, listed, picture, share, table
 from dockctl.reports.pages.measures import ending
-from dockctl.reports.pages.page import Draw, Page, course_readings, missing, seeds_table, text_of
+from dockctl.reports.pages.page import (
+    Draw,
+    Page,
+    course_readings,
+    missing,
+    seeds_docked,
+    seeds_table,
+    text_of,
+)
 from dockctl.reports.pages.thesis import COURSES, RADII_M
 from dockctl.reports.trajectory import docked
 from dockctl.runs.keep import FAILURES
@@ -56,15 +64,14 @@ def _berth(name: str, title: str, kept: Kepts) -> tuple[str, dict[str, Draw]]:
     for who, found in sets.items():
         tracks = courses.by_seed([(seed, course.tracks) for seed, course in found])
         course = found[0][1]
-        done = sum(docked(track, course.task) for track in tracks)
         figure = f"{who}-on-{name}"
-        if done:
+        if any(docked(track, course.task) for track in tracks):
             draws[figure] = _maneuver(
                 f"{title}: {WHOSE[who]}", course, found, [fact.figure for fact in facts]
             )
         else:
-            draws[figure] = _ways(f"{title}: {WHOSE[who]}", [(f"seed {seed}", c) for seed, c in found])
-        blocks.append(f"**{WHOSE[who].capitalize()}**: {done} of {len(tracks)} seeds dock.")
+            draws[figure] = _ways(f"{title}: {WHOSE[who]} ({numbers})", [_named(*one) for one in found])
+        blocks.append(f"**{WHOSE[who].capitalize()}**: {share(seeds_docked(kept[who], name))} seeds dock.")
         blocks.append(picture(figure, f"{title}: {WHOSE[who]}"))
     readings = {
         WHOSE[who]: ([t for _, course in found for t in course.tracks], found[0][1].task)
@@ -72,6 +79,11 @@ def _berth(name: str, title: str, kept: Kepts) -> tuple[str, dict[str, Draw]]:
     }
     blocks.append(course_readings(facts, readings))
     return "\n\n".join(blocks), draws
+
+
+def _named(seed: int, course: Course) -> tuple[str, Course]:
+    """A panel's title: whose episodes these are, and how they end."""
+    return f"seed {seed}: {listed(ending(track, course.task) for track in course.tracks)}", course
 
 
 def _maneuver(title: str, course: Course, found: Sequence[tuple[int, Course]], cited: Sequence[str]) -> Draw:
@@ -106,9 +118,7 @@ def _far_starts(kept: Kepts) -> tuple[str, dict[str, Draw]]:
             draws[f"{who}-map"] = _map(mapped[0], who)
             blocks.append(picture(f"{who}-map", f"success over starts, {WHOSE[who]}, seed {mapped[0].seed}"))
         panels = [
-            (f"seed {run.seed}: {listed(ending(track, course.task) for track in course.tracks)}", course)
-            for run in kept[who]
-            if (course := run.course(FAILURES)) is not None
+            _named(run.seed, course) for run in kept[who] if (course := run.course(FAILURES)) is not None
         ]
         if who == FIXED and panels:
             draws[f"{who}-failures"] = _failures(panels)
@@ -150,8 +160,8 @@ def marina_page(study: Study, kept: Kepts) -> Page:
     experiments = [experiment for experiment in study.experiments if experiment.name == MARINA]
     head = (
         "# Marina\n\nPast the thesis: random starts at random berths of both sides, some of them held out."
-        " The state has the bearing to the goal beside what the thesis gives it; task, reward and learner are"
-        " those of scenario 3."
+        " The state has the bearing to the goal beside what the thesis gives it; reward and network are those"
+        " of scenario 3, the learner's settings stand in [marina.yaml](../../scenarios/marina.yaml)."
     )
     if not runs:
         return Page(path, text_of(head, missing([MARINA])))

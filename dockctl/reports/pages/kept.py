@@ -51,10 +51,14 @@ class Kept:
         return read_run(self.folder)
 
     @cached_property
+    def resolved(self) -> dict[str, Any]:
+        """Its scenario, with every default written out."""
+        return dict(yaml.safe_load((self.folder / SCENARIO).read_text(encoding="utf-8")))
+
+    @property
     def training(self) -> dict[str, Any]:
-        """The section of that name of its scenario, with every default written out."""
-        resolved = yaml.safe_load((self.folder / SCENARIO).read_text(encoding="utf-8"))
-        return dict(resolved["training"])
+        """The section of that name of its scenario."""
+        return dict(self.resolved["training"])
 
     @cached_property
     def facts(self) -> dict[str, Any]:

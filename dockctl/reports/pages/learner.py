@@ -11,7 +11,7 @@ from dockctl.reports.pages.kept import Kept, Kepts
 from dockctl.reports.pages.markdown import picture, share, steps, table
 from dockctl.reports.pages.measures import change_share, change_size, slowing_m
 from dockctl.reports.pages.page import Draw, Page, mastered, middle, missing, text_of
-from dockctl.reports.pages.thesis import EPISODES, TRAINING
+from dockctl.reports.pages.thesis import EPISODES, TRAINING, WEIGHTS
 from dockctl.reports.returns import returns_figure, unit_words, verdicts
 from dockctl.scenarios.study import Experiment, Study
 
@@ -24,10 +24,12 @@ def reward_page(kept: Kepts) -> Page:
     """What Table 3.5 means, and the weight of the speed."""
     blocks = [
         "# The reading of the reward",
-        "The thesis does not say in which unit its reward takes δd. Its weights (Table 3.5) and its rule that"
-        " a collision must cost more than an episode that never arrives (section 3.2.3) only go together when"
-        " δd is small: here in units of 20 m. In meters the same numbers prize early collisions and"
-        " loitering.",
+        "The thesis does not say in which unit its reward takes δd. It asks that a collision cost more than"
+        " the penalties of an episode that never arrives (section 3.2.3); how far the weights of Table 3.5"
+        " keep to that hangs on the unit. Below, behaviors are played and judged under both: meters, and the"
+        " units of 20 m that are used here.",
+        "## Weights",
+        table([_weight_row(term, kept) for term in WEIGHTS]),
         "## What behaviors are worth",
     ]
     draws: dict[str, Draw] = {}
@@ -59,6 +61,18 @@ def reward_page(kept: Kepts) -> Page:
     blocks.append("The thesis' own learner under both: [thesis learner](thesis-learner.md).")
     blocks += _velocity(kept)
     return Page("results/reward.md", text_of(*blocks), draws)
+
+
+def _weight_row(term: str, kept: Kepts) -> dict[str, str]:
+    """One weight of Table 3.5, and ours as the kept runs have it; ours carry their signs."""
+    symbol, early, late = WEIGHTS[term]
+    row = {"term": f"`{term}`", "Table 3.5": symbol, "scenarios 1, 2": early, "scenario 3 (§4.3)": late}
+    for name, _ in READINGS:
+        if kept[name]:
+            weight = kept[name][0].resolved["reward"]["terms"].get(term, "")
+            weight = weight["weight"] if isinstance(weight, dict) else weight
+            row[f"here, {name}"] = f"{weight:,g}" if weight != "" else ""
+    return row
 
 
 def _returns(run: Kept, returns: pd.DataFrame) -> Draw:
@@ -161,7 +175,7 @@ def thesis_page(study: Study, kept: Kepts) -> Page:
         "# The thesis' own learner\n\nOne boat, batches of 32, one-step targets, RMSProp, squared error, no"
         " exploring starts (preset `thesis`), to the thesis' number of episodes: "
         + ", ".join(f"{count:,} in scenario {name[1:]}" for name, count in EPISODES.items())
-        + "."
+        + ". Every setting, ε (Table 4.1) among them: [training](../scenario.md#training)."
     )
     runs = [
         (f"scenario {e.scenario[1:]}, δd in {_unit(e)}", run) for e in experiments for run in kept[e.name]

@@ -58,10 +58,10 @@ def reward(runs: Sequence[Kept]) -> str:
 def duration(runs: Sequence[Kept]) -> str:
     rows = [from_the_start(run.episodes)["steps"] for run in runs]
     limits = [run.run.task.max_steps for run in runs]
-    full = [int((steps.to_numpy(int) < limit).argmax()) for steps, limit in zip(rows, limits, strict=True)]
+    full = [_first(steps.to_numpy(int) < limit) for steps, limit in zip(rows, limits, strict=True)]
     last = [float(steps.tail(LAST).mean()) for steps in rows]
     return (
-        f"{spread(full, '{:.0f}')} episodes until the first ends early; the last {LAST} take"
+        f"{_spread_of_firsts(full)} episodes until the first ends early; the last {LAST} take"
         f" {spread(last, '{:.0f}', ' steps')}; over after"
         f" {spread([len(run.episodes) for run in runs], '{:,}')} episodes"
     )
@@ -76,9 +76,11 @@ def phase(runs: Sequence[Kept]) -> str:
     firsts = []
     for run in runs:
         rows = from_the_start(run.episodes)
-        passed = rows["phase"].rolling(LAST, min_periods=1).mean().to_numpy(float)
-        firsts.append(int(rows["episode"].to_numpy()[int((passed >= 0.5).argmax())]))
-    return f"half of {LAST} episodes get past the intermediate pose from episode {spread(firsts, '{:,}')} on"
+        at = _first(rows["phase"].rolling(LAST).mean().to_numpy(float) >= 0.5)
+        firsts.append(None if at is None else int(rows["episode"].iloc[at]))
+    return (
+        f"half of {LAST} episodes get past the intermediate pose from episode {_spread_of_firsts(firsts)} on"
+    )
 
 
 def pose(tracks: Sequence[Track], task: Task) -> str:
@@ -101,7 +103,10 @@ def gate(tracks: Sequence[Track], task: Task) -> str:
     missed = len(tracks) - len(switches)
     reached = f"intermediate pose at second {spread(switches, '{:.0f}')}" if switches else ""
     return listed(
-        filter(None, [reached, f"{missed} never reach it" if missed else "", distance(tracks, task)])
+        filter(
+            None,
+            [reached, f"{missed} of {len(tracks)} never there" if missed else "", distance(tracks, task)],
+        )
     )
 
 
@@ -110,12 +115,35 @@ def heading(tracks: Sequence[Track], task: Task) -> str:
     return f"{spread(ends, unit='°')} off at the end"
 
 
+def turn(tracks: Sequence[Track], task: Task) -> str:
+    """How long before the intermediate pose the heading is there and stays, and the heading at the end."""
+    width = np.degrees(task.intermediate_tolerance.heading)
+    ahead = []
+    for track in tracks:
+        if (switch := track.switch) is not None:
+            way = track.table.iloc[:switch]
+            off = np.flatnonzero(way["heading_error_deg"].abs().to_numpy(float) > width)
+            settled = int(off[-1]) + 1 if len(off) else 0
+            ahead.append(float(track.table["time_s"].iloc[switch] - track.table["time_s"].iloc[settled]))
+    return (
+        f"within {width:.0f}° for the last {spread(ahead, '{:.1f}', ' s')} before the intermediate pose;"
+        f" {heading(tracks, task)}"
+    )
+
+
 def velocity(tracks: Sequence[Track], task: Task) -> str:
     top = [float(np.hypot(track.table["u_mps"], track.table["v_mps"]).max()) for track in tracks]
     return (
         f"{spread(top, '{:.2f}', ' m/s')} at most; last at top speed"
         f" {spread([slowing_m(track) for track in tracks], unit=' m')} off"
     )
+
+
+def stop(tracks: Sequence[Track], task: Task) -> str:
+    """Top speed, and how many end with the propeller ahead, which stops a boat that comes astern."""
+    away = [off for track in tracks if (off := _ahead_from_m(track)) is not None]
+    ahead = f", from {spread(away, unit=' m')} off" if away else ""
+    return f"{velocity(tracks, task)}; {len(away)} of {len(tracks)} end with the propeller ahead{ahead}"
 
 
 def yaw(tracks: Sequence[Track], task: Task) -> str:
@@ -141,12 +169,36 @@ OF_COURSES: dict[str, Callable[[Sequence[Track], Task], str]] = {
     "distance": distance,
     "gate": gate,
     "heading": heading,
+    "turn": turn,
     "velocity": velocity,
+    "stop": stop,
     "yaw": yaw,
     "propeller": propeller,
     "rudder": rudder,
 }
 """What is measured for each figure, by the key of a `dockctl.reports.pages.thesis.Fact`."""
+
+
+def _first(true: np.ndarray) -> int | None:
+    """Number of the first that is true."""
+    return int(true.argmax()) if true.any() else None
+
+
+def _spread_of_firsts(firsts: Sequence[int | None]) -> str:
+    """From the smallest to the largest, and how many seeds never."""
+    found = [first for first in firsts if first is not None]
+    never = len(firsts) - len(found)
+    return listed(
+        filter(None, [spread(found, "{:,}") if found else "", f"never ({never} seeds)" if never else ""])
+    )
+
+
+def _ahead_from_m(track: Track) -> float | None:
+    """Distance to the goal at which a boat that ends with the propeller ahead set it so for good [m]."""
+    astern = np.flatnonzero(track.table["propeller_n"].to_numpy(float)[1:] <= 0)
+    if not len(astern) or astern[-1] == len(track.table) - 2:
+        return None
+    return float(track.table["distance_m"].iloc[int(astern[-1]) + 1])
 
 
 def _changes(tracks: Sequence[Track], column: str, unit: str) -> str:

@@ -77,6 +77,12 @@ def middle(values: Sequence[float], form: str = "{:,.0f}") -> str:
     return f"{form.format(interquartile_mean(array))} [{form.format(low)}, {form.format(high)}]"
 
 
+def seeds_docked(runs: Sequence[Kept], scenario: str) -> tuple[int, int] | None:
+    """Seeds that dock from every test pose of another scenario, of those tried; None where none was."""
+    ended = [found for run in runs if (found := run.ended("pose", scenario)) is not None]
+    return (sum(docked == count for docked, count in ended), len(ended)) if ended else None
+
+
 def mastered(runs: Sequence[Kept]) -> str:
     """How many trainings ended by mastery; "-" where they were to go on to their last step."""
     judged = [run.mastered for run in runs if run.has_stop_rule]
@@ -106,6 +112,5 @@ def _middle(runs: Sequence[Kept]) -> dict[str, str]:
         "training": middle([run.steps for run in runs]),
         "episodes": middle([len(run.episodes) for run in runs]),
         "minutes": middle([run.minutes for run in runs], "{:.1f}"),
-        "docked of the last 100": middle([run.recent_docked for run in runs]),
         "mean time": middle(times, "{:.1f}") + " s" if times else "-",
     }

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass
 
 from matplotlib.figure import Figure
@@ -10,7 +10,7 @@ from matplotlib.figure import Figure
 from dockctl.reports.book import overview
 from dockctl.reports.pages import courses, curves
 from dockctl.reports.pages.kept import Course, Kept, Kepts
-from dockctl.reports.pages.markdown import picture
+from dockctl.reports.pages.markdown import picture, table
 from dockctl.reports.pages.page import (
     Draw,
     Page,
@@ -21,7 +21,10 @@ from dockctl.reports.pages.page import (
     training_readings,
 )
 from dockctl.reports.pages.thesis import COURSES, TRAINING
+from dockctl.reports.trajectory import pose_label
+from dockctl.scenarios.base import Pose
 from dockctl.scenarios.loader import load
+from dockctl.scenarios.schema import Task
 
 
 @dataclass(frozen=True)
@@ -44,8 +47,9 @@ CHAPTERS = (
 )
 ENDING = """A training ends when the scenario is mastered: of the last 100 training episodes at least 95
 docked, exploring starts among them, of those from the scenario's own initial poses at least as large a
-share, and the greedy policy docks from every test pose. The policy is the best one by greedy evaluation.
-`random starts` begin up to 1 m and 10° off the initial poses, where these policies were not trained."""
+share, and the last greedy evaluation docked from every test pose. The policy is the best one by greedy
+evaluation. `random starts` begin up to 1 m and 10° off the initial poses, where these policies were not
+trained."""
 
 
 def scenario_pages(kept: Kepts) -> list[Page]:
@@ -68,6 +72,7 @@ def poses_page(kept: Kepts) -> Page:
         "Poses as in Table 3.6, but for the heading of 150° that it prints for the start of scenario 1 and"
         " the text gives as 160° (see [choices](../choices.md)). The harbor is ours.",
         picture("scenarios", "the poses of the three scenarios", 1),
+        table(list(_poses(kept))),
         "## Surge",
         "The thesis' Fig. 3.10 shows about 0.4 m/s at 50 N; the same coefficients give the curve below.",
         picture("surge", "surge at full force", 1),
@@ -77,6 +82,33 @@ def poses_page(kept: Kepts) -> Page:
         "surge": lambda: courses.surge_figure(vessel),
     }
     return Page("results/scenarios.md", text, draws)
+
+
+def _poses(kept: Kepts) -> Iterator[dict[str, str]]:
+    """Tables 3.6 and 4.2 to 4.4, as the kept runs have them."""
+    for chapter, numbers in zip(CHAPTERS, ("3.6", "4.2, 4.3", "3.6"), strict=True):
+        for run in kept[chapter.name][:1]:
+            yield _pose_row(chapter.name, numbers, run.run.task, run.run.tests)
+    for name, numbers in (("s3-opposite", "4.4"), ("s3-appendix-b", "in pictures only")):
+        for run in kept["s3"][:1]:
+            if (course := run.course(name)) is not None:
+                yield _pose_row(name, numbers, course.task, ())
+
+
+def _pose_row(name: str, numbers: str, task: Task, tests: Sequence[Pose]) -> dict[str, str]:
+    """Poses as (x, y, heading)."""
+
+    def words(poses: Iterable[Pose]) -> str:
+        return ", ".join(pose_label(pose.x_m, pose.y_m, pose.heading_deg) for pose in poses)
+
+    return {
+        "scenario": f"`{name}`",
+        "thesis, Table": numbers,
+        "initial": words(task.initial),
+        "intermediate": words([task.intermediate]) if task.intermediate else "",
+        "final": words([task.final]),
+        "tested from": words(tests),
+    }
 
 
 def scenario_page(chapter: Chapter, runs: Sequence[Kept]) -> Page:
