@@ -12,6 +12,7 @@ from __future__ import annotations
 import argparse
 import os
 import tempfile
+from unittest.mock import patch
 
 import bench  # before numpy
 import numpy as np
@@ -82,8 +83,8 @@ def main() -> None:
     triangles = build_worlds(loaded.scenario, loaded.base_dir)[0].lidar.triangles
     spec = loaded.scenario.sensors.lidar
     report = bench.Report("growth", "How costs grow")
-    with tempfile.TemporaryDirectory() as folder:
-        os.environ["XDG_CACHE_HOME"] = folder  # these tables are nobody's to keep
+    with tempfile.TemporaryDirectory() as folder, patch.dict(os.environ, XDG_CACHE_HOME=folder):
+        # These tables are nobody's to keep.
         rays = [
             point(
                 LidarArray(spec.model_copy(update={"azimuth_steps": steps}), triangles),

@@ -76,10 +76,10 @@ def transitions(env: DockingEnv) -> Transitions:
     )
 
 
-def ours(env: DockingEnv, batch: int) -> Learn:
+def ours(env: DockingEnv, batch: int, device: str = "cpu") -> Learn:
     replay = Replay(STORED, env.observation_space.shape[0], np.random.default_rng(1))
     replay.add(transitions(env))
-    learner = DoubleDQN(network(env), Training(batch_size=batch))
+    learner = DoubleDQN(network(env).to_device(torch.device(device)), Training(batch_size=batch))
     return lambda count: [learner.update(replay.sample(batch), 1e-4) for _ in range(count)]
 
 

@@ -20,7 +20,8 @@ from dockctl.reports.style import house_style, key, sheet
 from dockctl.runs import palette
 
 DOCS = Path(__file__).parents[1] / "docs"
-SCRIPTS = ("lidar", "oracle", "environment", "growth", "learner", "latency", "start", "training")
+SCRIPTS = ("lidar", "oracle", "environment", "growth", "learner", "gpu", "latency", "start", "training")
+NO_GPU = " `benchmarks/gpu.py` has not been run: no graphics processor was at hand."
 OURS, PEER = palette.SINGLE, palette.SECOND_MEAN
 Json = dict[str, Any]
 
@@ -338,13 +339,17 @@ def machine_section(found: dict[str, Json]) -> str:
 
 Work on one core is timed by the processor's time, which other processes disturb little; work on several
 cores by the clock on the wall, which says little on a busy machine. Candidates take turns within a round,
-a ratio is the median of the rounds' ratios. GPU: {gpu(found)}."""
+a ratio is the median of the rounds' ratios.{NO_GPU if "gpu" not in found else ""}"""
 
 
-def gpu(found: dict[str, Json]) -> str:
-    """What was measured on a GPU, in words."""
-    name = found.get("learner", {}).get("facts", {}).get("gpu")
-    return f"{name}, see the learner" if name else "not measured, none at hand"
+def gpu_section(gpu: Json) -> str:
+    facts = gpu["facts"]
+    rows = [
+        [batch, *(number(rate) for rate in rates.values())]
+        for batch, rates in facts["updates_per_second"].items()
+    ]
+    head = ("batch", f"updates a second: {facts['gpu']}", "one core")
+    return "## The learner on a graphics processor\n\n" + table(head, rows)
 
 
 FIGURES: dict[str, tuple[str, Callable[[Json], Figure]]] = {
@@ -358,6 +363,7 @@ SECTIONS: dict[str, Callable[[Json], str]] = {
     "growth": growth_section,
     "environment": boats_section,
     "learner": learner_section,
+    "gpu": gpu_section,
     "latency": latency_section,
     "start": start_section,
     "training": training_section,

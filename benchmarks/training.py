@@ -11,7 +11,6 @@ from __future__ import annotations
 import argparse
 import json
 import os
-import resource
 import statistics
 import subprocess
 import sys
@@ -24,20 +23,20 @@ import bench
 
 def train(seed: int, out: Path) -> dict[str, float | str]:
     """Train scenario 3 once, and return what it took."""
-    before = resource.getrusage(resource.RUSAGE_CHILDREN)
     begin = time.perf_counter()
     command = [sys.executable, "-m", "dockctl", "train", "s3", "--seed", str(seed), "--out", str(out)]
-    subprocess.run(command, check=True, stdout=subprocess.DEVNULL)
+    process = subprocess.Popen(command, stdout=subprocess.DEVNULL)
+    _, process.returncode, used = os.wait4(process.pid, 0)
     wall = time.perf_counter() - begin
-    after = resource.getrusage(resource.RUSAGE_CHILDREN)
-    busy = after.ru_utime + after.ru_stime - before.ru_utime - before.ru_stime
+    if process.returncode:
+        raise subprocess.CalledProcessError(process.returncode, command)
     (provenance,) = out.glob(f"s3/*-seed{seed}/provenance.json")
     facts = json.loads(provenance.read_text(encoding="utf-8"))
     return {
         "seed": seed,
         "wall_s": wall,
-        "cores_used": busy / wall,
-        "peak_memory_gb": after.ru_maxrss / 1e6,
+        "cores_used": (used.ru_utime + used.ru_stime) / wall,
+        "peak_memory_gb": 1024 * used.ru_maxrss / 1e9,
         "stop_reason": facts["stop_reason"],
     }
 

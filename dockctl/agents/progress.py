@@ -4,9 +4,9 @@ from __future__ import annotations
 
 from dataclasses import dataclass, field
 
+from dockctl.runs.statistics import RECENT
 from dockctl.scenarios.training import StopRule, Training
 
-RECENT = 100
 REASONS = {
     "mastered": "The task is mastered",
     "episodes": "The last episode is sailed",

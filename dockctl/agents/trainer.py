@@ -29,11 +29,12 @@ from dockctl.agents.evaluator import Episode, score
 from dockctl.agents.interface import Info, settled_info, settled_observation
 from dockctl.agents.network import DuelingQNetwork
 from dockctl.agents.policy import EpsilonGreedyPolicy, Policy
-from dockctl.agents.progress import RECENT, Progress
+from dockctl.agents.progress import Progress
 from dockctl.agents.records import EpisodeRecorder, UpdateRecorder
 from dockctl.agents.replay import NStep, Replay
 from dockctl.runs.directory import RunDirectory
 from dockctl.runs.files import new_folder
+from dockctl.runs.statistics import RECENT
 from dockctl.runs.tables import EPISODES, EVALUATIONS, TIMING, UPDATES
 from dockctl.scenarios.interface import PolicyInterface
 from dockctl.scenarios.training import Training

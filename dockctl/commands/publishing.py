@@ -9,6 +9,7 @@ from rich.console import Console
 
 from dockctl.commands.jobs import jobs_of
 from dockctl.reports.pages.book import pages_of, write_pages
+from dockctl.reports.run import read_table
 from dockctl.runs.directory import require_writable
 from dockctl.runs.keep import keep
 from dockctl.scenarios.study import load_study
@@ -30,7 +31,8 @@ def publish(
         require_writable(folder)
     experiments = [e for e in study.chosen(names) if (out / e.name).is_dir()]
     for job in jobs_of(experiments, out):
-        if run := job.finished() or (next(iter(job.runs()), None) if unfinished else None):
+        under_way = filter(_has_been_judged, job.runs()) if unfinished else iter(())
+        if run := job.finished() or next(under_way, None):
             kept = keep(run, results, job.experiment.name, job.seed)
             console.print(f"kept {kept}", soft_wrap=True, highlight=False)
     with console.status("drawing the pages"):
@@ -38,3 +40,8 @@ def publish(
     for path in written:
         if path.suffix == ".md":
             console.print(str(path), soft_wrap=True, highlight=False)
+
+
+def _has_been_judged(run: Path) -> bool:
+    """Whether a training got as far as its first evaluation; before that there is nothing to show."""
+    return read_table(run / "timing.csv", ("env_steps", "wall_s")) is not None

@@ -14,6 +14,7 @@ from dockctl.reports.run import Run
 from dockctl.reports.style import panel, sheet
 from dockctl.reports.trajectory import Track
 from dockctl.runs.scene import Scene
+from dockctl.runs.statistics import RECENT
 from dockctl.scenarios.schema import Task
 
 Learning = Callable[[Axes, pd.DataFrame], None]
@@ -69,7 +70,9 @@ def evaluation_figure(run: Run, evaluations: pd.DataFrame) -> Figure:
     """How the greedy policy ended from every test pose, over the training."""
     rows = evaluations["pose"].nunique()
     figure, ax = panel("The greedy policy at every evaluation", run.caption, (7.6, 2.3 + 0.3 * rows))
-    learning.draw_evaluations(ax, evaluations, [scene.pose_names([pose]) for pose in run.tests])
+    at_berths = run.task.berths is not None  # judged from random starts there, not from the test poses
+    names = [] if at_berths else [scene.pose_names([pose]) for pose in run.tests]
+    learning.draw_evaluations(ax, evaluations, names)
     return figure
 
 
@@ -122,7 +125,7 @@ def docking_figures(run: Run, tracks: Sequence[Track]) -> Iterator[tuple[str, Fi
 def overview(run: Run, episodes: pd.DataFrame, tracks: Sequence[Track]) -> Figure:
     """One page: the paths, how the policy learned, and what it does on its way."""
     docked = sum(trajectory.docked(track, run.task) for track in tracks)
-    last = episodes.tail(100)
+    last = episodes.tail(RECENT)
     share = float((last["outcome"] == "docked").mean())
     figure = sheet(
         f"Scenario {run.scenario} at a glance",

@@ -4,6 +4,9 @@ from __future__ import annotations
 
 import math
 
+RECENT = 100
+"""Training episodes that tell how a training stands: the last ones."""
+
 
 def wilson_interval(successes: int, trials: int, z: float = 1.959964) -> tuple[float, float]:
     """95 % confidence interval of a success probability (Wilson 1927); (0, 1) without trials."""

@@ -6,13 +6,13 @@ from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 
 from dockctl.reports.latency import THESIS_FORWARD_MS
-from dockctl.reports.map import ASKEW_DEG, free_starts, radius_words, turned_within
+from dockctl.reports.map import ASKEW_DEG, THESIS_M, free_starts, radius_words, turned_within
 from dockctl.reports.pages.elsewhere import MARINA, WHOSE
 from dockctl.reports.pages.kept import Kept, Kepts
 from dockctl.reports.pages.markdown import NOT_RUN, share, spread
 from dockctl.reports.pages.measures import change_share, slowing_m
 from dockctl.reports.pages.page import middle, seeds_docked
-from dockctl.reports.pages.thesis import HOURS_A_SCENARIO, RADII_M, SECONDS_A_STEP
+from dockctl.reports.pages.thesis import HOURS_A_SCENARIO, SECONDS_A_STEP
 from dockctl.reports.pages.time import milliseconds_a_step
 from dockctl.reports.returns import break_even, unit_words
 
@@ -59,11 +59,8 @@ def slows(kept: Kepts) -> str:
 
 def five_poses(kept: Kepts) -> str:
     """Test poses docked by every seed."""
-    ended = [found for run in kept["s2"] if (found := run.ended("pose"))]
-    return (
-        "; ".join(f"seed {run.seed}: {share(found)}" for run, found in zip(kept["s2"], ended, strict=False))
-        or NOT_RUN
-    )
+    ended = [(run.seed, found) for run in kept["s2"] if (found := run.ended("pose"))]
+    return "; ".join(f"seed {seed}: {share(found)}" for seed, found in ended) or NOT_RUN
 
 
 def other_berth(name: str) -> Callable[[Kepts], str]:
@@ -90,7 +87,7 @@ def radius(kept: Kepts) -> str:
         radii = ", ".join(radius_words(run.radius()) for run in mapped)
         shares = "; ".join(
             f"{spread([100 * _within(run, limit) for run in mapped], '{:.0f}', ' %')} within {limit:g} m"
-            for limit in RADII_M.values()
+            for limit in THESIS_M
         )
         parts.append(f"{words}: success radius {radii} by seed; {shares}")
     return "; ".join(parts)
@@ -147,7 +144,7 @@ def held_out(kept: Kepts) -> str:
     return "; ".join(f"seed {seed}: {share(found)}" for seed, found in ended) or NOT_RUN
 
 
-_RADII = " or ".join(f"{radius:g} m" for radius in RADII_M.values())
+_RADII = " or ".join(f"{radius:g} m" for radius in THESIS_M)
 CLAIMS = (
     Claim("docks safely from where it was trained", "§§4.1.1, 4.2.1, 4.3.1", docks, "results/scenario-1.md"),
     Claim(

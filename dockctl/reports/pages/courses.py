@@ -98,7 +98,8 @@ def starts_figure(runs: Sequence[tuple[str, str, Kept]]) -> Figure:
         "Where the scenarios begin and end", "blue: initial poses, violet: further test poses, red: goals",
         (13.6, 5.6),
     )  # fmt: skip
-    for ax, (name, number, kept) in zip(figure.subplots(1, len(runs)), runs, strict=True):
+    axes = np.atleast_1d(figure.subplots(1, len(runs)))
+    for ax, (name, number, kept) in zip(axes, runs, strict=True):
         run = kept.run
         points = scene.task_points(run.task, run.tests)
         view = scene.close_view(run.scene, points, aspect=(1.0, 1.0))

@@ -16,6 +16,7 @@ from dockctl.reports.pages.kept import Kept
 from dockctl.reports.pages.statistics import interquartile_mean, interval, on_a_grid
 from dockctl.reports.style import key, sheet, thousands
 from dockctl.runs import palette
+from dockctl.runs.statistics import RECENT
 
 WINDOW = 50
 """Episodes that a curve is the mean of."""
@@ -113,14 +114,14 @@ def endings_figure(title: str, runs: Sequence[tuple[str, Kept]], columns: int = 
     """How the episodes of single runs ended, over the training."""
     rows = -(-len(runs) // columns)
     figure = sheet(
-        title, "share of the last 100 episodes by ending; dark: share past the intermediate pose",
+        title, f"share of the last {RECENT} episodes by ending; dark: share past the intermediate pose",
         (12.4, 0.8 + 2.6 * rows),
     )  # fmt: skip
     axes = np.atleast_1d(figure.subplots(rows, columns)).ravel()
     for ax, (name, run) in zip(axes, runs, strict=False):
         learning.draw_outcomes(ax, run.episodes)
         if run.run.task.intermediate is not None:
-            ax.plot(run.episodes["episode"], smooth(run.episodes["phase"], 100), color=palette.INK, lw=1.3)
+            ax.plot(run.episodes["episode"], smooth(run.episodes["phase"], RECENT), color=palette.INK, lw=1.3)
         ax.set_ylabel("")
         ax.set_title(name, loc="right", fontsize=9, fontweight="bold", color=palette.INK)
     for ax in axes[len(runs) :]:

@@ -7,7 +7,7 @@ from collections.abc import Mapping, Sequence
 import pandas as pd
 from matplotlib.figure import Figure
 
-from dockctl.reports.map import ASKEW_DEG, free_starts, map_figure, radius_words, turned_within
+from dockctl.reports.map import ASKEW_DEG, THESIS_M, free_starts, map_figure, radius_words, turned_within
 from dockctl.reports.pages import courses, curves
 from dockctl.reports.pages.kept import KINDS, Course, Kept, Kepts
 from dockctl.reports.pages.markdown import NOT_RUN, listed, picture, share, table
@@ -21,7 +21,7 @@ from dockctl.reports.pages.page import (
     seeds_table,
     text_of,
 )
-from dockctl.reports.pages.thesis import COURSES, RADII_M
+from dockctl.reports.pages.thesis import COURSES
 from dockctl.reports.trajectory import docked
 from dockctl.runs.keep import FAILURES
 from dockctl.runs.statistics import wilson_interval
@@ -103,7 +103,7 @@ def _far_starts(kept: Kepts) -> tuple[str, dict[str, Draw]]:
     rows = [_reach_row(who, run) for who in WHOSE for run in kept[who] if run.map is not None]
     if not rows:
         return f"{head}\n\n{missing(WHOSE)}", {}
-    said = ", ".join(f"{radius:g} m ({section})" for section, radius in RADII_M.items())
+    said = ", ".join(f"{radius:g} m ({section})" for radius, section in THESIS_M.items())
     blocks = [
         head,
         f"The thesis puts the limit at {said}, without saying how many starts were tried. Below: a grid of"

@@ -24,10 +24,10 @@ from dockctl.reports.run import Run, read_run, read_table
 from dockctl.runs.directory import PROVENANCE, SCENARIO
 from dockctl.runs.keep import ELSEWHERE
 from dockctl.runs.scene import Scene
+from dockctl.runs.statistics import RECENT
 from dockctl.scenarios.schema import Task
 from dockctl.scenarios.study import Experiment, Study
 
-RECENT = 100
 EVALUATION = ("start_kind", "outcome", "time_s", "clearance_m", "control_changes", "path_length_m")
 RETURNS = ("distance_unit_m", "return", "gate_discount")
 KINDS = {

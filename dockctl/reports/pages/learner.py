@@ -13,6 +13,8 @@ from dockctl.reports.pages.measures import change_share, change_size, slowing_m
 from dockctl.reports.pages.page import Draw, Page, mastered, middle, missing, text_of
 from dockctl.reports.pages.thesis import EPISODES, TRAINING, WEIGHTS
 from dockctl.reports.returns import returns_figure, unit_words, verdicts
+from dockctl.runs.statistics import RECENT
+from dockctl.scenarios.loader import load
 from dockctl.scenarios.study import Experiment, Study
 
 READINGS = (("s1", "s1-meters"), ("s3", "s3-meters"))
@@ -77,7 +79,8 @@ def _weight_row(term: str, kept: Kepts) -> dict[str, str]:
 
 def _returns(run: Kept, returns: pd.DataFrame) -> Draw:
     caption = (
-        f"scenario {run.run.scenario}, docking by the policy of seed {run.seed}; discounted by 0.99 a step"
+        f"scenario {run.run.scenario}, docking by the policy of seed {run.seed};"
+        f" discounted by {run.training['gamma']:g} a step"
     )
     return lambda: returns_figure(returns, caption)
 
@@ -101,13 +104,13 @@ def _outcomes(runs: Sequence[Kept]) -> dict[str, str]:
     """How the trainings of one experiment went, seed by seed."""
     if not runs:
         return {"seeds": "not run"}
-    ends = [run.episodes["outcome"].tail(100).value_counts() for run in runs]
+    ends = [run.episodes["outcome"].tail(RECENT).value_counts() for run in runs]
     return {
         "seeds": str(len(runs)) + ("" if all(run.finished for run in runs) else ", under way"),
         "mastered": mastered(runs),
         "greedy docks first at": ", ".join(steps(run.first_docked) for run in runs),
         "training": ", ".join(f"{run.steps:,}" for run in runs),
-        "docked of the last 100": ", ".join(str(end.get("docked", 0)) for end in ends),
+        f"docked of the last {RECENT}": ", ".join(str(end.get("docked", 0)) for end in ends),
         "collisions": ", ".join(str(end.get("collision", 0)) for end in ends),
         "timeouts": ", ".join(str(end.get("timeout", 0)) for end in ends),
     }
@@ -197,7 +200,7 @@ def thesis_page(study: Study, kept: Kepts) -> Page:
 
 
 def _unit(experiment: Experiment) -> str:
-    return UNITS[any(setting.startswith("reward.distance_unit_m=1") for setting in experiment.set)]
+    return unit_words(load(experiment.scenario, overrides=experiment.set).scenario.reward.distance_unit_m)
 
 
 def _thesis_row(experiment: Experiment, runs: Sequence[Kept]) -> dict[str, str]:
@@ -206,7 +209,7 @@ def _thesis_row(experiment: Experiment, runs: Sequence[Kept]) -> dict[str, str]:
         return row | {"episodes": "not run"}
     (run, *_) = runs
     ended = run.episodes["outcome"].eq("docked")
-    best = ended.rolling(100).sum()
+    best = ended.rolling(RECENT).sum()
     greedy = run.run.evaluations
     error = run.updates["td_error"].abs() / run.training["reward_scale"]
     errors = (error.min(), error.max(), error.iloc[-1])
@@ -218,10 +221,10 @@ def _thesis_row(experiment: Experiment, runs: Sequence[Kept]) -> dict[str, str]:
         "greedy evaluations that dock": share(
             None if greedy is None else (int((greedy["outcome"] == "docked").sum()), len(greedy))
         ),
-        "most docked of 100": f"{best.max():.0f} (to episode {int(best.argmax()) + 1:,})"
+        f"most docked of {RECENT}": f"{best.max():.0f} (to episode {int(best.argmax()) + 1:,})"
         if best.max()
         else "0",
-        "docked of the last 100": str(run.recent_docked),
+        f"docked of the last {RECENT}": str(run.recent_docked),
         "mean abs. TD error: least, largest, last": ", ".join(f"{error:,.0f}" for error in errors),
         "the thesis": TRAINING[experiment.scenario][0].seen,
     }

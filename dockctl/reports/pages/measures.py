@@ -10,11 +10,11 @@ from dockctl.reports.learning import from_the_start
 from dockctl.reports.pages.kept import Kept
 from dockctl.reports.pages.markdown import listed, spread
 from dockctl.reports.trajectory import Track, docked
+from dockctl.runs.statistics import RECENT
 from dockctl.scenarios.schema import Task
 
 TOP_SHARE = 0.9
 """A boat runs at top speed while it makes at least this share of it."""
-LAST = 100
 
 
 def slowing_m(track: Track) -> float:
@@ -59,9 +59,9 @@ def duration(runs: Sequence[Kept]) -> str:
     rows = [from_the_start(run.episodes)["steps"] for run in runs]
     limits = [run.run.task.max_steps for run in runs]
     full = [_first(steps.to_numpy(int) < limit) for steps, limit in zip(rows, limits, strict=True)]
-    last = [float(steps.tail(LAST).mean()) for steps in rows]
+    last = [float(steps.tail(RECENT).mean()) for steps in rows]
     return (
-        f"{_spread_of_firsts(full)} episodes until the first ends early; the last {LAST} take"
+        f"{_spread_of_firsts(full)} episodes until the first ends early; the last {RECENT} take"
         f" {spread(last, '{:.0f}', ' steps')}; over after"
         f" {spread([len(run.episodes) for run in runs], '{:,}')} episodes"
     )
@@ -76,11 +76,10 @@ def phase(runs: Sequence[Kept]) -> str:
     firsts = []
     for run in runs:
         rows = from_the_start(run.episodes)
-        at = _first(rows["phase"].rolling(LAST).mean().to_numpy(float) >= 0.5)
+        at = _first(rows["phase"].rolling(RECENT).mean().to_numpy(float) >= 0.5)
         firsts.append(None if at is None else int(rows["episode"].iloc[at]))
-    return (
-        f"half of {LAST} episodes get past the intermediate pose from episode {_spread_of_firsts(firsts)} on"
-    )
+    found = _spread_of_firsts(firsts)
+    return f"half of {RECENT} episodes get past the intermediate pose from episode {found} on"
 
 
 def pose(tracks: Sequence[Track], task: Task) -> str:

@@ -14,6 +14,7 @@ from dockctl.reports.pages.measures import OF_COURSES, OF_TRAININGS
 from dockctl.reports.pages.statistics import interquartile_mean, interval
 from dockctl.reports.pages.thesis import Fact
 from dockctl.reports.trajectory import Track, docked
+from dockctl.runs.statistics import RECENT
 from dockctl.scenarios.schema import Task
 
 Draw = Callable[[], Figure]
@@ -97,7 +98,7 @@ def _seed_row(run: Kept) -> dict[str, str]:
         "training": f"{run.steps:,} steps",
         "episodes": f"{len(run.episodes):,}",
         "minutes": f"{run.minutes:.1f}",
-        "docked of the last 100": str(run.recent_docked),
+        f"docked of the last {RECENT}": str(run.recent_docked),
         **{f"{words} docked": share(ended) for kind, words in KINDS.items() if (ended := run.ended(kind))},
         "mean time": spread([time.mean()], unit=" s") if len(time) else "-",
         "least clearance": spread([clearance.min()], "{:.2f}", " m") if len(clearance) else "-",

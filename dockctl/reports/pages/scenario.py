@@ -127,15 +127,16 @@ def scenario_page(chapter: Chapter, runs: Sequence[Kept]) -> Page:
         f"{name}-training": lambda: curves.training_figure(
             f"Scenario {chapter.number}: training", runs, [fact.figure for fact in training]
         ),
-        f"{name}-maneuver": lambda: courses.course_figure(
+    }
+    if tracks:
+        draws[f"{name}-maneuver"] = lambda: courses.course_figure(
             f"Scenario {chapter.number}: maneuver",
             whose,
             scene,
             task,
             tracks,
             [fact.figure for fact in course],
-        ),
-    }
+        )
     first = runs[0]
     if first.tracks:
         draws[f"{name}-overview"] = lambda: overview(first.run, first.episodes, first.tracks)
@@ -152,9 +153,9 @@ def scenario_page(chapter: Chapter, runs: Sequence[Kept]) -> Page:
         picture(f"{name}-training", "training of every seed"),
         training_readings(training, runs),
         "## Maneuver",
-        picture(f"{name}-maneuver", whose),
+        picture(f"{name}-maneuver", whose) if tracks else "No training is over yet.",
         picture(f"{name}-seeds", "the ways of every seed") if several else "",
-        course_readings(course, {f"here, {len(runs)} seeds": (every, task)}),
+        course_readings(course, {f"here, {len(runs)} seeds": (every, task)}) if tracks else "",
     )
     return Page(path, text, draws)
 

@@ -153,8 +153,6 @@ WEIGHTS = {
 SECONDS_A_STEP = 0.2
 HOURS_A_SCENARIO = 48.0
 EPISODES = {"s1": 4000, "s2": 4700, "s3": 4000}
-RADII_M = {"§4.4": 3.0, "§5.2": 5.0}
-"""Distance from the trained start within which it docks."""
 
 
 @dataclass(frozen=True)

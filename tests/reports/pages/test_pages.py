@@ -10,7 +10,9 @@ import numpy as np
 import pandas as pd
 import pytest
 
+from dockctl.commands.jobs import jobs_of
 from dockctl.reports.pages.book import FIGURES, pages_of, write_pages
+from dockctl.reports.pages.kept import read_results
 from dockctl.reports.pages.page import Page
 from dockctl.runs.keep import keep
 from dockctl.scenarios.loader import dump, load
@@ -135,6 +137,34 @@ def test_writing_draws_every_figure_and_takes_away_old_ones(results: Path, tmp_p
     write_pages(pages, tmp_path)
     assert {path.stem for path in (tmp_path / FIGURES).iterdir()} == {"ablation"}
     assert (tmp_path / "results.md").read_text() == pages[0].text
+
+
+def test_a_training_under_way_has_no_maneuver_yet_and_one_scenario_is_enough(tmp_path: Path) -> None:
+    run = finished_run(tmp_path / "run", "s3", 0)
+    for name in ("trajectories.csv", "evaluation.csv"):
+        (run / name).unlink()
+    facts = json.loads((run / "provenance.json").read_text())
+    (run / "provenance.json").write_text(json.dumps(facts | {"finished": None, "stop_reason": None}))
+    keep(run, tmp_path / "results", "s3", 0)
+    pages = pages_of(STUDY, tmp_path / "results")
+    (page,) = (page for page in pages if page.path == "results/scenario-3.md")
+    assert "0, under way" in page.text
+    assert pictures(page) == set(page.figures) == {"s3-training"}
+    write_pages(pages, tmp_path / "docs")
+    assert (tmp_path / "docs" / FIGURES / "scenarios.png").is_file()
+
+
+def test_kept_results_are_of_the_scenarios_as_they_stand() -> None:
+    jobs = {(job.experiment.name, job.seed): job for job in jobs_of(STUDY.experiments, ROOT)}
+    kept = [run for runs in read_results(STUDY, ROOT / "results").values() for run in runs]
+    experiments = [run.folder.parent.name for run in kept]
+    strangers = {
+        f"{experiment}, seed {run.seed}": difference
+        for experiment, run in zip(experiments, kept, strict=True)
+        if (difference := jobs[experiment, run.seed].difference(run.folder))
+    }
+    assert kept
+    assert not strangers
 
 
 def test_the_pages_in_docs_are_what_the_kept_results_say() -> None:
