@@ -9,11 +9,14 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
+from dockctl.errors import InputError
 from dockctl.scenarios.base import Pose
+from dockctl.scenarios.berths import layouts
 from dockctl.scenarios.schema import Scenario
 from dockctl.sim.collision import CollisionChecker, collision_checker
 from dockctl.sim.harbor import Harbor, build_harbor
 from dockctl.sim.hulls import hull_outline
+from dockctl.sim.sites import free_sites, own_site
 
 Floats = NDArray[np.float64]
 
@@ -24,12 +27,26 @@ SEARCH_DIRECTIONS = np.array([(math.cos(a), math.sin(a), 0.0) for a in np.arange
 def check_poses(scenario: Scenario, base_dir: Path) -> list[tuple[str, str]]:
     """Return (field path, message) for every start, goal and test pose at which the boat is not free.
 
+    A task that is carried to berths must be written for one of them, and find room at some of each kind.
+
     Raises:
         InputError: a mesh file of the harbor is missing or broken.
         DockctlError: the harbor cannot be built.
     """
     check = PoseCheck.of(scenario, build_harbor(scenario.harbor, base_dir))
-    return [(field, flaw) for field, pose in _poses(scenario) if (flaw := check.flaw(pose))]
+    flaws = [(field, flaw) for field, pose in _poses(scenario) if (flaw := check.flaw(pose))]
+    return flaws or _berth_flaws(scenario, base_dir)
+
+
+def _berth_flaws(scenario: Scenario, base_dir: Path) -> list[tuple[str, str]]:
+    hull, specs = scenario.vessel.hull, layouts(scenario.harbor, scenario.task.berths)
+    try:
+        own_site(scenario)
+        harbors = [build_harbor(layout.harbor, base_dir) for layout in specs]
+        free_sites(scenario, [collision_checker(harbor, hull).blocked for harbor in harbors])
+    except InputError as error:
+        return [(problem.field, problem.message) for problem in error.problems]
+    return []
 
 
 def _poses(scenario: Scenario) -> Iterator[tuple[str, Pose]]:
