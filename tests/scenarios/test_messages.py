@@ -92,8 +92,8 @@ WRONG: dict[str, tuple[str, list[str]]] = {
     "too few substeps to be stable": (
         "vessel: {substeps: 1}\n",
         [
-            "2:9: vessel: substeps: 1 in 0.5 s diverge, since this vessel's fastest motion decays at "
-            "9.81 1/s; expected at least 2"
+            "2:20: vessel.substeps: substeps: 1 in 0.5 s diverge, since this vessel's fastest motion decays "
+            "at 9.81 1/s; expected at least 2"
         ],
     ),
     "more boats than fit anywhere": (
