@@ -11,14 +11,13 @@ from rich import box
 from rich.console import Console
 from rich.table import Table
 
-from dockctl.commands.inputs import load_checked
 from dockctl.errors import DockctlError
 from dockctl.reports.show import Scan, figures
 from dockctl.reports.style import house_style, save
 from dockctl.reports.view3d import Body
 from dockctl.runs.directory import require_writable
 from dockctl.scenarios.base import Pose
-from dockctl.sim.checks import PoseCheck
+from dockctl.sim.checks import PoseCheck, load_checked
 from dockctl.sim.harbor import build_harbor, scene_of
 from dockctl.sim.hulls import hull_mesh
 from dockctl.sim.lidar import LidarArray

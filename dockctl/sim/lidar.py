@@ -17,6 +17,7 @@ from types import ModuleType
 import numpy as np
 from numpy.typing import NDArray
 
+from dockctl.runs.provenance import usable_cores
 from dockctl.scenarios.sensors import Lidar, LidarMount
 from dockctl.sim import heightgrid, scan
 from dockctl.sim.cache import Arrays, cached
@@ -216,15 +217,10 @@ def _turned(vectors: Floats, c: float, s: float) -> Floats:
 
 def _blocks(rows: int) -> list[slice]:
     """Cut rows into blocks for the threads: a few for each, since some poses take longer than others."""
-    if thread_count() == 1:
+    if usable_cores() == 1:
         return [slice(rows)]
-    size = max(1, -(-rows // (4 * thread_count())))
+    size = max(1, -(-rows // (4 * usable_cores())))
     return [slice(first, first + size) for first in range(0, rows, size)]
-
-
-def thread_count() -> int:
-    """Return how many cores this process may use."""
-    return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
 
 
 _POOL: list[ThreadPoolExecutor] = []
@@ -233,7 +229,7 @@ _POOL: list[ThreadPoolExecutor] = []
 def _pool() -> ThreadPoolExecutor:
     """Return the threads that scan; the kernels release the interpreter lock, so they run side by side."""
     if not _POOL:
-        _POOL.append(ThreadPoolExecutor(thread_count(), thread_name_prefix="lidar"))
+        _POOL.append(ThreadPoolExecutor(usable_cores(), thread_name_prefix="lidar"))
     return _POOL[0]
 
 

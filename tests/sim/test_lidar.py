@@ -204,7 +204,7 @@ def test_ranges_do_not_depend_on_the_batch_or_the_threads(monkeypatch: pytest.Mo
     together = array.sector_ranges(poses)
     alone = np.concatenate([array.sector_ranges(pose[None]) for pose in poses])
     np.testing.assert_array_equal(together, alone)
-    monkeypatch.setattr(lidar_module, "thread_count", lambda: 1)
+    monkeypatch.setattr(lidar_module, "usable_cores", lambda: 1)
     np.testing.assert_array_equal(together, array.sector_ranges(poses))
 
 
