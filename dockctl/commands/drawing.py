@@ -42,7 +42,7 @@ def show(source: str, pose: str | None, out: Path | None, plugin_files: Sequence
     folder = out or Path("figures") / scenario.name
     require_writable(folder)
     lidar = LidarArray(scenario.sensors.lidar, harbor.triangles)
-    points, _ = lidar.points(place)
+    points = lidar.points(place)
     ranges = lidar.sector_ranges(place[None])[0]
     scan = Scan(place, points, ranges, scenario.sensors.lidar.range_m)
     bodies = [

@@ -46,17 +46,8 @@ class MooredModel:
         return together(self.solids)
 
     @property
-    def length(self) -> float:
-        return float(self.mesh.extents[0])
-
-    @property
     def beam(self) -> float:
         return float(self.mesh.extents[1])
-
-    @property
-    def height(self) -> float:
-        """Height of the highest point above the water [m]."""
-        return float(self.mesh.bounds[1, 2])
 
 
 @cache

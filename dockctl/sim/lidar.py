@@ -50,14 +50,12 @@ class Rays:
     Attributes:
         origins, directions: (k, 3) [m] and unit vectors.
         reach: (k,) where a ray ends [m]: at the sensor's range or at the water, which returns nothing.
-        sensor: (k,) index of the LiDAR.
         channel: (k,) index of the laser, counted through over all the LiDARs.
     """
 
     origins: Floats
     directions: Floats
     reach: Floats
-    sensor: Ints
     channel: Ints
 
     @classmethod
@@ -79,7 +77,6 @@ class Rays:
             origins=np.ascontiguousarray(origins, np.float64),
             directions=np.ascontiguousarray(directions),
             reach=np.minimum(spec.range_m, to_water),
-            sensor=count // len(beams),
             channel=count // spec.azimuth_steps,
         )
 
@@ -150,20 +147,16 @@ class LidarArray:
         """
         out = np.full((len(eta), self.spec.sectors), self.spec.range_m)
         for row, pose in enumerate(eta):
-            hits = self._trace(pose)
-            seen = np.isfinite(hits)
-            points = self.rays.origins[seen] + hits[seen, None] * self.rays.directions[seen]
-            for x, y in points[:, :2]:
+            for x, y in self.points(pose)[:, :2]:
                 sector = sector_of(x, y, self.spec.sectors)
                 out[row, sector] = min(out[row, sector], math.sqrt(x * x + y * y))
         return out
 
-    def points(self, pose: Floats) -> tuple[Floats, Ints]:
-        """Scan from one pose (3,): the (k, 3) returns in the body frame [m] and the (k,) LiDAR of each."""
+    def points(self, pose: Floats) -> Floats:
+        """Scan from one pose (3,): the (k, 3) returns in the body frame [m]."""
         hits = self._trace(pose)
         seen = np.isfinite(hits)
-        points = self.rays.origins[seen] + hits[seen, None] * self.rays.directions[seen]
-        return points, self.rays.sensor[seen]
+        return self.rays.origins[seen] + hits[seen, None] * self.rays.directions[seen]
 
     def _trace(self, pose: Floats) -> Floats:
         """Return the (k,) distance of every ray's closest hit from one pose [m], infinity for a miss."""

@@ -91,7 +91,7 @@ def test_a_wall_ahead_is_seen_at_its_distance() -> None:
 
 def test_a_near_wall_hides_a_far_one() -> None:
     both = np.concatenate([wall(7.0, 40.0), wall(12.0, 80.0)])
-    points, _ = LidarArray(Lidar(), both).points(np.zeros(3))
+    points = LidarArray(Lidar(), both).points(np.zeros(3))
     assert points[points[:, 0] > 8.01, 2].min() > 40.0
 
 
