@@ -21,7 +21,7 @@ import numpy as np
 
 import dockctl.envs  # noqa: F401  registers the environments
 from dockctl.envs.vector import DockingVectorEnv
-from dockctl.sim.lidar import thread_count
+from dockctl.runs.provenance import usable_cores
 
 BOATS = (1, 16, 256, 4096)
 BOAT_STEPS = 4096  # of all boats together, timed in one round
@@ -87,7 +87,7 @@ def main() -> None:
     parser.add_argument("--rounds", type=int, default=3)
     arguments = parser.parse_args()
     report = bench.Report("environment", "The environment of scenario 3, full LiDAR")
-    cores, envs, held = thread_count(), {}, {}
+    cores, envs, held = usable_cores(), {}, {}
     warm = DockingVectorEnv("s3", 1, exploring=True)
     warm.reset(seed=0)
     stepping(warm, 20)()

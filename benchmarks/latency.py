@@ -41,7 +41,7 @@ def main() -> None:
     parser.add_argument("--decisions", type=int, default=2000)
     arguments = parser.parse_args()
     torch.set_num_threads(1)
-    lidar_module.thread_count = lambda: 1
+    lidar_module.usable_cores = lambda: 1
     env = DockingVectorEnv("s3", 1)
     observation, _ = env.reset(seed=0)
     training = env.scenario.training

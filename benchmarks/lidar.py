@@ -67,7 +67,7 @@ def scans(lidar: LidarArray, poses: Floats, cores: int) -> bench.Case:
     """Return the case of scanning from the poses on so many cores."""
 
     def work() -> None:
-        lidar_module.thread_count = lambda: cores
+        lidar_module.usable_cores = lambda: cores
         lidar.sector_ranges(poses)
 
     return bench.Case(work, len(poses), cores)
@@ -96,7 +96,7 @@ def main() -> None:
     loaded = load("s3")
     lidar = build_worlds(loaded.scenario, loaded.base_dir)[0].lidar
     lidar_module.prepare([lidar])
-    rng, cores = np.random.default_rng(0), lidar_module.thread_count()
+    rng, cores = np.random.default_rng(0), lidar_module.usable_cores()
     fairway, berth, few = rng.uniform(*FAIRWAY, (500, 3)), rng.uniform(*BERTH, (500, 3)), 10
     embree = embree_scanner(lidar)
     report = bench.Report(

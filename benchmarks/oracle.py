@@ -16,8 +16,9 @@ import numpy as np
 from lidar import embree_scanner
 from rich.progress import track
 
+from dockctl.runs.provenance import usable_cores
 from dockctl.scenarios.loader import load
-from dockctl.sim.lidar import prepare, thread_count
+from dockctl.sim.lidar import prepare
 from dockctl.sim.simulator import build_worlds
 
 BASIN = ((4.5, -40.0, -np.pi), (38.5, 40.0, np.pi))
@@ -37,7 +38,7 @@ def main() -> None:
     fast, touching = lidar.sector_ranges(poses), world.obstacles.blocked(poses)
     lidar.sector_ranges_by_full_scan(poses[:1])  # builds its tree, before threads ask for it
     blocks = np.array_split(poses, max(1, len(poses) // BLOCK))
-    with ThreadPoolExecutor(thread_count()) as pool:
+    with ThreadPoolExecutor(usable_cores()) as pool:
         scanned = pool.map(lidar.sector_ranges_by_full_scan, blocks)
         shown = track(scanned, "oracle", len(blocks), console=bench.console, transient=True)
         plain = np.concatenate(list(shown))

@@ -140,11 +140,6 @@ class Registry(Generic[T]):
         """Go back to a state that `save` gave."""
         self._entries, self._offers = dict(state[0]), dict(state[1])
 
-    def remove(self, name: str) -> None:
-        """Forget `name`; a name that is not there is left alone."""
-        self._entries.pop(name, None)
-        self._offers.pop(name, None)
-
     def __contains__(self, name: object) -> bool:
         return name in self._entries or name in self._offers
 

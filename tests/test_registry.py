@@ -86,7 +86,7 @@ def test_a_local_file_may_not_take_an_offered_name(registry: Registry[object]) -
         registry.register("speed", 3)
 
 
-def test_withdraw_restore_remove(registry: Registry[object]) -> None:
+def test_withdraw_and_restore(registry: Registry[object]) -> None:
     state = registry.save()
     with contributing("file a.py"):
         registry.register("a", 1)
@@ -94,8 +94,6 @@ def test_withdraw_restore_remove(registry: Registry[object]) -> None:
     registry.withdraw("file a.py")
     assert registry.names() == ["distance"]
     registry.offer("c", "package p 1", lambda: None)
-    registry.remove("distance")
-    registry.remove("nothing")
-    assert registry.names() == ["c"]
+    assert registry.names() == ["distance", "c"]
     registry.restore(state)
     assert registry.names() == ["distance"]

@@ -11,14 +11,13 @@ from rich import box
 from rich.console import Console
 from rich.table import Table
 
-from dockctl.commands.inputs import load_checked
 from dockctl.errors import DockctlError
 from dockctl.reports.show import Scan, figures
 from dockctl.reports.style import house_style, save
 from dockctl.reports.view3d import Body
 from dockctl.runs.directory import require_writable
 from dockctl.scenarios.base import Pose
-from dockctl.sim.checks import PoseCheck
+from dockctl.sim.checks import PoseCheck, load_checked
 from dockctl.sim.harbor import build_harbor, scene_of
 from dockctl.sim.hulls import hull_mesh
 from dockctl.sim.lidar import LidarArray
@@ -43,7 +42,7 @@ def show(source: str, pose: str | None, out: Path | None, plugin_files: Sequence
     folder = out or Path("figures") / scenario.name
     require_writable(folder)
     lidar = LidarArray(scenario.sensors.lidar, harbor.triangles)
-    points, _ = lidar.points(place)
+    points = lidar.points(place)
     ranges = lidar.sector_ranges(place[None])[0]
     scan = Scan(place, points, ranges, scenario.sensors.lidar.range_m)
     bodies = [

@@ -11,7 +11,6 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from dockctl.commands.inputs import load_checked
 from dockctl.errors import DockctlError
 from dockctl.reports.map import ASKEW_DEG
 from dockctl.runs.directory import PROVENANCE, SCENARIO, RunDirectory
@@ -20,6 +19,7 @@ from dockctl.scenarios.files import mesh_files, naming
 from dockctl.scenarios.loader import load
 from dockctl.scenarios.schema import Scenario
 from dockctl.scenarios.study import Experiment
+from dockctl.sim.checks import load_checked
 
 TRAJECTORIES = "trajectories.csv"
 WORDS = {"title", "description", "plugins"}

@@ -9,12 +9,12 @@ from pathlib import Path
 from dockctl.agents.checkpoint import PolicyCard, find_policy, load_policy, require_shape
 from dockctl.agents.network import DuelingQNetwork
 from dockctl.agents.policy import GreedyPolicy
-from dockctl.commands.inputs import load_checked
 from dockctl.envs.vector import DockingVectorEnv
 from dockctl.registry import OBSERVATION_PARTS
 from dockctl.runs.directory import SCENARIO, RunDirectory
 from dockctl.scenarios.loader import LoadedScenario, load
 from dockctl.scenarios.schema import Scenario
+from dockctl.sim.checks import load_checked
 
 RUNS = Path("runs")
 

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import os
 from pathlib import Path
 from typing import Annotated
 
@@ -40,12 +39,12 @@ def reproduce(
     Example: dockctl reproduce s1 s2 s3
     """
     from dockctl.commands import publishing, reproduction
+    from dockctl.runs.provenance import usable_cores
 
     if pages:
         publishing.publish(study, names or [], out, results, docs, unfinished=unfinished)
         return
-    cores = len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
-    ending = reproduction.carry_out(study, names or [], out, jobs or cores)
+    ending = reproduction.carry_out(study, names or [], out, jobs or usable_cores())
     if ending == "interrupted":
         raise typer.Exit(INTERRUPTED)
     publishing.publish(study, names or [], out, results, docs, unfinished=unfinished)

@@ -38,6 +38,7 @@ from dockctl.sim.simulator import Simulator, World, build_worlds
 from dockctl.sim.sites import own_site
 from dockctl.sim.starts import Start, given_start
 from dockctl.sim.status import StepStatus
+from dockctl.sim.vessel import VesselModel
 
 Floats = NDArray[np.float64]
 
@@ -145,7 +146,7 @@ def behaviors(loaded: LoadedScenario, trained: Trained) -> Iterator[Behavior]:
     yield water.play(AT_START, np.zeros((1, 2)))
     if docking.gate_at is not None and (loitering := loiter_at_gate(water, course, docking.gate_at)):
         yield loitering
-    limits = np.array([scenario.vessel.max_propeller_n, math.radians(scenario.vessel.max_rudder_deg)])
+    limits = VesselModel(scenario.vessel).command_limit
     held = [water.play(name, limits * [[propeller, rudder]]) for name, propeller, rudder in HELD]
     yield from sorted(held, key=lambda behavior: len(behavior.statuses))
 

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-import math
 from dataclasses import dataclass
 from pathlib import Path
 from time import perf_counter
@@ -17,7 +16,6 @@ from rich.table import Table
 from dockctl.agents.checkpoint import find_policy
 from dockctl.agents.network import DuelingQNetwork
 from dockctl.agents.policy import GreedyPolicy, Policy
-from dockctl.commands.inputs import load_checked
 from dockctl.commands.policies import RUNS, find
 from dockctl.commands.rooms import judging_starts
 from dockctl.envs.observation import View
@@ -29,6 +27,7 @@ from dockctl.reports.style import house_style, save
 from dockctl.runs.directory import RunDirectory, require_writable
 from dockctl.runs.files import write_atomically
 from dockctl.runs.provenance import hardware
+from dockctl.sim.checks import load_checked
 
 DEFAULT_SCENARIO = "s3"
 WARM_UP = 20  # decisions that are not counted: compilation, tables, caches
@@ -90,7 +89,6 @@ def time_decisions(env: DockingVectorEnv, policy: Policy, decisions: int) -> pd.
     """
     scenario, simulator = env.scenario, env.simulator
     encoder = ObservationEncoder(scenario.observation, scenario.sensors.lidar.sectors)
-    limit = np.array([scenario.vessel.max_propeller_n, math.radians(scenario.vessel.max_rudder_deg)])
     starts = judging_starts(scenario, env.worlds)
     rows: list[tuple[float, ...]] = []
     episode, ended = 0, True
@@ -101,7 +99,7 @@ def time_decisions(env: DockingVectorEnv, policy: Policy, decisions: int) -> pd.
         begin = perf_counter()
         ranges = simulator.scan()
         scanned = perf_counter()
-        observation = encoder(View.of(simulator, limit, ranges))
+        observation = encoder(View.of(simulator, ranges))
         seen = perf_counter()
         action = policy(observation)
         done = perf_counter()

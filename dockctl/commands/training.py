@@ -15,7 +15,6 @@ from dockctl.agents.policy import GreedyPolicy
 from dockctl.agents.progress import REASONS, Progress
 from dockctl.agents.trainer import Trainer
 from dockctl.commands.display import TrainingDisplay, best, clock
-from dockctl.commands.inputs import load_checked
 from dockctl.commands.interrupt import on_interrupt
 from dockctl.commands.memory import Estimate, require_memory
 from dockctl.commands.rooms import judging_starts, player, shown_starts, trajectory_rows
@@ -27,6 +26,7 @@ from dockctl.runs.tables import TRAJECTORIES, to_csv
 from dockctl.scenarios.files import mesh_files, naming
 from dockctl.scenarios.interface import PolicyInterface
 from dockctl.scenarios.loader import LoadedScenario, dump
+from dockctl.sim.checks import load_checked
 from dockctl.sim.simulator import World, build_worlds
 from dockctl.sim.sites import own_site
 

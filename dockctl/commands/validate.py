@@ -30,9 +30,9 @@ def validate(
     Example: dockctl validate scenarios/s3.yaml --set task.max_steps=600
     """
     from dockctl import plugins
-    from dockctl.commands.inputs import load_checked
     from dockctl.registry import SCENARIOS
     from dockctl.scenarios import catalog
+    from dockctl.sim.checks import load_checked
 
     catalog.fill()
     for path in plugin or ():

@@ -47,7 +47,7 @@ class View:
     sector_ranges_m: Floats
 
     @classmethod
-    def of(cls, simulator: Simulator, command_limit: Floats, sector_ranges_m: Floats) -> View:
+    def of(cls, simulator: Simulator, sector_ranges_m: Floats) -> View:
         """Return what the boats of a simulator know, with their last scan."""
         return cls(
             phase=simulator.phase,
@@ -57,7 +57,7 @@ class View:
             goal=simulator.goal,
             nu=simulator.nu,
             command=simulator.command,
-            command_limit=command_limit,
+            command_limit=simulator.vessel.command_limit,
             sector_ranges_m=sector_ranges_m,
         )
 

@@ -15,11 +15,11 @@ from numpy.typing import NDArray
 
 from dockctl.envs.observation import View
 from dockctl.envs.spaces import ObservationEncoder, action_commands
-from dockctl.errors import DockctlError, InputError, nearest
+from dockctl.errors import DockctlError, nearest
 from dockctl.rewards.compose import RewardFunction
-from dockctl.scenarios.loader import LoadedScenario, load
+from dockctl.scenarios.loader import LoadedScenario
 from dockctl.scenarios.schema import Scenario
-from dockctl.sim.checks import check_poses
+from dockctl.sim.checks import load_checked
 from dockctl.sim.simulator import Simulator, World, build_worlds
 from dockctl.sim.sites import free_sites, own_site
 from dockctl.sim.starts import Start, StartSampler, given_start
@@ -91,8 +91,6 @@ class DockingVectorEnv(VectorEnv[Observations, Ints, NDArray[Any]]):
         trained = [site for site in free_sites(self.scenario, blocked) if site.kind != "held_out"]
         self._sampler = StartSampler(self.scenario, trained, blocked, exploring=exploring)
         self._encoder = ObservationEncoder(self.scenario.observation, self.scenario.sensors.lidar.sectors)
-        vessel = self.scenario.vessel
-        self._command_limit = np.array([vessel.max_propeller_n, np.radians(vessel.max_rudder_deg)])
         self.observation_names = self._encoder.names
         self.single_observation_space = self._encoder.space
         self.single_action_space = Discrete(len(self.action_commands))
@@ -130,6 +128,8 @@ class DockingVectorEnv(VectorEnv[Observations, Ints, NDArray[Any]]):
             raise DockctlError(f"options['reset_mask'] must be {self.num_envs} booleans, one of them true")
         rows = np.flatnonzero(mask)
         if "starts" in options:
+            if len(options["starts"]) != self.num_envs:
+                raise DockctlError(f"options['starts'] must be {self.num_envs} starts, one a boat")
             starts = [options["starts"][row] for row in rows]
         elif "poses" in options:
             starts = self._given(rows, np.asarray(options["poses"], float))
@@ -223,8 +223,7 @@ class DockingVectorEnv(VectorEnv[Observations, Ints, NDArray[Any]]):
         return self._observe(), {**self._info(events), **last}
 
     def _observe(self) -> Observations:
-        ranges = self.simulator.sector_ranges_m
-        return self._encoder(View.of(self.simulator, self._command_limit, ranges))
+        return self._encoder(View.of(self.simulator, self.simulator.sector_ranges_m))
 
     def _info(self, events: Info) -> Info:
         """Return the state of every boat, copied, and what happened to it."""
@@ -267,11 +266,7 @@ class DockingVectorEnv(VectorEnv[Observations, Ints, NDArray[Any]]):
 def _resolve(scenario: ScenarioSource, base_dir: Path | None) -> tuple[Scenario, Path]:
     if isinstance(scenario, Scenario):
         return scenario, base_dir or Path.cwd()
-    if isinstance(scenario, LoadedScenario):
-        return scenario.scenario, scenario.base_dir
-    loaded = load(scenario)
-    if flaws := check_poses(loaded.scenario, loaded.base_dir):
-        raise InputError(loaded.problem(path, message) for path, message in flaws)
+    loaded = scenario if isinstance(scenario, LoadedScenario) else load_checked(scenario)
     return loaded.scenario, loaded.base_dir
 
 

@@ -43,7 +43,7 @@ EPS = 1e-6
 
 
 def free_starts(table: pd.DataFrame) -> pd.DataFrame:
-    """Rows that were played, with `distance_m` from the pose in the middle and `docked`."""
+    """Rows that were played, with `offset_m` from the pose in the middle and `docked`."""
     free = table[table["blocked"] == 0]
     return free.assign(
         offset_m=np.hypot(free["dx_m"], free["dy_m"]).round(9), docked=free["outcome"] == "docked"

@@ -12,6 +12,7 @@ import yaml
 from pydantic import ValidationError
 
 from dockctl.errors import DockctlError
+from dockctl.runs.files import reading
 from dockctl.runs.keep import POINTER
 from dockctl.runs.scene import Scene
 from dockctl.scenarios.base import Pose
@@ -109,13 +110,11 @@ def read_scene(path: Path) -> Scene:
     Raises:
         DockctlError: it is missing or broken.
     """
-    try:
+    with reading(path):
         data = json.loads(path.read_text(encoding="utf-8"))
         if POINTER in data:
             data = json.loads(gzip.decompress((path.parent / data[POINTER]).read_bytes()))
         return Scene.from_json(data)
-    except (OSError, EOFError, KeyError, TypeError, ValueError) as error:
-        raise DockctlError(f"{path}: not a readable scene: {error}") from error
 
 
 def read_table(path: Path, columns: tuple[str, ...]) -> pd.DataFrame | None:
@@ -126,12 +125,11 @@ def read_table(path: Path, columns: tuple[str, ...]) -> pd.DataFrame | None:
     """
     if not path.exists():
         path = path.with_name(f"{path.name}.gz")
-    try:
-        table = pd.read_csv(path, keep_default_na=False, na_values=["", "nan"])
-    except (FileNotFoundError, pd.errors.EmptyDataError):
-        return None
-    except (OSError, EOFError, UnicodeDecodeError, pd.errors.ParserError) as error:
-        raise DockctlError(f"{path}: not a readable table: {error}") from error
+    with reading(path):
+        try:
+            table = pd.read_csv(path, keep_default_na=False, na_values=["", "nan"])
+        except (FileNotFoundError, pd.errors.EmptyDataError):
+            return None
     missing = [column for column in columns if column not in table]
     if missing:
         raise DockctlError(f"{path}: not a table of a run, it lacks the columns: {', '.join(missing)}")

@@ -184,8 +184,8 @@ def label(
     )
 
 
-def draw_paths(ax: Axes, scene: Scene, tracks: Sequence[Track], task: Task) -> float:
-    """Paths with the boat's outline at equal intervals of time (Fig. 4.4); return the interval [s]."""
+def draw_paths(ax: Axes, scene: Scene, tracks: Sequence[Track], task: Task) -> None:
+    """Paths with the boat's outline at equal intervals of time (Fig. 4.4)."""
     interval = outline_interval(tracks)
     draw_goals(ax, scene.hull, task)
     for track in tracks:
@@ -218,7 +218,6 @@ def draw_paths(ax: Axes, scene: Scene, tracks: Sequence[Track], task: Task) -> f
     if len(tracks) == 1:
         label(ax, scene.hull, poses[0], f"start {tracks[0].label}", tracks[0].color, below=True)
     key(ax, [(track.label, track.color) for track in tracks])
-    return interval
 
 
 def outline_interval(tracks: Iterable[Track]) -> float:

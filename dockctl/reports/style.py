@@ -17,8 +17,8 @@ from matplotlib.lines import Line2D
 from matplotlib.patheffects import withStroke
 from matplotlib.ticker import FuncFormatter
 
-from dockctl.errors import DockctlError
 from dockctl.runs import palette
+from dockctl.runs.files import writing
 
 DPI = 200
 HALO = [withStroke(linewidth=2.6, foreground="white", alpha=0.85)]
@@ -124,7 +124,7 @@ def save(figures: dict[str, Figure], folder: Path) -> list[Path]:
         DockctlError: the folder cannot be written.
     """
     written = []
-    try:
+    with writing(folder):
         folder.mkdir(parents=True, exist_ok=True)
         for name, figure in figures.items():
             for suffix, metadata in (
@@ -134,6 +134,4 @@ def save(figures: dict[str, Figure], folder: Path) -> list[Path]:
                 path = folder / f"{name}{suffix}"
                 figure.savefig(path, metadata=metadata)
                 written.append(path)
-    except OSError as error:
-        raise DockctlError(f"{folder}: cannot write the figures: {error.strerror or error}") from error
     return written

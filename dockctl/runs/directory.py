@@ -11,7 +11,7 @@ from pathlib import Path
 from typing import Any
 
 from dockctl.errors import DockctlError
-from dockctl.runs.files import write_atomically
+from dockctl.runs.files import reading, write_atomically
 from dockctl.runs.tables import Table, cut_table
 
 SCENARIO = "scenario.yaml"
@@ -126,10 +126,8 @@ class RunDirectory:
             DockctlError: it is missing or broken.
         """
         path = self.path / name
-        try:
+        with reading(path):
             value = json.loads(path.read_text(encoding="utf-8"))
-        except (OSError, ValueError) as error:
-            raise DockctlError(f"{path}: cannot be read: {error}") from None
         if not isinstance(value, dict):
             raise DockctlError(f"{path}: cannot be read: expected a JSON object")
         return value

@@ -1,9 +1,10 @@
-"""Files that are whole or not there, and one way to tell that they cannot be written."""
+"""Files that are whole or not there, and one way to tell that they cannot be read or written."""
 
 from __future__ import annotations
 
 import os
 import shutil
+import zlib
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
@@ -22,6 +23,20 @@ def writing(path: Path) -> Iterator[None]:
         yield
     except OSError as error:
         raise DockctlError(f"{path}: cannot be written: {error.strerror or error}") from None
+
+
+@contextmanager
+def reading(path: Path) -> Iterator[None]:
+    """Tell the user that `path` is missing, or does not hold what the block looks for.
+
+    Raises:
+        DockctlError: the block raised what a missing, torn or foreign file leads to.
+    """
+    try:
+        yield
+    except (OSError, EOFError, zlib.error, KeyError, TypeError, ValueError) as error:
+        reason = f"it lacks {error}" if isinstance(error, KeyError) else error
+        raise DockctlError(f"{path}: cannot be read: {reason}") from None
 
 
 def write_atomically(path: Path, content: bytes) -> Path:

@@ -15,7 +15,7 @@ from collections.abc import Callable
 from pathlib import Path
 
 from dockctl.runs.directory import PROVENANCE, SCENARIO, RunDirectory
-from dockctl.runs.files import new_folder, writing
+from dockctl.runs.files import new_folder, reading, writing
 from dockctl.runs.tables import to_csv
 
 PLAIN = ("evaluations.csv", "timing.csv", "evaluation*.csv", "map.csv", "returns.csv", "figures/latency.json")
@@ -55,10 +55,13 @@ def keep(run: Path, results: Path, experiment: str, seed: int) -> Path:
 
 def _keep_course(source: Path, folder: Path, results: Path) -> None:
     """Scenario, plan view and trajectories: what a drawing of the boat's way needs."""
-    (folder / SCENARIO).write_bytes((source / SCENARIO).read_bytes())
+    with reading(source / SCENARIO):
+        scenario = (source / SCENARIO).read_bytes()
+    (folder / SCENARIO).write_bytes(scenario)
     _compress(source / "trajectories.csv", folder / "trajectories.csv.gz", _first_tracks)
-    content = (source / "scene.json").read_bytes()
-    name = f"{json.loads(content)['name']}-{hashlib.sha256(content).hexdigest()[:8]}.json.gz"
+    with reading(source / "scene.json"):
+        content = (source / "scene.json").read_bytes()
+        name = f"{json.loads(content)['name']}-{hashlib.sha256(content).hexdigest()[:8]}.json.gz"
     target = results / SCENES / name
     if not target.exists():
         target.parent.mkdir(parents=True, exist_ok=True)
@@ -76,7 +79,8 @@ def _facts(run: Path) -> dict[str, object]:
 
 def _compress(source: Path, target: Path, change: Callable[[str], str] = str) -> None:
     if source.is_file():
-        text = change(source.read_text(encoding="utf-8"))
+        with reading(source):
+            text = change(source.read_text(encoding="utf-8"))
         target.write_bytes(gzip.compress(text.encode(), mtime=0))
 
 

@@ -26,7 +26,6 @@ OUTCOMES = {"docked": DOCKED, "timeout": TIMEOUT, "collision": COLLISION}
 
 # Marina
 WATER, WATER_SHADE, WATER_DEEP = "#D9EAF1", "#B9D3DF", "#8FB6C8"
-LAND = "#EDE8DD"
 NIGHT_WATER, NIGHT_LAND, NIGHT_RULE = "#12293A", "#1D3B4F", "#3E6379"  # behind the point cloud
 GOAL = "#E4572E"
 OWN_HULL = "#D1383F"

@@ -7,8 +7,7 @@ import io
 from collections.abc import Iterable, Mapping
 from pathlib import Path
 
-from dockctl.errors import DockctlError
-from dockctl.runs.files import writing
+from dockctl.runs.files import reading, writing
 
 Value = str | int | float | bool | None
 
@@ -123,8 +122,6 @@ def cut_table(path: Path, env_steps: int) -> str:
 
 def _whole_lines(path: Path) -> str:
     """Text of a table without a last line that was cut short by a crash."""
-    try:
+    with reading(path):
         text = path.read_text(encoding="utf-8")
-    except (OSError, UnicodeDecodeError) as error:
-        raise DockctlError(f"{path}: cannot be read: {error}") from None
     return text[: text.rfind("\n") + 1]

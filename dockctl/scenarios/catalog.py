@@ -15,17 +15,17 @@ PACKAGE = Path(__file__).resolve().parent
 FOLDERS: dict[str, Registry[Path]] = {".": SCENARIOS, "vessels": VESSELS, "harbors": HARBORS}
 
 
-def data_dir() -> Path:
-    """Return the folder of the packaged YAML files: in the wheel, or at the top of a source checkout."""
-    packaged = PACKAGE / "data"
-    return packaged if packaged.is_dir() else PACKAGE.parent.parent / "scenarios"
+def packaged(inside: str, name: str) -> Path:
+    """Return a folder of packaged YAML files, called `inside` in the wheel and `name` in the sources."""
+    folder = PACKAGE / inside
+    return folder if folder.is_dir() else PACKAGE.parent.parent / name
 
 
 @cache
 def fill() -> None:
     """Register the packaged files, then what installed packages offer."""
     for folder, registry in FOLDERS.items():
-        for path in sorted((data_dir() / folder).glob("*.yaml")):
+        for path in sorted((packaged("data", "scenarios") / folder).glob("*.yaml")):
             registry.register(path.stem, path)
     plugins.discover()
 

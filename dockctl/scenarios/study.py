@@ -11,7 +11,7 @@ from pydantic import Field, ValidationError, model_validator
 from dockctl.errors import DockctlError, InputError, nearest
 from dockctl.scenarios import translate
 from dockctl.scenarios.base import Count, Model
-from dockctl.scenarios.catalog import PACKAGE, SUFFIXES, shown
+from dockctl.scenarios.catalog import SUFFIXES, packaged, shown
 from dockctl.scenarios.yamltree import read_file
 
 Name = Annotated[str, Field(pattern=r"^[A-Za-z0-9][A-Za-z0-9_.-]*$", max_length=64)]
@@ -72,12 +72,6 @@ class Study(Model):
         return tuple(e for e in self.experiments if not names or {e.name, e.group} & {*names})
 
 
-def study_dir() -> Path:
-    """Return the folder of the packaged studies: in the wheel, or at the top of a source checkout."""
-    packaged = PACKAGE / "studies"
-    return packaged if packaged.is_dir() else PACKAGE.parent.parent / "studies"
-
-
 def load_study(source: str) -> Study:
     """Load the study file `source`, or the packaged study of that name.
 
@@ -87,7 +81,7 @@ def load_study(source: str) -> Study:
     """
     path = Path(source)
     if path.suffix not in SUFFIXES and not path.is_file():
-        known = {file.stem: file for file in study_dir().glob("*.yaml")}
+        known = {file.stem: file for file in packaged("studies", "studies").glob("*.yaml")}
         if source not in known:
             there = ", ".join(sorted(known))
             raise DockctlError(f"there is no study '{source}'{nearest(source, known)} (known: {there})")

@@ -3,17 +3,22 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
 
+from dockctl.errors import InputError
+from dockctl.runs.paint import boat_outline
 from dockctl.scenarios.base import Pose
+from dockctl.scenarios.berths import layouts
+from dockctl.scenarios.loader import LoadedScenario, load
 from dockctl.scenarios.schema import Scenario
 from dockctl.sim.collision import CollisionChecker, collision_checker
 from dockctl.sim.harbor import Harbor, build_harbor
 from dockctl.sim.hulls import hull_outline
+from dockctl.sim.sites import free_sites, own_site
 
 Floats = NDArray[np.float64]
 
@@ -21,15 +26,48 @@ SEARCH_RADII_M = np.arange(1, 41) * 0.25
 SEARCH_DIRECTIONS = np.array([(math.cos(a), math.sin(a), 0.0) for a in np.arange(16) * (math.pi / 8)])
 
 
+def load_checked(
+    source: str | Path, *, overrides: Sequence[str] = (), plugin_files: Sequence[Path] = ()
+) -> LoadedScenario:
+    """Load `source` and make sure that its meshes are there and that no pose lies inside an obstacle.
+
+    Raises:
+        InputError: every problem of the scenario, each with its place.
+        DockctlError: the scenario or a plugin does not exist.
+    """
+    loaded = load(source, overrides=overrides, plugin_files=plugin_files)
+    try:
+        found = check_poses(loaded.scenario, loaded.base_dir)
+    except InputError as error:  # a mesh file, which knows the field that names it but not the line
+        found = [(problem.field, f"{problem.file} {problem.message}") for problem in error.problems]
+    if found:
+        raise InputError(loaded.problem(path, message) for path, message in found) from None
+    return loaded
+
+
 def check_poses(scenario: Scenario, base_dir: Path) -> list[tuple[str, str]]:
     """Return (field path, message) for every start, goal and test pose at which the boat is not free.
+
+    A task that is carried to berths must be written for one of them, and find room at some of each kind.
 
     Raises:
         InputError: a mesh file of the harbor is missing or broken.
         DockctlError: the harbor cannot be built.
     """
     check = PoseCheck.of(scenario, build_harbor(scenario.harbor, base_dir))
-    return [(field, flaw) for field, pose in _poses(scenario) if (flaw := check.flaw(pose))]
+    flaws = [(field, flaw) for field, pose in _poses(scenario) if (flaw := check.flaw(pose))]
+    return flaws or _berth_flaws(scenario, base_dir)
+
+
+def _berth_flaws(scenario: Scenario, base_dir: Path) -> list[tuple[str, str]]:
+    hull, specs = scenario.vessel.hull, layouts(scenario.harbor, scenario.task.berths)
+    try:
+        own_site(scenario)
+        harbors = [build_harbor(layout.harbor, base_dir) for layout in specs]
+        free_sites(scenario, [collision_checker(harbor, hull).blocked for harbor in harbors])
+    except InputError as error:
+        return [(problem.field, problem.message) for problem in error.problems]
+    return []
 
 
 def _poses(scenario: Scenario) -> Iterator[tuple[str, Pose]]:
@@ -75,9 +113,7 @@ class PoseCheck:
         """Whether the whole outline lies over the basin; mesh harbors have no known basin."""
         if self._basin is None:
             return True
-        x, y = self._outline.T
-        cosine, sine = np.cos(eta[2]), np.sin(eta[2])
-        points = np.stack((eta[0] + cosine * x - sine * y, eta[1] + sine * x + cosine * y), axis=1)
+        points = boat_outline(self._outline, eta)
         return bool(((points > self._basin[:2]) & (points < self._basin[2:])).all())
 
     def _remedy(self, eta: Floats) -> str:

@@ -30,7 +30,7 @@ MODELS: dict[str, tuple[str, Callable[[], list[Solid]]]] = {
 
 
 @dataclass(frozen=True, eq=False)
-class VesselModel:
+class MooredModel:
     """A vessel in its own frame: aftmost point at x = 0, bow along +x, water at z = 0 [m].
 
     `solids` are its closed pieces, in the order in which a drawing from above paints them.
@@ -46,23 +46,14 @@ class VesselModel:
         return together(self.solids)
 
     @property
-    def length(self) -> float:
-        return float(self.mesh.extents[0])
-
-    @property
     def beam(self) -> float:
         return float(self.mesh.extents[1])
 
-    @property
-    def height(self) -> float:
-        """Height of the highest point above the water [m]."""
-        return float(self.mesh.bounds[1, 2])
-
 
 @cache
-def vessel_model(name: str) -> VesselModel:
+def moored_model(name: str) -> MooredModel:
     """Build the model called `name`, a key of `MODELS`."""
     noun, build = MODELS[name]
     solids = build()
     stern = min(solid.mesh.bounds[0, 0] for solid in solids)
-    return VesselModel(name, noun, tuple(solid.shifted((-stern, 0.0, 0.0)) for solid in solids))
+    return MooredModel(name, noun, tuple(solid.shifted((-stern, 0.0, 0.0)) for solid in solids))

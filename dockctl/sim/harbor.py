@@ -19,7 +19,7 @@ from dockctl.runs.scene import Polygon, Scene
 from dockctl.scenarios.berths import BerthPlace
 from dockctl.scenarios.harbor import Basin, EndRow, HarborSpec, Marina, Side, SideRow
 from dockctl.scenarios.vessel import Hull
-from dockctl.sim.fleet import VesselModel, vessel_model
+from dockctl.sim.fleet import MooredModel, moored_model
 from dockctl.sim.hulls import hull_outline
 from dockctl.sim.meshfiles import load_bodies
 from dockctl.sim.outlines import outlines
@@ -112,7 +112,7 @@ def build_harbor(spec: HarborSpec, base_dir: Path) -> Harbor:
 
     Raises:
         InputError: mesh files are missing, unreadable, empty or broken; it names them all.
-        DockctlError: no model of the fleet fits a berth.
+        DockctlError: no model of the fleet fits a berth that is taken.
     """
     # Without mesh files the folder does not matter, and one harbor serves the scenarios of all folders.
     return _build(spec, base_dir if spec.meshes else Path())
@@ -240,24 +240,25 @@ def _moored(spec: Marina, berths: Sequence[Berth]) -> Iterator[Part]:
     for (row, at), berth in zip(slots, berths, strict=True):
         room = _room(row, at, spec.basin) - ELBOW_ROOM_M
         model = _draw(deck, spec.fleet.models, room, rng)
+        if not berth.occupied:
+            continue
         if model is None:
-            narrowest = min(vessel_model(name).beam for name in spec.fleet.models)
+            narrowest = min(moored_model(name).beam for name in spec.fleet.models)
             raise DockctlError(
                 f"harbor '{spec.name}': the {berth.name} leaves {room:.2f} m for a vessel, "
                 f"and the narrowest model of the fleet is {narrowest:.2f} m wide; widen it or free it"
             )
-        if berth.occupied:
-            place = Place.of(row.side, spec.basin, at, gap=spec.fleet.stern_gap_m)
-            yield Part(f"moored {model.noun}, {berth.name}", "vessel", tuple(map(place.put, model.solids)))
+        place = Place.of(row.side, spec.basin, at, gap=spec.fleet.stern_gap_m)
+        yield Part(f"moored {model.noun}, {berth.name}", "vessel", tuple(map(place.put, model.solids)))
 
 
-def _draw(deck: list[str], names: Sequence[str], room: float, rng: np.random.Generator) -> VesselModel | None:
+def _draw(deck: list[str], names: Sequence[str], room: float, rng: np.random.Generator) -> MooredModel | None:
     """Take the first model of the shuffled deck that is at most `room` wide [m]; when none is, add a deck."""
     for _ in range(2):
         for name in deck:
-            if vessel_model(name).beam <= room:
+            if moored_model(name).beam <= room:
                 deck.remove(name)
-                return vessel_model(name)
+                return moored_model(name)
         deck += [names[i] for i in np.argsort(rng.random(len(names)))]
     return None
 

@@ -17,6 +17,7 @@ from types import ModuleType
 import numpy as np
 from numpy.typing import NDArray
 
+from dockctl.runs.provenance import usable_cores
 from dockctl.scenarios.sensors import Lidar, LidarMount
 from dockctl.sim import heightgrid, scan
 from dockctl.sim.cache import Arrays, cached
@@ -49,14 +50,12 @@ class Rays:
     Attributes:
         origins, directions: (k, 3) [m] and unit vectors.
         reach: (k,) where a ray ends [m]: at the sensor's range or at the water, which returns nothing.
-        sensor: (k,) index of the LiDAR.
         channel: (k,) index of the laser, counted through over all the LiDARs.
     """
 
     origins: Floats
     directions: Floats
     reach: Floats
-    sensor: Ints
     channel: Ints
 
     @classmethod
@@ -78,7 +77,6 @@ class Rays:
             origins=np.ascontiguousarray(origins, np.float64),
             directions=np.ascontiguousarray(directions),
             reach=np.minimum(spec.range_m, to_water),
-            sensor=count // len(beams),
             channel=count // spec.azimuth_steps,
         )
 
@@ -149,20 +147,16 @@ class LidarArray:
         """
         out = np.full((len(eta), self.spec.sectors), self.spec.range_m)
         for row, pose in enumerate(eta):
-            hits = self._trace(pose)
-            seen = np.isfinite(hits)
-            points = self.rays.origins[seen] + hits[seen, None] * self.rays.directions[seen]
-            for x, y in points[:, :2]:
+            for x, y in self.points(pose)[:, :2]:
                 sector = sector_of(x, y, self.spec.sectors)
                 out[row, sector] = min(out[row, sector], math.sqrt(x * x + y * y))
         return out
 
-    def points(self, pose: Floats) -> tuple[Floats, Ints]:
-        """Scan from one pose (3,): the (k, 3) returns in the body frame [m] and the (k,) LiDAR of each."""
+    def points(self, pose: Floats) -> Floats:
+        """Scan from one pose (3,): the (k, 3) returns in the body frame [m]."""
         hits = self._trace(pose)
         seen = np.isfinite(hits)
-        points = self.rays.origins[seen] + hits[seen, None] * self.rays.directions[seen]
-        return points, self.rays.sensor[seen]
+        return self.rays.origins[seen] + hits[seen, None] * self.rays.directions[seen]
 
     def _trace(self, pose: Floats) -> Floats:
         """Return the (k,) distance of every ray's closest hit from one pose [m], infinity for a miss."""
@@ -216,15 +210,10 @@ def _turned(vectors: Floats, c: float, s: float) -> Floats:
 
 def _blocks(rows: int) -> list[slice]:
     """Cut rows into blocks for the threads: a few for each, since some poses take longer than others."""
-    if thread_count() == 1:
+    if usable_cores() == 1:
         return [slice(rows)]
-    size = max(1, -(-rows // (4 * thread_count())))
+    size = max(1, -(-rows // (4 * usable_cores())))
     return [slice(first, first + size) for first in range(0, rows, size)]
-
-
-def thread_count() -> int:
-    """Return how many cores this process may use."""
-    return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
 
 
 _POOL: list[ThreadPoolExecutor] = []
@@ -233,7 +222,7 @@ _POOL: list[ThreadPoolExecutor] = []
 def _pool() -> ThreadPoolExecutor:
     """Return the threads that scan; the kernels release the interpreter lock, so they run side by side."""
     if not _POOL:
-        _POOL.append(ThreadPoolExecutor(thread_count(), thread_name_prefix="lidar"))
+        _POOL.append(ThreadPoolExecutor(usable_cores(), thread_name_prefix="lidar"))
     return _POOL[0]
 
 

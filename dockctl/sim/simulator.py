@@ -1,4 +1,4 @@
-"""n boats in one harbor: integrate, collide, measure the goal, scan; one boat is a batch of one."""
+"""n boats, each in its harbor: integrate, collide, measure the goal, scan; one boat is a batch of one."""
 
 from __future__ import annotations
 

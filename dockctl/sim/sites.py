@@ -4,16 +4,21 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
+from typing import get_args
 
 import numpy as np
 
+from dockctl.errors import InputError, Problem
 from dockctl.scenarios.base import Pose
-from dockctl.scenarios.berths import BerthPlace, layouts
+from dockctl.scenarios.berths import BerthKind, BerthPlace, layouts
 from dockctl.scenarios.harbor import Marina
 from dockctl.scenarios.schema import Scenario, Task
-from dockctl.sim.goal import TO_FINAL, TO_INTERMEDIATE, wrap
+from dockctl.sim.goal import TO_FINAL, TO_INTERMEDIATE, measure, wrap
 from dockctl.sim.harbor import berth_pose
 from dockctl.sim.status import Bools, Floats
+
+SAME_POSE = 1e-3
+"""Poses that differ by less [m, rad] are one."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -51,10 +56,22 @@ def _written(task: Task) -> Site:
 
 
 def own_site(scenario: Scenario) -> Site:
-    """Return the task where it is written, in the harbor in which its berth is free."""
-    own = _written(scenario.task)
-    at_berth = (site.harbor for site in sites(scenario) if np.allclose(site.goals[1], own.goals[1]))
-    return replace(own, harbor=next(at_berth, 0))
+    """Return the task where it is written, in the harbor in which its berth is free.
+
+    Raises:
+        InputError: the task is carried to berths, and its final pose is at none of them.
+    """
+    own, every = _written(scenario.task), sites(scenario)
+    distance, turn = measure(np.stack([site.goals[1] for site in every]), own.goals[1:])
+    there = np.flatnonzero((distance < SAME_POSE) & (np.abs(turn) < SAME_POSE))
+    if not len(there):
+        x, y, heading = every[int(distance.argmin())].goals[1]
+        message = (
+            "it is the pose of none of task.berths, so there is no harbor in which it is known to be free;"
+            f" the nearest one is ({x:g}, {y:g}, {np.degrees(heading):g}°)"
+        )
+        raise _flaw(scenario, "task.final", message)
+    return replace(own, harbor=every[there[0]].harbor)
 
 
 def sites(scenario: Scenario) -> list[Site]:
@@ -76,13 +93,27 @@ def free_sites(scenario: Scenario, blocked: Sequence[Callable[[Floats], Bools]])
 
     Args:
         blocked: for each harbor, tells of poses (n, 3) whether the boat would touch or lie in an obstacle.
+
+    Raises:
+        InputError: none of the trained, or of the held-out, berths is free.
     """
-    every = sites(scenario)
-    if scenario.task.berths is None:
+    every, berths = sites(scenario), scenario.task.berths
+    if berths is None:
         return every
-    return [
+    free = [
         site for site in every if not blocked[site.harbor](np.concatenate([site.initial, site.goals])).any()
     ]
+    for kind in get_args(BerthKind):
+        if berths.places(kind) and not any(site.kind == kind for site in free):
+            message = (
+                "at each of these berths one of the task's poses lies in an obstacle; name one with room"
+            )
+            raise _flaw(scenario, f"task.berths.{kind}", message)
+    return free
+
+
+def _flaw(scenario: Scenario, field: str, message: str) -> InputError:
+    return InputError([Problem(f"scenario '{scenario.name}'", 0, 0, field, message)])
 
 
 def _carried(

@@ -52,13 +52,11 @@ def given_start(site: Site, task: Task, pose: Floats, index: int, kind: str = "p
     )
 
 
-def initial_start(
-    site: Site, task: Task, rng: np.random.Generator, blocked: Blocked, kind: str = "pose"
-) -> Start:
+def initial_start(site: Site, task: Task, rng: np.random.Generator, blocked: Blocked) -> Start:
     """Draw one of the initial poses and its offset; an offset into an obstacle is drawn again."""
     index = int(rng.integers(len(site.initial)))
     initial = task.initial[index]
-    start = given_start(site, task, site.initial[index], index, kind)
+    start = given_start(site, task, site.initial[index], index)
     return _nearby(start, _reach(initial.position_offset_m, initial.heading_offset_deg), rng, blocked)
 
 

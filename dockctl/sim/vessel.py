@@ -69,6 +69,11 @@ class VesselModel:
         self._inverse_inertia: Floats = np.linalg.inv(inertia(vessel)).astype(float)
         self._coefficients = _pack(vessel, self._inverse_inertia)
 
+    @property
+    def command_limit(self) -> Floats:
+        """The greatest propeller force [N] and rudder angle [rad], (2,)."""
+        return np.array([self.vessel.max_propeller_n, np.radians(self.vessel.max_rudder_deg)])
+
     def tau(self, command: Floats) -> Floats:
         """Return the forces and the moment (n, 3) [N, N, N m] of propeller force and rudder angle (eq. 2.23).
 

@@ -12,7 +12,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from dockctl.envs.observation import View
+from dockctl.envs.observation import Columns, View, observation_part
 from dockctl.envs.spaces import ObservationEncoder, action_commands
 from dockctl.errors import DockctlError
 from dockctl.scenarios.loader import load
@@ -102,6 +102,28 @@ def test_wrong_names_are_refused() -> None:
         encoder("lydar")
     with pytest.raises(DockctlError, match="'lidar' has no parameter 'cap'; did you mean 'cap_m'"):
         encoder({"lidar": {"cap": 3}})
+
+
+def test_parts_of_a_wrong_shape_are_refused() -> None:
+    @observation_part("flat")
+    def flat(view: View) -> Columns:
+        return Columns(["speed"], view.nu[:, 0], -1, 1)
+
+    @observation_part("single_row")
+    def single_row(view: View) -> Columns:
+        return Columns(["u", "v", "r"], view.nu[:1], -1, 1)
+
+    @observation_part("unbounded")
+    def unbounded(view: View) -> Columns:
+        return Columns(["u", "v", "r"], view.nu, [-1, -1], 1)
+
+    for part, complaint in {
+        "flat": r"'flat' gave values of shape \(2,\) for 2 boats, expected .*, \(2, 1\)",
+        "single_row": r"'single_row' gave values of shape \(1, 3\) for 2 boats, expected .*, \(2, 3\)",
+        "unbounded": r"'unbounded' gave a bound of shape \(2,\), expected one number, or one a name, \(3,\)",
+    }.items():
+        with pytest.raises(DockctlError, match=complaint):
+            encoder(part, "phase")
 
 
 def test_the_action_table_is_the_thesis() -> None:

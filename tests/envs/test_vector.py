@@ -115,6 +115,7 @@ def test_a_mask_resets_its_rows() -> None:
         ({"poses": [[20, 0, 0]]}, r"shape \(2, 3\)"),
         ({"poses": [[20, 0, 0], [math.nan, 0, 0]]}, "finite"),
         ({"poses": [[20, 0, 0], [25, 1, math.pi]]}, r"\(25, 1, 180°\) lies in an obstacle"),
+        ({"starts": []}, "2 starts, one a boat"),
         ({"reset_mask": np.array([True])}, "2 booleans"),
         ({"reset_mask": np.array([False, False])}, "one of them true"),
         ({"pose": [[20, 0, 0], [20, 0, 0]]}, "unknown option 'pose'; did you mean 'poses'"),

@@ -43,9 +43,9 @@ def test_a_run_without_any_table_says_so(tmp_path: Path) -> None:
     ("name", "content", "message"),
     [
         ("episodes.csv", "episode,steps\n1,2\n", "lacks the columns: start_kind, return, outcome"),
-        ("episodes.csv", "\x00\xff", "not a"),
-        ("scene.json", "{", "not a readable scene"),
-        ("scene.json", "[]", "not a readable scene"),
+        ("episodes.csv", "\x00\xff", "episodes.csv: cannot be read"),
+        ("scene.json", "{", "scene.json: cannot be read"),
+        ("scene.json", "[]", "scene.json: cannot be read"),
         ("scenario.yaml", "name: x\n", "not the resolved scenario"),
         ("scenario.yaml", "a: [", "not the resolved scenario"),
         ("scenario.yaml", "name: x\ntask: {final: 3}\ntraining: {seed: 1}\n", "not the resolved scenario"),

@@ -54,10 +54,9 @@ def only(**terms: Any) -> Reward:
 @pytest.fixture
 def registered() -> Iterator[None]:
     """Forget the terms that a test registers."""
-    before = set(REWARD_TERMS.names())
+    before = REWARD_TERMS.save()
     yield
-    for name in set(REWARD_TERMS.names()) - before:
-        REWARD_TERMS.remove(name)
+    REWARD_TERMS.restore(before)
 
 
 def test_at_rest_at_the_start_of_scenario_one() -> None:

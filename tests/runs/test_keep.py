@@ -8,6 +8,7 @@ from pathlib import Path
 import pandas as pd
 import pytest
 
+from dockctl.errors import DockctlError
 from dockctl.reports.run import read_run, read_table
 from dockctl.runs.keep import ELSEWHERE, TRACKS, UPDATE_ROWS, keep
 from tests.reports.synthetic import marina, track, write_run
@@ -69,6 +70,49 @@ def test_long_tables_are_thinned_and_keep_their_end(run: Path, tmp_path: Path) -
     trajectories = read_table(kept / "trajectories.csv", ("pose",))
     assert trajectories is not None
     assert sorted(trajectories["pose"].unique()) == list(range(TRACKS))
+
+
+@pytest.mark.parametrize(
+    ("name", "content"),
+    [
+        ("scene.json", None),
+        ("scene.json", b"{"),
+        ("scene.json", b"[]"),
+        ("scene.json", b"{}"),
+        ("scenario.yaml", None),
+        ("trajectories.csv", b"step,x_m\n0,1\n"),
+        ("trajectories.csv", b"pose,step\nfirst,0\n"),
+        ("episodes.csv", b"\xff\xfe"),
+        ("updates.csv", b""),
+        ("provenance.json", b"{"),
+    ],
+)
+def test_a_run_with_a_broken_file_is_refused_and_what_was_kept_stays(
+    run: Path, tmp_path: Path, name: str, content: bytes | None
+) -> None:
+    keep(run, tmp_path / "results", "s1", 3)
+    before = files(tmp_path / "results")
+    if content is None:
+        (run / name).unlink()
+    else:
+        (run / name).write_bytes(content)
+    with pytest.raises(DockctlError, match=rf"{name}: cannot be read: "):
+        keep(run, tmp_path / "results", "s1", 3)
+    kept = {
+        path: content for path, content in files(tmp_path / "results").items() if ".seed3.new" not in path
+    }
+    assert kept == before
+
+
+@pytest.mark.parametrize("table", ["episodes.csv.gz", "scenes"])
+def test_a_kept_file_that_is_damaged_inside_is_refused(run: Path, tmp_path: Path, table: str) -> None:
+    kept = keep(run, tmp_path / "results", "s1", 3)
+    file = next((tmp_path / "results" / "scenes").iterdir()) if table == "scenes" else kept / table
+    content = bytearray(file.read_bytes())
+    content[12:40] = bytes([255]) * 28
+    file.write_bytes(bytes(content))
+    with pytest.raises(DockctlError, match="cannot be read"):
+        read_run(kept)
 
 
 def test_recordings_are_kept_and_one_plan_serves_all(run: Path, tmp_path: Path) -> None:

@@ -89,6 +89,13 @@ WRONG: dict[str, tuple[str, list[str]]] = {
             "3:19: training.gamma: found -.inf, expected a finite number",
         ],
     ),
+    "too few substeps to be stable": (
+        "vessel: {substeps: 1}\n",
+        [
+            "2:20: vessel.substeps: substeps: 1 in 0.5 s diverge, since this vessel's fastest motion decays "
+            "at 9.81 1/s; expected at least 2"
+        ],
+    ),
     "more boats than fit anywhere": (
         "training: {boats: 1_000_000_000}\n",
         ["2:19: training.boats: found 1000000000, expected a number of at most 4096"],

@@ -13,7 +13,7 @@ from hypothesis import strategies as st
 from dockctl.runs.scene import KINDS
 from dockctl.scenarios.harbor import ModelName
 from dockctl.scenarios.vessel import Hull
-from dockctl.sim.fleet import MODELS, VesselModel, vessel_model
+from dockctl.sim.fleet import MODELS, MooredModel, moored_model
 from dockctl.sim.hulls import hull_mesh, hull_outline
 from dockctl.sim.outlines import outlines
 from dockctl.sim.solids import box, loft, prism, rounded, tube
@@ -22,11 +22,11 @@ lengths = st.floats(0.1, 20.0)
 
 
 @pytest.fixture(params=MODELS)
-def model(request: pytest.FixtureRequest) -> VesselModel:
-    return vessel_model(request.param)
+def model(request: pytest.FixtureRequest) -> MooredModel:
+    return moored_model(request.param)
 
 
-def test_every_piece_is_a_closed_solid_facing_outwards(model: VesselModel) -> None:
+def test_every_piece_is_a_closed_solid_facing_outwards(model: MooredModel) -> None:
     for solid in model.solids:
         assert solid.mesh.is_watertight
         assert solid.mesh.is_winding_consistent
@@ -35,14 +35,14 @@ def test_every_piece_is_a_closed_solid_facing_outwards(model: VesselModel) -> No
     assert model.mesh.is_watertight
 
 
-def test_models_have_the_size_of_their_class(model: VesselModel) -> None:
+def test_models_have_the_size_of_their_class(model: MooredModel) -> None:
     assert 500 <= len(model.mesh.faces) <= 3000
-    assert 5.0 <= model.length <= 10.0
+    assert 5.0 <= model.mesh.extents[0] <= 10.0
     assert 1.6 <= model.beam <= 3.4
-    assert model.height <= 12.0
+    assert model.mesh.bounds[1, 2] <= 12.0
 
 
-def test_models_float_upright_around_their_centre_line_with_the_stern_at_zero(model: VesselModel) -> None:
+def test_models_float_upright_around_their_centre_line_with_the_stern_at_zero(model: MooredModel) -> None:
     low, high = model.mesh.bounds
     assert low[0] == pytest.approx(0.0, abs=1e-12)
     assert low[1] == pytest.approx(-high[1], abs=1e-3)
@@ -55,7 +55,7 @@ def test_classes_of_the_appendix(noun: str, count: int) -> None:
 
 
 def test_masts_stand_on_sailing_boats_alone() -> None:
-    tall = {name for name in MODELS if vessel_model(name).height > 7.0}
+    tall = {name for name in MODELS if moored_model(name).mesh.bounds[1, 2] > 7.0}
     assert tall == {"dinghy", "daysailer", "sloop", "cruiser", "catamaran"}
 
 

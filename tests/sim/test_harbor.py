@@ -223,6 +223,8 @@ def test_berth_too_narrow_for_every_vessel_is_refused() -> None:
     rows = [{"side": "east", "finger_y_m": (-1.0, 1.0), "berth_y_m": (0.0,)}]
     with pytest.raises(DockctlError, match=r"east berth y=0 leaves 0\.70 m .* narrowest .* 1\.76 m wide"):
         build_harbor(marina(rows=rows), Path())
+    freed = build_harbor(marina(rows=[{**rows[0], "free_y_m": (0.0,)}]), Path())
+    assert parts(freed, "vessel") == []
 
 
 def test_free_berth_that_is_none_is_refused() -> None:

@@ -13,6 +13,7 @@ from dockctl.errors import InputError
 from dockctl.scenarios.berths import BerthPlace, layouts
 from dockctl.scenarios.harbor import Marina
 from dockctl.scenarios.loader import load
+from dockctl.sim.checks import check_poses
 from dockctl.sim.goal import measure, wrap
 from dockctl.sim.sites import carry, free_sites, own_site, sites
 from dockctl.sim.starts import StartSampler, random_starts
@@ -80,11 +81,52 @@ def test_held_out_berths_are_never_a_goal_of_training() -> None:
 
 
 def test_sites_without_room_are_left_out() -> None:
-    """The berths next to the closed ends of the basin have room on one side only."""
-    south_of_a_wall = free_sites(MARINA, [Wall(24.0).blocked] * 5)
-    assert {site.berth.split()[0] for site in south_of_a_wall} == set()
+    """An obstacle north of y = 24 m leaves the berth at 18 m room on its southern side only."""
+    free = {site.berth for site in free_sites(MARINA, [lambda eta: eta[:, 1] > 24] * 5)}
+    assert {"east 13", "east 13 mirrored", "east 18"} <= free
+    assert not {"east 18 mirrored", "east 27", "east 27 mirrored"} & free
     assert len(free_sites(MARINA, OPEN)) == len(sites(MARINA))
     assert free_sites(S3, [Wall(-1e9).blocked])[0].berth == ""
+
+
+@pytest.mark.parametrize("kind", ["trained", "held_out"])
+def test_berths_of_one_kind_without_any_room_are_refused(kind: str) -> None:
+    harbors = [layout.kind for layout in layouts(MARINA.harbor, MARINA.task.berths)]
+    blocked = [Wall(-1e9 if of == kind else math.inf).blocked for of in harbors]
+    with pytest.raises(InputError, match="one of the task's poses lies in an obstacle") as refusal:
+        free_sites(MARINA, blocked)
+    assert [problem.field for problem in refusal.value.problems] == [f"task.berths.{kind}"]
+
+
+def test_berths_without_room_are_a_flaw_of_the_scenario() -> None:
+    """Ten metres south of the southernmost berth lies the quay, where the boat would begin."""
+    crowded = load(
+        "marina",
+        overrides=[
+            "task.initial.0.y_m=10",
+            "task.berths.trained={east: [0], west: []}",
+            "task.berths.held_out={east: [], west: [-33]}",
+            "task.berths.mirrored=false",
+        ],
+    )
+    assert [field for field, _ in check_poses(crowded.scenario, crowded.base_dir)] == ["task.berths.held_out"]
+
+
+@pytest.mark.parametrize("heading_deg", [180, -180, 540])
+def test_the_own_berth_is_found_whichever_way_its_heading_is_written(heading_deg: float) -> None:
+    """The berth is held out, and so is not free in the first harbor."""
+    turned = load("marina", overrides=[f"task.final.heading_deg={heading_deg}"])
+    own = own_site(turned.scenario)
+    assert own.harbor == next(site.harbor for site in sites(MARINA) if site.berth == "east 0") > 0
+
+
+def test_a_final_pose_off_every_berth_is_a_flaw() -> None:
+    off = load("marina", overrides=["task.final.x_m=35.9"])
+    ((field, message),) = check_poses(off.scenario, off.base_dir)
+    assert field == "task.final"
+    assert "the nearest one is (36, 0, 180°)" in message
+    with pytest.raises(InputError, match=r"task\.final"):
+        own_site(off.scenario)
 
 
 def test_random_starts_lie_around_their_own_site() -> None:

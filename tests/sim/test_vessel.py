@@ -3,12 +3,14 @@
 from __future__ import annotations
 
 import math
+import re
 
 import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 from numpy.typing import NDArray
+from pydantic import ValidationError
 from scipy.integrate import solve_ivp
 
 from dockctl.scenarios.loader import load
@@ -154,6 +156,33 @@ def test_one_step_for_the_whole_control_period_would_diverge() -> None:
         model = VesselModel(THESIS.model_copy(update={"substeps": substeps}))
         _, nu = sail(model, np.zeros((1, 3)), spinning, np.zeros((1, 2)), 3)
         assert (abs(nu[0, 2]) < 0.01) == stable
+
+
+@pytest.mark.parametrize(
+    "change",
+    [
+        {},
+        {"yaw_inertia_kgm2": 5.0, "N_rdot_kgm2": 0.0, "Y_rdot_kgm": 0.0},
+        {"X_u_kgps": 2000.0},
+        {"X_uu_kgpm": 1.0e5},
+        {"Y_vv_kgpm": 1.0e6},
+        {"N_rr_kgm2": 1.0e6},
+        {"control_period_s": 3.0},
+    ],
+)
+def test_the_fewest_substeps_that_are_allowed_are_stable(change: dict[str, float]) -> None:
+    """At full power they bring a boat to the velocity to which many substeps bring it."""
+    given = {**THESIS.model_dump(), **change}
+    with pytest.raises(ValidationError, match="expected at least") as refusal:
+        Vessel.model_validate({**given, "substeps": 1})
+    fewest = int(re.findall(r"expected at least (\d+)", str(refusal.value))[0])
+    coarse = Vessel.model_validate({**given, "substeps": fewest})
+    fine = coarse.model_copy(update={"substeps": 10 * fewest})
+    with pytest.raises(ValidationError, match=f"expected at least {fewest}"):
+        Vessel.model_validate({**given, "substeps": fewest - 1})
+    command = rows((50, 0), (-50, 0), (50, math.radians(coarse.max_rudder_deg)))
+    ends = [sail(VesselModel(v), np.zeros((3, 3)), np.zeros((3, 3)), command, 200)[1] for v in (coarse, fine)]
+    assert ends[0] == pytest.approx(ends[1], rel=1e-3, abs=1e-9)
 
 
 def test_a_row_does_not_depend_on_the_others_and_inputs_stay_as_they_are() -> None:
