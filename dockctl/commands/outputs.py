@@ -77,6 +77,6 @@ def require_place(file: Path) -> None:
     Raises:
         DockctlError: its folder does not exist or cannot be written, or it is a folder itself.
     """
-    if not file.absolute().parent.is_dir() or file.is_dir():
+    if not os.path.isdir(file.absolute().parent) or os.path.isdir(file):
         raise DockctlError(f"{file}: cannot be written: not a file name in an existing folder")
     require_writable(file.absolute().parent)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 from pathlib import Path
 from typing import Annotated
 
@@ -28,7 +29,7 @@ def plot(
     from dockctl.runs.directory import RunDirectory
 
     folder = RunDirectory.latest(RUNS).path if run is None else run
-    if not folder.is_dir():
+    if not os.path.isdir(folder):
         raise DockctlError(f"{folder}: no such run folder")
     with house_style():
         data = read_run(folder)

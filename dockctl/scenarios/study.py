@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 from collections.abc import Sequence
 from pathlib import Path
 from typing import Annotated, Literal, Self
@@ -86,7 +87,7 @@ def load_study(source: str) -> Study:
         DockctlError: there is no such study.
     """
     path = Path(source)
-    if path.suffix not in SUFFIXES and not path.is_file():
+    if path.suffix not in SUFFIXES and not os.path.isfile(path):
         known = {file.stem: file for file in study_dir().glob("*.yaml")}
         if source not in known:
             there = ", ".join(sorted(known))
