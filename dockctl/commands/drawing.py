@@ -12,6 +12,7 @@ from rich.console import Console
 from rich.table import Table
 
 from dockctl.commands.inputs import load_checked
+from dockctl.commands.say import say
 from dockctl.errors import DockctlError
 from dockctl.reports.show import Scan, figures
 from dockctl.reports.style import house_style, save
@@ -56,10 +57,10 @@ def show(source: str, pose: str | None, out: Path | None, plugin_files: Sequence
         drawn = figures(scene_of(harbor, scenario.vessel.hull), scenario, bodies, own, scan)
         written = save(drawn, folder)
     console = Console()
-    console.print(f"{len(scan.points):,} LiDAR points from {scan.label}", soft_wrap=True, highlight=False)
+    say(console, f"{len(scan.points):,} LiDAR points from {scan.label}")
     console.print(sector_table(scan))
     for path in written:
-        console.print(str(path), soft_wrap=True, highlight=False)
+        say(console, str(path))
 
 
 def sector_table(scan: Scan) -> Table:

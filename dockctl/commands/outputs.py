@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING
 
 from rich.console import Console
 
+from dockctl.commands.say import say
 from dockctl.errors import DockctlError
 from dockctl.runs.directory import require_writable
 from dockctl.runs.files import write_atomically, writing
@@ -68,7 +69,7 @@ class Places:
             self.tables.mkdir(parents=True, exist_ok=True)
         tables = [path for path in (self.tables / f"{self.stem}.csv", self.csv) if path]
         for path in [*figures, *(write_atomically(path, table.encode()) for path in tables)]:
-            Console().print(str(path), soft_wrap=True, highlight=False)
+            say(Console(), str(path))
 
 
 def require_place(file: Path) -> None:

@@ -8,9 +8,8 @@ from typing import Annotated
 
 import typer
 
+from dockctl.commands.options import RUNS
 from dockctl.errors import DockctlError
-
-RUNS = Path("runs")
 
 
 def plot(

@@ -10,13 +10,12 @@ from dockctl.agents.checkpoint import PolicyCard, find_policy, load_policy, requ
 from dockctl.agents.network import DuelingQNetwork
 from dockctl.agents.policy import GreedyPolicy
 from dockctl.commands.inputs import load_checked
+from dockctl.commands.options import RUNS
 from dockctl.envs.vector import DockingVectorEnv
 from dockctl.registry import OBSERVATION_PARTS
 from dockctl.runs.directory import SCENARIO, RunDirectory
 from dockctl.scenarios.loader import LoadedScenario, load
 from dockctl.scenarios.schema import Scenario
-
-RUNS = Path("runs")
 
 
 @dataclass(frozen=True, eq=False)

@@ -8,6 +8,7 @@ from pathlib import Path
 from rich.console import Console
 
 from dockctl.commands.jobs import jobs_of
+from dockctl.commands.say import say
 from dockctl.reports.pages.book import pages_of, write_pages
 from dockctl.runs.directory import require_writable
 from dockctl.runs.keep import keep
@@ -32,9 +33,9 @@ def publish(
     for job in jobs_of(experiments, out):
         if run := job.finished() or (next(iter(job.runs()), None) if unfinished else None):
             kept = keep(run, results, job.experiment.name, job.seed)
-            console.print(f"kept {kept}", soft_wrap=True, highlight=False)
+            say(console, f"kept {kept}")
     with console.status("drawing the pages"):
         written = write_pages(pages_of(study, results), docs)
     for path in written:
         if path.suffix == ".md":
-            console.print(str(path), soft_wrap=True, highlight=False)
+            say(console, str(path))

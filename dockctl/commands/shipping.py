@@ -18,9 +18,11 @@ from dockctl.agents.summary import ending
 from dockctl.commands import modelcard
 from dockctl.commands.policies import Trained, find
 from dockctl.commands.rooms import player
+from dockctl.commands.say import say
 from dockctl.errors import DockctlError
 from dockctl.runs.directory import SCENARIO, RunDirectory, require_writable
 from dockctl.runs.files import new_folder
+from dockctl.scenarios.base import NAME
 from dockctl.scenarios.files import mesh_files, naming
 from dockctl.scenarios.interface import PolicyInterface
 from dockctl.scenarios.loader import LoadedScenario, dump
@@ -29,7 +31,6 @@ from dockctl.sim.simulator import World, build_worlds
 from dockctl.sim.sites import free_sites
 from dockctl.sim.starts import Start, given_start
 
-NAME = re.compile(r"[A-Za-z0-9][A-Za-z0-9_.-]*")
 CARD = "card.md"
 TRAINING = "training"
 
@@ -76,7 +77,7 @@ def ship(runs: Sequence[Path], name: str | None, out: Path) -> None:
     if len(names) > 1:
         raise DockctlError(f"give runs of one scenario; these are of {', '.join(names)}")
     name = name or names[0]
-    if not NAME.fullmatch(name):
+    if not re.fullmatch(NAME, name):
         raise DockctlError(f"--name '{name}': use letters, digits, dots, dashes and underscores")
     require_writable(out)
     for best in candidates:
@@ -87,15 +88,14 @@ def ship(runs: Sequence[Path], name: str | None, out: Path) -> None:
         failures = [one for one in wanted if not one.docked]
         if not failures:
             folder = write(best, candidates, loaded, episodes, out / name)
-            Console().print(f"{best.run.path} is shipped as {folder}", soft_wrap=True, highlight=False)
+            say(Console(), f"{best.run.path} is shipped as {folder}")
             return
         for one in failures:
             x, y, heading = one.start.eta
-            Console(stderr=True).print(
+            say(
+                Console(stderr=True),
                 f"passed over {best.run.path}: from its training pose {x:g}, {y:g},"
                 f" {math.degrees(heading):.4g}°: {ending(one)}",
-                soft_wrap=True,
-                highlight=False,
             )
     raise DockctlError("no policy docks from every pose of its training; nothing is shipped")
 

@@ -20,6 +20,7 @@ from dockctl.agents.policy import GreedyPolicy, Policy
 from dockctl.commands.inputs import load_checked
 from dockctl.commands.policies import RUNS, find
 from dockctl.commands.rooms import judging_starts
+from dockctl.commands.say import say
 from dockctl.envs.observation import View
 from dockctl.envs.spaces import ObservationEncoder
 from dockctl.envs.vector import DockingVectorEnv
@@ -54,7 +55,7 @@ def latency(ckpt: Path | None, source: str | None, decisions: int, out: Path | N
     subject = _subject(ckpt, source)
     folder = out or subject.folder
     require_writable(folder)
-    console.print(f"Timing {subject.name}", soft_wrap=True, highlight=False)
+    say(console, f"Timing {subject.name}")
     samples = time_decisions(subject.env, subject.policy, decisions)
     period_ms = 1000 * subject.env.scenario.vessel.control_period_s
     summary = summarize(samples)
@@ -75,9 +76,9 @@ def latency(ckpt: Path | None, source: str | None, decisions: int, out: Path | N
     written.append(write_atomically(folder / "latency.csv", csv.encode()))
     written.append(write_atomically(folder / "latency.json", (json.dumps(facts, indent=2) + "\n").encode()))
     console.print(_table(summary))
-    console.print(verdict(summary, period_ms), soft_wrap=True, highlight=False)
+    say(console, verdict(summary, period_ms))
     for path in written:
-        console.print(str(path), soft_wrap=True, highlight=False)
+        say(console, str(path))
 
 
 def time_decisions(env: DockingVectorEnv, policy: Policy, decisions: int) -> pd.DataFrame:

@@ -7,11 +7,9 @@ from typing import Annotated
 
 import typer
 
+from dockctl.commands.interrupt import INTERRUPTED
+from dockctl.commands.options import DEFAULT_SCENARIO, RUNS
 from dockctl.errors import DockctlError
-
-DEFAULT_SCENARIO = "s3"
-RUNS = Path("runs")
-INTERRUPTED = 130
 
 
 def train(

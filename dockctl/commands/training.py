@@ -18,13 +18,13 @@ from dockctl.commands.display import TrainingDisplay, best, clock
 from dockctl.commands.inputs import load_checked
 from dockctl.commands.interrupt import on_interrupt
 from dockctl.commands.memory import Estimate, require_memory
-from dockctl.commands.rooms import judging_starts, player, shown_starts, trajectory_rows
+from dockctl.commands.rooms import judging_starts, player, shown_starts, trajectories_csv
+from dockctl.commands.say import say
 from dockctl.envs.vector import DockingVectorEnv
 from dockctl.errors import DockctlError
 from dockctl.runs import provenance
 from dockctl.runs.directory import PROVENANCE, SCENARIO, RunDirectory, require_writable
 from dockctl.runs.lock import alone
-from dockctl.runs.tables import TRAJECTORIES, to_csv
 from dockctl.scenarios.files import mesh_files, naming
 from dockctl.scenarios.interface import PolicyInterface
 from dockctl.scenarios.loader import LoadedScenario, dump
@@ -116,8 +116,8 @@ def carry_out(session: Session, device: str) -> str:
     play = player(loaded, session.worlds, judging_starts(scenario, session.worlds))
     title = f"{scenario.name}, seed {training.seed}"
     boats = f"{training.boats} boat{'s' * (training.boats > 1)}"
-    console.print(f"{title}: {boats}; memory: {session.memory}", soft_wrap=True, highlight=False)
-    console.print(f"run folder: {run.path}", soft_wrap=True, highlight=False)
+    say(console, f"{title}: {boats}; memory: {session.memory}")
+    say(console, f"run folder: {run.path}")
     with asked_to_leave() as asked, TrainingDisplay(training, title, console) as display:
         trainer = Trainer(
             training, scenario.name, env, play, run,
@@ -133,9 +133,8 @@ def carry_out(session: Session, device: str) -> str:
     if trainer.progress.best is not None:
         network, _ = load_policy(run.checkpoint("best"))
         show = player(loaded, session.worlds, shown_starts(scenario, session.worlds))
-        rows = list(trajectory_rows(show(GreedyPolicy(network)), scenario.vessel.control_period_s))
-        ranges = [name for name in rows[0] if name not in TRAJECTORIES]
-        run.write_text("trajectories.csv", to_csv(rows, [*TRAJECTORIES, *ranges]))
+        text = trajectories_csv(show(GreedyPolicy(network)), scenario.vessel.control_period_s)
+        run.write_text("trajectories.csv", text)
     tell(console, run, trainer.progress, reason)
     return reason
 
@@ -152,7 +151,7 @@ def tell(console: Console, run: RunDirectory, progress: Progress, reason: str) -
         lines += ["Saved. To go on:", f"  dockctl train --resume {run.path}"]
     else:
         lines += ["Next:", f"  dockctl evaluate --ckpt {run.path}", f"  dockctl plot {run.path}"]
-    console.print("\n".join(lines), soft_wrap=True, highlight=False)
+    say(console, "\n".join(lines))
 
 
 @contextmanager

@@ -11,11 +11,10 @@ from pydantic import Field, ValidationError, model_validator
 
 from dockctl.errors import DockctlError, InputError, nearest
 from dockctl.scenarios import translate
-from dockctl.scenarios.base import Count, Model
+from dockctl.scenarios.base import Count, Model, Name
 from dockctl.scenarios.catalog import PACKAGE, SUFFIXES, shown
 from dockctl.scenarios.yamltree import read_file
 
-Name = Annotated[str, Field(pattern=r"^[A-Za-z0-9][A-Za-z0-9_.-]*$", max_length=64)]
 Probe = Literal["map", "latency", "returns"]
 
 
