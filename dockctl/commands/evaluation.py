@@ -150,7 +150,7 @@ def measure(
         card=card,
         run=trained.run,
         scenario=scenario.name,
-        elsewhere=source is not None and scenario.name != card.scenario,
+        elsewhere=source is not None and trained.is_elsewhere(scenario),
         overrides=tuple(overrides),
         seed=seed,
         control_period_s=scenario.vessel.control_period_s,
@@ -175,8 +175,8 @@ def store(result: Result, json_file: Path | None, csv_file: Path | None) -> None
     if not os.access(result.run.path, os.W_OK):
         say(Console(stderr=True), f"note: {result.run.path} is read-only, the result is not stored in it")
         return
-    write_atomically(result.run.path / f"{result.stem}.json", as_json)
     write_atomically(result.run.path / f"{result.stem}.csv", as_csv)
+    write_atomically(result.run.path / f"{result.stem}.json", as_json)
 
 
 def show(result: Result) -> None:

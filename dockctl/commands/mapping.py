@@ -100,7 +100,7 @@ def chart(ckpt: Path | None, source: str | None, grid: Grid, csv: Path | None, o
     """
     trained = find(ckpt)
     loaded = trained.scenario(source)
-    places = Places.of("map", trained, loaded.scenario.name, source, out, csv)
+    places = Places.of("map", trained, loaded.scenario, source, out, csv)
     worlds = build_worlds(loaded.scenario, loaded.base_dir)
     trained.require_fit(DockingVectorEnv(loaded, 1, worlds=worlds))
     text = to_csv(measure(trained, loaded, worlds, grid), MAP)

@@ -15,7 +15,7 @@ DEFAULT_SCENARIO = "s3"
 
 
 def finite(value: float | None) -> float | None:
-    """Refuse what is no number; ranges let it through.
+    """Refuse what is no number; the ranges of some versions of Click let it through.
 
     Raises:
         typer.BadParameter: it is not finite.

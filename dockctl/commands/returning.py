@@ -112,7 +112,7 @@ def compare(
     trained = find(ckpt)
     loaded = trained.scenario(source)
     scenario = loaded.scenario
-    places = Places.of("returns", trained, scenario.name, source, out, csv)
+    places = Places.of("returns", trained, scenario, source, out, csv)
     with Console(stderr=True).status(f"behaviors on '{scenario.name}'"):
         played = list(behaviors(loaded, trained))
         rows = [row for unit in units for row in judge(scenario, unit, played)]
