@@ -10,6 +10,7 @@ import typer
 from typer.core import TyperGroup
 
 from dockctl import __version__
+from dockctl.commands.interrupt import INTERRUPTED
 from dockctl.errors import DockctlError
 
 COMMANDS = {
@@ -28,8 +29,6 @@ COMMANDS = {
     "list": "list_registered",
 }
 """Every command with its function in ``dockctl.commands.<command>``."""
-
-INTERRUPTED = 130
 
 
 class _Commands(TyperGroup):

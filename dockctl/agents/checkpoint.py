@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import hashlib
 import json
+import os
 from collections.abc import Mapping
 from dataclasses import dataclass, fields, replace
 from pathlib import Path
@@ -20,6 +21,7 @@ from safetensors.numpy import save as save_tensors
 import dockctl
 from dockctl.agents.network import DuelingQNetwork
 from dockctl.errors import DockctlError, nearest
+from dockctl.runs.directory import RunDirectory
 from dockctl.runs.files import write_atomically
 from dockctl.runs.shipped import shipped
 from dockctl.scenarios.interface import PolicyInterface
@@ -100,7 +102,7 @@ def load_pair(facts_file: Path) -> tuple[dict[str, NDArray[Any]], dict[str, Any]
     """
     tensors_file = facts_file.with_suffix(".safetensors")
     for file in (facts_file, tensors_file):
-        if not file.is_file():
+        if not os.path.isfile(file):
             raise CheckpointError(
                 f"{file}: no such file; a checkpoint is a .safetensors and a .json file of one name"
             )
@@ -149,7 +151,7 @@ def load_parameters(network: DuelingQNetwork, tensors: Tensors) -> None:
     """Copy named tensors into the parameters of `network`.
 
     Raises:
-        KeyError, RuntimeError: a parameter is missing or has another shape.
+        KeyError, ValueError: a parameter is missing or has another shape.
     """
     for name, parameter in network.named_parameters():
         if tuple(tensors[name].shape) != tuple(parameter.shape):
@@ -166,20 +168,20 @@ def find_policy(path: Path) -> Path:
         CheckpointError: there is none.
     """
     names = shipped()
-    if not path.exists() and str(path) in names:
+    if not os.path.exists(path) and str(path) in names:
         path = names[str(path)]
-    if not path.exists():
+    if not os.path.exists(path):
         listed = ", ".join(names) or "none"
         close = nearest(str(path), names)
         raise CheckpointError(f"{path}: no such run folder or checkpoint{close} (shipped: {listed})")
-    if path.is_file():
+    if os.path.isfile(path):
         if path.suffix not in (".json", ".safetensors"):
             raise CheckpointError(
                 f"{path}: not a checkpoint: expected a folder, a .safetensors or a .json file"
             )
         return path.with_suffix(".json")
-    for folder in (path, path / "checkpoints" / "best", path / "checkpoints" / "last"):
-        if (folder / f"{POLICY}.json").is_file() or (folder / f"{POLICY}.safetensors").is_file():
+    for folder in (path, *map(RunDirectory(path).checkpoint, ("best", "last"))):
+        if any(os.path.isfile(folder / f"{POLICY}.{kind}") for kind in ("json", "safetensors")):
             return folder / f"{POLICY}.json"
     also = f"; the shipped '{path}' is in {names[str(path)]}" if str(path) in names else ""
     raise CheckpointError(f"{path}: holds no checkpoint; a run has one from its first evaluation on{also}")

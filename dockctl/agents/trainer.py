@@ -33,7 +33,6 @@ from dockctl.agents.progress import Progress
 from dockctl.agents.records import EpisodeRecorder, UpdateRecorder
 from dockctl.agents.replay import NStep, Replay
 from dockctl.runs.directory import RunDirectory
-from dockctl.runs.files import new_folder
 from dockctl.runs.statistics import RECENT
 from dockctl.runs.tables import EPISODES, EVALUATIONS, TIMING, UPDATES
 from dockctl.scenarios.interface import PolicyInterface
@@ -177,7 +176,7 @@ class Trainer:
         is_best = progress.best is None or [docked, mean_return] > progress.best
         if is_best:
             progress.best = [docked, mean_return]
-            with new_folder(self.run_directory.checkpoint("best")) as folder:
+            with self.run_directory.new_checkpoint("best") as folder:
                 save_policy(folder, self.learner.online, self._card())
         progress.evaluated_at = progress.env_steps
         progress.evaluation_docked, progress.evaluation_episodes = docked, len(episodes)
@@ -201,7 +200,7 @@ class Trainer:
 
     def save_last(self) -> None:
         """Save the policy and all that `restore` needs."""
-        with new_folder(self.run_directory.checkpoint("last")) as folder:
+        with self.run_directory.new_checkpoint("last") as folder:
             save_policy(folder, self.learner.online, self._card())
             replay = {f"replay.{name}": array for name, array in self.replay.state().items()}
             facts = {

@@ -12,12 +12,14 @@ import pandas as pd
 from rich import box
 from rich.console import Console
 from rich.table import Table
+from rich.text import Text
 
 from dockctl.agents.checkpoint import PolicyCard
 from dockctl.agents.summary import summarize
 from dockctl.commands.evaluation import GROUPS, LEAST_WIDTH, Result, measure
 from dockctl.commands.outputs import require_place
 from dockctl.commands.policies import find
+from dockctl.commands.say import say
 from dockctl.errors import DockctlError
 from dockctl.reports.compare import compare_figure
 from dockctl.reports.contrast import Compared, Contrast, contrasts
@@ -67,7 +69,7 @@ def compare(
     with house_style():
         written = save({f"compare-{first.scenario}": compare_figure(table, GROUPS, caption)}, out)
     for path in written:
-        Console().print(str(path), soft_wrap=True, highlight=False)
+        say(Console(), str(path))
 
 
 def names_of(policies: Sequence[Path], cards: Sequence[PolicyCard]) -> list[str]:
@@ -132,9 +134,11 @@ def show(results: dict[str, Result], found: Sequence[Contrast]) -> None:
         for one in found:
             if one.kind == kind:
                 console.print(_difference_table(one))
-                console.print(
-                    f"[dim]Docked by one alone: {one.only_first} by {one.first}, {one.only_second} by "
-                    f"{one.second}; exact McNemar p = {one.p:.2g}.[/]\n"
+                say(
+                    console,
+                    f"Docked by one alone: {one.only_first} by {one.first}, {one.only_second} by "
+                    f"{one.second}; exact McNemar p = {one.p:.2g}.\n",
+                    "dim",
                 )
 
 
@@ -154,7 +158,7 @@ def _endings_table(title: str, kind: str, results: dict[str, Result]) -> Table:
         low, high = summary["success_interval_95"]
         others = [f"{count} {ending}" for ending, count in summary["endings"].items() if ending != "docked"]
         table.add_row(
-            name,
+            Text(name),
             f"{summary['docked']} of {summary['episodes']}",
             f"[bold]{summary['success']:.1%}[/]",
             f"{low:.1%} to {high:.1%}",
@@ -165,14 +169,14 @@ def _endings_table(title: str, kind: str, results: dict[str, Result]) -> Table:
 
 def _difference_table(one: Contrast) -> Table:
     table = Table(
-        title=f"{one.second} against {one.first}",
+        title=Text(f"{one.second} against {one.first}", "table.title"),
         title_justify="left",
         header_style="bold",
         box=box.SIMPLE_HEAD,
     )
     table.add_column("", no_wrap=True)
     for name in (one.first, one.second):
-        table.add_column(name, justify="right", overflow="fold")
+        table.add_column(Text(name), justify="right", overflow="fold")
     for name in ("difference", "95 % interval", "episodes"):
         table.add_column(name, justify="right", no_wrap=True)
     for each in (one.success, *one.docked):

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import fcntl
 import os
 import shlex
 import signal
@@ -21,6 +20,7 @@ import dockctl
 from dockctl.commands.jobs import Job, Stage
 from dockctl.errors import DockctlError
 from dockctl.runs.files import writing
+from dockctl.runs.lock import alone
 
 TAIL_BYTES = 4096
 POLL_SECONDS = 0.25
@@ -150,9 +150,5 @@ def _log_of(job: Job) -> Iterator[IO[bytes]]:
     with writing(job.log):
         job.log.parent.mkdir(parents=True, exist_ok=True)
         file = job.log.open("ab")
-    with file:
-        try:
-            fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
-        except OSError:
-            raise DockctlError(f"{job.log}: another process is at work on this") from None
+    with file, alone(job.log):
         yield file

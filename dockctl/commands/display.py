@@ -13,6 +13,8 @@ from rich.panel import Panel
 from rich.progress_bar import ProgressBar
 from rich.table import Table
 
+from dockctl.commands.say import say
+
 if TYPE_CHECKING:
     from dockctl.agents.progress import Progress
     from dockctl.scenarios.training import Training
@@ -62,13 +64,13 @@ class TrainingDisplay:
         if self._live:
             self._live.update(self._panel(progress), refresh=True)
         elif len(self._marks) > 1:
-            self._console.print(self._line(progress), highlight=False, soft_wrap=True)
+            say(self._console, self._line(progress))
 
     def show_evaluation(self, progress: Progress) -> None:
         """Print the latest greedy evaluation, unless it was printed before."""
         if progress.evaluated_at > self._evaluated_at:
             self._evaluated_at = progress.evaluated_at
-            self._console.print(evaluation_line(progress), highlight=False, soft_wrap=True)
+            say(self._console, evaluation_line(progress))
 
     @property
     def steps_per_second(self) -> float | None:

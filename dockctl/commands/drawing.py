@@ -11,6 +11,7 @@ from rich import box
 from rich.console import Console
 from rich.table import Table
 
+from dockctl.commands.say import say
 from dockctl.errors import DockctlError
 from dockctl.reports.show import Scan, figures
 from dockctl.reports.style import house_style, save
@@ -55,10 +56,10 @@ def show(source: str, pose: str | None, out: Path | None, plugin_files: Sequence
         drawn = figures(scene_of(harbor, scenario.vessel.hull), scenario, bodies, own, scan)
         written = save(drawn, folder)
     console = Console()
-    console.print(f"{len(scan.points):,} LiDAR points from {scan.label}", soft_wrap=True, highlight=False)
+    say(console, f"{len(scan.points):,} LiDAR points from {scan.label}")
     console.print(sector_table(scan))
     for path in written:
-        console.print(str(path), soft_wrap=True, highlight=False)
+        say(console, str(path))
 
 
 def sector_table(scan: Scan) -> Table:

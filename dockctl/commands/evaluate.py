@@ -7,7 +7,7 @@ from typing import Annotated
 
 import typer
 
-from dockctl.commands.options import Ckpt, Elsewhere
+from dockctl.commands.options import Ckpt, Elsewhere, finite
 
 BELOW_MINIMUM = 1
 
@@ -26,7 +26,10 @@ def evaluate(
     min_success: Annotated[
         float | None,
         typer.Option(
-            min=0, max=1, help="Exit with 1 when fewer dock, of the test poses or of the random starts."
+            min=0,
+            max=1,
+            callback=finite,
+            help="Exit with 1 when fewer dock, of the test poses or of the random starts.",
         ),
     ] = None,
     json_: Annotated[Path | None, typer.Option("--json", help="Write the result here.")] = None,

@@ -21,6 +21,7 @@ from dockctl.agents.summary import ending, summarize
 from dockctl.commands.outputs import require_place
 from dockctl.commands.policies import find
 from dockctl.commands.rooms import judging_starts, player, testing_starts
+from dockctl.commands.say import say
 from dockctl.envs.vector import DockingVectorEnv
 from dockctl.runs.directory import RunDirectory
 from dockctl.runs.files import write_atomically
@@ -149,7 +150,7 @@ def measure(
         card=card,
         run=trained.run,
         scenario=scenario.name,
-        elsewhere=source is not None and scenario.name != card.scenario,
+        elsewhere=source is not None and trained.is_elsewhere(scenario),
         overrides=tuple(overrides),
         seed=seed,
         control_period_s=scenario.vessel.control_period_s,
@@ -172,21 +173,20 @@ def store(result: Result, json_file: Path | None, csv_file: Path | None) -> None
     if result.run is None:
         return
     if not os.access(result.run.path, os.W_OK):
-        Console(stderr=True).print(f"note: {result.run.path} is read-only, the result is not stored in it")
+        say(Console(stderr=True), f"note: {result.run.path} is read-only, the result is not stored in it")
         return
-    write_atomically(result.run.path / f"{result.stem}.json", as_json)
     write_atomically(result.run.path / f"{result.stem}.csv", as_csv)
+    write_atomically(result.run.path / f"{result.stem}.json", as_json)
 
 
 def show(result: Result) -> None:
     """Print what came of it."""
     console, card = Console(), result.card
     console.width = max(console.width, LEAST_WIDTH)
-    console.print(
+    say(
+        console,
         f"Policy {result.policy} (trained on '{card.scenario}', seed {card.seed}, {card.env_steps:,} steps)"
         f" on scenario '{result.scenario}'{''.join(f', {change}' for change in result.overrides)}",
-        soft_wrap=True,
-        highlight=False,
     )
     if "pose" in result.groups:
         console.print(_episode_table(result.groups["pose"], result.control_period_s))

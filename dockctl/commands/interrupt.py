@@ -7,6 +7,9 @@ from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from typing import Any
 
+INTERRUPTED = 130
+"""Exit status of a command that was left so."""
+
 
 @contextmanager
 def on_interrupt(leave: Callable[[], None]) -> Iterator[None]:

@@ -3,27 +3,22 @@
 from __future__ import annotations
 
 import csv
-import hashlib
-import json
 import math
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
 
+from dockctl.commands.differences import difference
 from dockctl.errors import DockctlError
 from dockctl.reports.map import ASKEW_DEG
 from dockctl.runs.directory import PROVENANCE, SCENARIO, RunDirectory
 from dockctl.runs.keep import ELSEWHERE, FAILURES
-from dockctl.scenarios.files import mesh_files, naming
 from dockctl.scenarios.loader import load
 from dockctl.scenarios.schema import Scenario
 from dockctl.scenarios.study import Experiment
 from dockctl.sim.checks import load_checked
 
 TRAJECTORIES = "trajectories.csv"
-WORDS = {"title", "description", "plugins"}
-"""Fields of a scenario that a training does not depend on."""
 
 
 @dataclass(frozen=True)
@@ -72,15 +67,15 @@ class Job:
     def difference(self, run: Path) -> str | None:
         """What tells the run from this job, None where it is the same training."""
         try:
-            return _difference(_substance(self.scenario), _substance(load(run / SCENARIO).scenario))
+            return difference(self.scenario, load(run / SCENARIO).scenario)
         except (DockctlError, OSError) as error:
             return str(error).splitlines()[0]
 
     def strangers(self) -> Iterator[tuple[Path, str]]:
         """Folders of this seed that hold another training, each with what differs."""
         for path in sorted(self.folder.glob(f"*/*-seed{self.seed}*/{SCENARIO}")):
-            if difference := self.difference(path.parent):
-                yield path.parent, difference
+            if differs := self.difference(path.parent):
+                yield path.parent, differs
 
     def training(self) -> Stage | None:
         """The stage that makes or finishes the training, None where it is finished."""
@@ -171,25 +166,3 @@ def _finished(run: Path) -> bool:
 
 def _can_be_taken_up(run: Path) -> bool:
     return (RunDirectory(run).checkpoint("last") / "learner.json").is_file()
-
-
-def _substance(scenario: Scenario) -> dict[str, Any]:
-    """What a training depends on: of a mesh not where its file lies, but what it holds."""
-    contents = [hashlib.sha256(path.read_bytes()).hexdigest() for path in mesh_files(scenario)]
-    return naming(scenario, (), contents).model_dump(exclude=WORDS)
-
-
-def _difference(asked: Any, found: Any, path: str = "") -> str | None:
-    """The first field in which two trees differ."""
-    if isinstance(asked, dict) and isinstance(found, dict):
-        fields = (
-            _difference(asked.get(key), found.get(key), f"{path}.{key}".lstrip("."))
-            for key in {**asked, **found}
-        )
-        return next((difference for difference in fields if difference), None)
-    return None if asked == found else f"{path} is {_short(found)}, asked is {_short(asked)}"
-
-
-def _short(value: Any) -> str:
-    text = json.dumps(value, default=str)
-    return text if len(text) <= 40 else f"{text[:37]}..."

@@ -7,7 +7,7 @@ from typing import Annotated
 
 import typer
 
-from dockctl.commands.options import Elsewhere
+from dockctl.commands.options import Elsewhere, finite
 
 HEADINGS = "0,20,-20,45,-45,90,-90,180"
 
@@ -18,8 +18,12 @@ def map_(
         typer.Option(help="Run folder, checkpoint, or name of a shipped one; the latest run by default."),
     ] = None,
     scenario: Elsewhere = None,
-    reach_m: Annotated[float, typer.Option(min=0, max=1000, help="± in x and in y [m].")] = 10.0,
-    step_m: Annotated[float, typer.Option(min=0.01, max=1000, help="Between two starts [m].")] = 2.0,
+    reach_m: Annotated[
+        float, typer.Option(min=0, max=1000, callback=finite, help="± in x and in y [m].")
+    ] = 10.0,
+    step_m: Annotated[
+        float, typer.Option(min=0.01, max=1000, callback=finite, help="Between two starts [m].")
+    ] = 2.0,
     headings: Annotated[
         str, typer.Option(metavar="DEGREES,…", help="By which the starts are turned [°].")
     ] = HEADINGS,

@@ -20,7 +20,8 @@ from rich.table import Table
 from dockctl.agents.evaluator import Episode
 from dockctl.commands.outputs import Places
 from dockctl.commands.policies import Trained, find
-from dockctl.commands.rooms import player
+from dockctl.commands.rooms import player, pose_check
+from dockctl.commands.say import say
 from dockctl.envs.vector import DockingVectorEnv
 from dockctl.errors import DockctlError
 from dockctl.reports.map import (
@@ -35,10 +36,7 @@ from dockctl.reports.map import (
 from dockctl.reports.style import house_style, save
 from dockctl.runs.statistics import wilson_interval
 from dockctl.runs.tables import MAP, Value, to_csv
-from dockctl.scenarios.berths import layouts
 from dockctl.scenarios.loader import LoadedScenario
-from dockctl.sim.checks import PoseCheck
-from dockctl.sim.harbor import build_harbor
 from dockctl.sim.simulator import World, build_worlds
 from dockctl.sim.sites import own_site
 from dockctl.sim.starts import given_start
@@ -97,15 +95,20 @@ def chart(ckpt: Path | None, source: str | None, grid: Grid, csv: Path | None, o
     """Map the policy `ckpt` on a scenario: play, store table and figure, and print a summary.
 
     Raises:
-        DockctlError: there is no such policy or scenario, they do not fit, or a file cannot be written.
+        DockctlError: there is no such policy or scenario, they do not fit, no start is free, or a file
+            cannot be written.
     """
     trained = find(ckpt)
     loaded = trained.scenario(source)
-    places = Places.of("map", trained, loaded.scenario.name, source, out, csv)
+    places = Places.of("map", trained, loaded.scenario, source, out, csv)
     worlds = build_worlds(loaded.scenario, loaded.base_dir)
     trained.require_fit(DockingVectorEnv(loaded, 1, worlds=worlds))
     text = to_csv(measure(trained, loaded, worlds, grid), MAP)
     table = pd.read_csv(io.StringIO(text), keep_default_na=False, na_values=[""])
+    if table["blocked"].all():
+        raise DockctlError(
+            f"no start is free in '{loaded.scenario.name}': take other --headings or --reach-m"
+        )
     plan = worlds[own_site(loaded.scenario).harbor].scene()
     caption = f"policy of {trained.card.scenario}, seed {trained.card.seed}"
     show(table, trained, loaded.scenario.name)
@@ -124,8 +127,7 @@ def measure(
     """
     scenario = loaded.scenario
     site = own_site(scenario)
-    layout = layouts(scenario.harbor, scenario.task.berths)[site.harbor]
-    check = PoseCheck.of(scenario, build_harbor(layout.harbor, loaded.base_dir))
+    check = pose_check(loaded)
     rows: list[dict[str, Value]] = []
     with Progress(console=Console(stderr=True), transient=True) as progress:
         for heading in progress.track(grid.headings_deg, description=f"starts in '{scenario.name}'"):
@@ -164,11 +166,10 @@ def _row(offset: Floats, pose: Floats, episode: Episode | None, control_period_s
 def show(table: pd.DataFrame, trained: Trained, scenario: str) -> None:
     """Print how the starts of every heading ended."""
     console, free, reach = Console(), free_starts(table), reach_of(table)
-    console.print(
+    say(
+        console,
         f"Policy {trained.file} on scenario '{scenario}': {len(free):,} free starts within"
         f" ±{reach:g} m, {len(table) - len(free):,} blocked",
-        soft_wrap=True,
-        highlight=False,
     )
     summary = Table(header_style="bold", box=box.SIMPLE_HEAD)
     for name in (
@@ -199,4 +200,4 @@ def show(table: pd.DataFrame, trained: Trained, scenario: str) -> None:
             radius_words(success_radius(group, reach)),
         )
     console.print(summary)
-    console.print("Success radius: the largest distance up to which every free start docks.", highlight=False)
+    say(console, "Success radius: the largest distance up to which every free start docks.")

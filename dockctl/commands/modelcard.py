@@ -55,14 +55,25 @@ def table(path: Path, columns: Sequence[str]) -> pd.DataFrame:
     return read.assign(collided_with=read["collided_with"].fillna(""))
 
 
-def evaluations(run: Path) -> dict[str, pd.DataFrame]:
-    """Read the evaluations of a run by the stems of their files, the one on its own scenario first.
+def is_of(card: PolicyCard, run: RunDirectory, name: str) -> bool:
+    """Whether the JSON file `name` of the run is there and tells that this very policy was measured.
+
+    Raises:
+        DockctlError: it cannot be read.
+    """
+    if not (run.path / name).is_file():
+        return False
+    return bool(run.read_json(name).get("policy", {}).get("sha256") == card.sha256)
+
+
+def evaluations(run: RunDirectory, card: PolicyCard) -> dict[str, pd.DataFrame]:
+    """Read the evaluations of a run's policy by the stems of their files, that on its own scenario first.
 
     Raises:
         DockctlError: one cannot be read.
     """
-    paths = [run / "evaluation.csv", *sorted(run.glob("evaluation-*.csv"))]
-    return {path.stem: table(path, EPISODES) for path in paths}
+    paths = [run.path / "evaluation.csv", *sorted(run.path.glob("evaluation-*.csv"))]
+    return {path.stem: table(path, EPISODES) for path in paths if is_of(card, run, f"{path.stem}.json")}
 
 
 def write(
@@ -79,11 +90,11 @@ def write(
 
     Args:
         name: of the checkpoint.
-        others: seed and docked share by sort of start of every run that it was chosen from, itself first.
+        others: seed and docked share by sort of start of every run that it was chosen from, by rank.
         training: its episodes from the poses of its training, columns `EPISODES`.
         folder, files: the checkpoint's folder and the files in it, for their hashes.
     """
-    episodes = {"": training, **evaluations(run.path)}
+    episodes = {"": training, **evaluations(run, card)}
     sections = [
         f"# {name}\n\n{scenario.title}\n\n{scenario.description}".rstrip(),
         "```sh\n" + f"dockctl evaluate --ckpt {name}\n" + "```",
@@ -93,7 +104,7 @@ def write(
             ("scenario", "starts", "docked", "success", "95 % interval", "least clearance"),
             _successes(scenario, episodes),
         ),
-        *_further(run),
+        *_further(run, card),
         "## Known failures\n\n" + "\n".join(_failures(scenario, episodes)),
         "## Use and limits\n\n" + LIMITS + "\n" + (FIXED if scenario.task.berths is None else BERTHS),
         "## Files\n\n" + _rows(("file", "SHA-256"), _hashes(folder, files)),
@@ -109,7 +120,7 @@ def _facts(
     yield "seed", f"{card.seed}"
     if len(others) > 1:
         kind = list(others[0][1])[-1]
-        rates = ", ".join(f"{share[kind]:.0%} (seed {seed})" for seed, share in others)
+        rates = ", ".join(f"{_rate(share, kind)} (seed {seed})" for seed, share in others)
         yield (
             "chosen",
             f"of {len(others)} runs, for its evaluations, which therefore flatter it;"
@@ -133,6 +144,10 @@ def _facts(
     yield "learned from", "simulated episodes of its own; no recorded data"
 
 
+def _rate(share: Mapping[str, float], kind: str) -> str:
+    return f"{share[kind]:.0%}" if kind in share else "-"
+
+
 def _part(given: ObservationPart) -> str:
     values = ", ".join(f"{key}={value}" for key, value in given.params.items())
     return f"`{given.part}({values})`" if values else f"`{given.part}`"
@@ -150,14 +165,15 @@ def _groups(
     scenario: Scenario, evaluations: Mapping[str, pd.DataFrame]
 ) -> Iterator[tuple[str, str, pd.DataFrame]]:
     for stem, episodes in evaluations.items():
-        where = stem.removeprefix("evaluation").removeprefix("-") or scenario.name
+        where = stem.removeprefix("evaluation").removeprefix("-")
+        where = f"another {where}" if where == scenario.name else where or scenario.name
         for kind in episodes["start_kind"].unique():
             yield where, KINDS.get(kind, kind), episodes[episodes["start_kind"] == kind]
 
 
-def _further(run: RunDirectory) -> Iterator[str]:
-    """What the map of starts and the timing of decisions tell, where the run has them."""
-    if (run.path / "map.csv").is_file():
+def _further(run: RunDirectory, card: PolicyCard) -> Iterator[str]:
+    """What the map of starts and the timing of decisions tell, where the run has them of this policy."""
+    if is_of(card, run, "map.json"):
         starts = table(run.path / "map.csv", CELLS)
         free, reach = free_starts(starts), reach_of(starts)
         straight, askew = (
@@ -168,7 +184,7 @@ def _further(run: RunDirectory) -> Iterator[str]:
             f" headings tried, {free['docked'].mean():.0%} dock. The radius within which every free start"
             f" docks is {straight} with the heading of the pose, and {askew} up to 20° askew."
         )
-    if (run.path / "figures" / "latency.json").is_file():
+    if is_of(card, run, "figures/latency.json"):
         timing = run.read_json("figures/latency.json")
         times: dict[str, Any] = timing.get("milliseconds", {})
         forward, whole = times.get("Forward pass"), times.get("Whole decision")

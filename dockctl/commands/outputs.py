@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import os
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -10,29 +11,36 @@ from typing import TYPE_CHECKING
 
 from rich.console import Console
 
+from dockctl.commands.say import say
 from dockctl.errors import DockctlError
 from dockctl.runs.directory import require_writable
 from dockctl.runs.files import write_atomically, writing
 
 if TYPE_CHECKING:
     from dockctl.commands.policies import Trained
+    from dockctl.scenarios.schema import Scenario
 
 
 @dataclass(frozen=True)
 class Places:
-    """A table and a figure of one name, and a second place for the table."""
+    """A table and a figure of one name, and a second place for the table.
+
+    Attributes:
+        policy: hash of the policy that is measured.
+    """
 
     tables: Path
     figures: Path
     stem: str
     csv: Path | None
+    policy: str
 
     @classmethod
     def of(
         cls,
         what: str,
         trained: Trained,
-        scenario: str,
+        scenario: Scenario,
         source: str | None,
         out: Path | None,
         csv: Path | None,
@@ -55,11 +63,12 @@ class Places:
             require_writable(folder)
         if csv:
             require_place(csv)
-        elsewhere = source is not None and scenario != trained.card.scenario
-        return cls(tables, figures, f"{what}-{scenario}" if elsewhere or not run else what, csv)
+        elsewhere = source is not None and trained.is_elsewhere(scenario)
+        stem = f"{what}-{scenario.name}" if elsewhere or not run else what
+        return cls(tables, figures, stem, csv, trained.card.sha256)
 
     def store(self, table: str, figures: Sequence[Path]) -> None:
-        """Write the table as CSV, after its figures: a table means that all is there; print all paths.
+        """Write the table as CSV, after its figures, and of which policy it is as JSON; print all paths.
 
         Raises:
             DockctlError: the table cannot be written.
@@ -68,7 +77,9 @@ class Places:
             self.tables.mkdir(parents=True, exist_ok=True)
         tables = [path for path in (self.tables / f"{self.stem}.csv", self.csv) if path]
         for path in [*figures, *(write_atomically(path, table.encode()) for path in tables)]:
-            Console().print(str(path), soft_wrap=True, highlight=False)
+            say(Console(), str(path))
+        facts = json.dumps({"policy": {"sha256": self.policy}}, indent=2) + "\n"
+        say(Console(), str(write_atomically(self.tables / f"{self.stem}.json", facts.encode())))
 
 
 def require_place(file: Path) -> None:
@@ -77,6 +88,6 @@ def require_place(file: Path) -> None:
     Raises:
         DockctlError: its folder does not exist or cannot be written, or it is a folder itself.
     """
-    if not file.absolute().parent.is_dir() or file.is_dir():
+    if not os.path.isdir(file.absolute().parent) or os.path.isdir(file):
         raise DockctlError(f"{file}: cannot be written: not a file name in an existing folder")
     require_writable(file.absolute().parent)

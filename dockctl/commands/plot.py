@@ -2,14 +2,14 @@
 
 from __future__ import annotations
 
+import os
 from pathlib import Path
 from typing import Annotated
 
 import typer
 
+from dockctl.commands.options import RUNS
 from dockctl.errors import DockctlError
-
-RUNS = Path("runs")
 
 
 def plot(
@@ -28,7 +28,7 @@ def plot(
     from dockctl.runs.directory import RunDirectory
 
     folder = RunDirectory.latest(RUNS).path if run is None else run
-    if not folder.is_dir():
+    if not os.path.isdir(folder):
         raise DockctlError(f"{folder}: no such run folder")
     with house_style():
         data = read_run(folder)

@@ -9,14 +9,16 @@ from pathlib import Path
 from dockctl.agents.checkpoint import PolicyCard, find_policy, load_policy, require_shape
 from dockctl.agents.network import DuelingQNetwork
 from dockctl.agents.policy import GreedyPolicy
+from dockctl.commands.differences import difference
+from dockctl.commands.options import RUNS
 from dockctl.envs.vector import DockingVectorEnv
+from dockctl.errors import DockctlError
 from dockctl.registry import OBSERVATION_PARTS
 from dockctl.runs.directory import SCENARIO, RunDirectory
+from dockctl.scenarios.interface import PolicyInterface
 from dockctl.scenarios.loader import LoadedScenario, load
 from dockctl.scenarios.schema import Scenario
 from dockctl.sim.checks import load_checked
-
-RUNS = Path("runs")
 
 
 @dataclass(frozen=True, eq=False)
@@ -51,10 +53,25 @@ class Trained:
             overrides: values that are changed in it, ``key=value``.
 
         Raises:
-            DockctlError: there is none, or the policy cannot sail in it.
+            DockctlError: there is none, the policy cannot sail in it, or an override is of what it observes
+                or does.
         """
-        loaded = load_checked(source or self.own_scenario, overrides=overrides)
+        source = source or self.own_scenario
+        loaded = load_checked(source, overrides=overrides)
+        given = PolicyInterface.of(loaded.scenario)
+        if overrides and self.card.interface and PolicyInterface.of(load(source).scenario) != given:
+            raise DockctlError(
+                "--set: observation, actions and sensors.lidar.sectors are the policy's own; leave them out"
+            )
         return replace(loaded, scenario=self.on(loaded.scenario))
+
+    def is_elsewhere(self, scenario: Scenario) -> bool:
+        """Whether `scenario` is another than the policy's own; how one trains in it does not count."""
+        try:
+            own = self.on(load(self.own_scenario).scenario)
+            return difference(own, scenario, but=("training",)) is not None
+        except (DockctlError, OSError):  # its own is not there
+            return True
 
     def on(self, scenario: Scenario) -> Scenario:
         """Return `scenario` with the policy's observation and actions, where its card tells them.

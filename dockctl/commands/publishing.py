@@ -8,6 +8,7 @@ from pathlib import Path
 from rich.console import Console
 
 from dockctl.commands.jobs import jobs_of
+from dockctl.commands.say import say
 from dockctl.reports.pages.book import pages_of, write_pages
 from dockctl.reports.run import read_table
 from dockctl.runs.directory import require_writable
@@ -34,12 +35,12 @@ def publish(
         under_way = filter(_has_been_judged, job.runs()) if unfinished else iter(())
         if run := job.finished() or next(under_way, None):
             kept = keep(run, results, job.experiment.name, job.seed)
-            console.print(f"kept {kept}", soft_wrap=True, highlight=False)
+            say(console, f"kept {kept}")
     with console.status("drawing the pages"):
         written = write_pages(pages_of(study, results), docs)
     for path in written:
         if path.suffix == ".md":
-            console.print(str(path), soft_wrap=True, highlight=False)
+            say(console, str(path))
 
 
 def _has_been_judged(run: Path) -> bool:

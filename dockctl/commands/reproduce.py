@@ -7,7 +7,9 @@ from typing import Annotated
 
 import typer
 
-FAILED, INTERRUPTED = 1, 130
+from dockctl.commands.interrupt import INTERRUPTED
+
+FAILED = 1
 
 
 def reproduce(

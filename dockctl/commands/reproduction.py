@@ -20,6 +20,7 @@ from dockctl.commands.crew import Crew, Progress
 from dockctl.commands.display import clock
 from dockctl.commands.interrupt import on_interrupt
 from dockctl.commands.jobs import jobs_of
+from dockctl.commands.say import say
 from dockctl.runs.directory import require_writable
 from dockctl.scenarios.study import load_study
 
@@ -40,7 +41,7 @@ def carry_out(source: str, names: Sequence[str], out: Path, hands: int) -> Endin
     console = Console()
     for job in jobs:
         for run, difference in job.strangers():
-            _print(console, f"note: {run} is not taken for {job.label}: {difference}", "yellow")
+            say(console, f"note: {run} is not taken for {job.label}: {difference}", "yellow")
     crew = Crew(jobs, min(hands, len(jobs)), lambda progress: display.tell(progress))
     with Display(console, crew) as display, on_interrupt(crew.stop):
         crew.work(display.show)
@@ -72,12 +73,12 @@ class Display:
         label = progress.job.label
         if progress.state == "working":
             if not self._live:
-                _print(self._console, f"{label}: {progress.stage}")
+                say(self._console, f"{label}: {progress.stage}")
         elif progress.state == "failed":
-            why = f"{label}: {progress.stage} failed: {progress.reason} (see {progress.job.log})"
-            _print(self._console, why.replace(":  failed", ": failed"), "red")
+            words = (f"{label}:", progress.stage, "failed:", progress.reason, f"(see {progress.job.log})")
+            say(self._console, " ".join(filter(None, words)), "red")
         else:
-            _print(self._console, f"{label}: {progress.state}", "green" if progress.state == "done" else "")
+            say(self._console, f"{label}: {progress.state}", "green" if progress.state == "done" else "")
 
     def show(self) -> None:
         """Show how far the running jobs are."""
@@ -88,7 +89,7 @@ class Display:
             self._shown_at = time.monotonic()
             for progress in working:
                 facts = (progress.job.label, progress.stage, clock(progress.seconds), progress.last_line())
-                _print(self._console, " | ".join(facts))
+                say(self._console, " | ".join(facts))
 
     def _board(self, working: Sequence[Progress]) -> Group:
         table = Table.grid(padding=(0, 2), expand=True)
@@ -111,16 +112,12 @@ def _counts(crew: Crew) -> str:
 def _tell_ending(console: Console, crew: Crew) -> Ending:
     again = f"dockctl {shlex.join(sys.argv[1:])}"
     if crew.stopping and any(progress.state != "done" for progress in crew.progress):
-        _print(console, f"Interrupted: {_counts(crew)}. Trainings are saved. To go on:\n  {again}")
+        say(console, f"Interrupted: {_counts(crew)}. Trainings are saved. To go on:\n  {again}")
         return "interrupted"
     failed = [progress for progress in crew.progress if progress.state == "failed"]
-    _print(console, f"{len(crew.progress) - len(failed)} of {len(crew.progress)} jobs done.")
+    say(console, f"{len(crew.progress) - len(failed)} of {len(crew.progress)} jobs done.")
     for progress in failed:
-        _print(console, f"failed: {progress.job.label}: {progress.reason}", "red")
+        say(console, f"failed: {progress.job.label}: {progress.reason}", "red")
     if failed:
-        _print(console, f"When that is put right:\n  {again}")
+        say(console, f"When that is put right:\n  {again}")
     return "failed" if failed else "done"
-
-
-def _print(console: Console, text: str, style: str = "") -> None:
-    console.print(Text(text, style=style), soft_wrap=True)

@@ -18,6 +18,7 @@ from rich.table import Table
 from dockctl.commands.outputs import Places
 from dockctl.commands.policies import Trained, find
 from dockctl.commands.rooms import player
+from dockctl.commands.say import say
 from dockctl.envs.vector import DockingVectorEnv
 from dockctl.errors import DockctlError
 from dockctl.registry import REWARD_TERMS
@@ -31,7 +32,7 @@ from dockctl.reports.returns import (
 )
 from dockctl.reports.style import house_style, save
 from dockctl.rewards.compose import RewardFunction
-from dockctl.runs.tables import RETURNS, Value, to_csv
+from dockctl.runs.tables import RETURNS, Value, all_columns, to_csv
 from dockctl.scenarios.loader import LoadedScenario
 from dockctl.scenarios.schema import Reward, Scenario
 from dockctl.sim.simulator import Simulator, World, build_worlds
@@ -112,11 +113,11 @@ def compare(
     trained = find(ckpt)
     loaded = trained.scenario(source)
     scenario = loaded.scenario
-    places = Places.of("returns", trained, scenario.name, source, out, csv)
+    places = Places.of("returns", trained, scenario, source, out, csv)
     with Console(stderr=True).status(f"behaviors on '{scenario.name}'"):
         played = list(behaviors(loaded, trained))
         rows = [row for unit in units for row in judge(scenario, unit, played)]
-    text = to_csv(rows, [*RETURNS, *(name for name in rows[0] if name not in RETURNS)])
+    text = to_csv(rows, all_columns(RETURNS, rows))
     table = pd.read_csv(io.StringIO(text), keep_default_na=False, na_values=[""])
     show(table, trained, scenario)
     caption = (
@@ -205,11 +206,10 @@ def _gate_alone(reward: Reward) -> Reward:
 def show(table: pd.DataFrame, trained: Trained, scenario: Scenario) -> None:
     """Print the returns under every reading, the best first, and what follows from them."""
     console = Console()
-    console.print(
+    say(
+        console,
         f"Discounted returns on scenario '{scenario.name}' (gamma {scenario.training.gamma:g}); docking is"
         f" the greedy episode of {trained.file}",
-        soft_wrap=True,
-        highlight=False,
     )
     for unit, rows in table.groupby("distance_unit_m", sort=False):
         shown = Table(
@@ -222,4 +222,4 @@ def show(table: pd.DataFrame, trained: Trained, scenario: Scenario) -> None:
             shown.add_row(row["behavior"], row["outcome"], f"{row['time_s']:g} s", f"{row['return']:,.0f}")
         console.print(shown)
         for verdict in verdicts(rows):
-            console.print(verdict, highlight=False, soft_wrap=True)
+            say(console, verdict)

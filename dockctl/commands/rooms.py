@@ -9,13 +9,14 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
-from dockctl.runs.tables import Value
+from dockctl.runs.tables import TRAJECTORIES, Value, all_columns, to_csv
 
 if TYPE_CHECKING:
     from dockctl.agents.evaluator import Episode
     from dockctl.agents.policy import Policy
     from dockctl.scenarios.loader import LoadedScenario
     from dockctl.scenarios.schema import Scenario
+    from dockctl.sim.checks import PoseCheck
     from dockctl.sim.simulator import World
     from dockctl.sim.starts import Start
 
@@ -75,6 +76,18 @@ def testing_starts(scenario: Scenario, worlds: Sequence[World], episodes: int, s
     return random_starts(scenario, held_out or sites, blocked, episodes=episodes, seed=seed, kind=kind)
 
 
+def pose_check(loaded: LoadedScenario) -> PoseCheck:
+    """Return the check of poses in the harbor that the task is written for."""
+    from dockctl.scenarios.berths import layouts
+    from dockctl.sim.checks import PoseCheck
+    from dockctl.sim.harbor import build_harbor
+    from dockctl.sim.sites import own_site
+
+    scenario = loaded.scenario
+    layout = layouts(scenario.harbor, scenario.task.berths)[own_site(scenario).harbor]
+    return PoseCheck.of(scenario, build_harbor(layout.harbor, loaded.base_dir))
+
+
 def player(
     loaded: LoadedScenario, worlds: Sequence[World], starts: Sequence[Start]
 ) -> Callable[[Policy], list[Episode]]:
@@ -93,8 +106,14 @@ def player(
     return lambda policy: play(env, policy, starts, clearance)
 
 
-def trajectory_rows(episodes: Sequence[Episode], control_period_s: float) -> Iterator[dict[str, Value]]:
-    """Rows of ``trajectories.csv``, one a control step."""
+def trajectories_csv(episodes: Sequence[Episode], control_period_s: float) -> str:
+    """Text of ``trajectories.csv``."""
+    rows = list(_trajectory_rows(episodes, control_period_s))
+    return to_csv(rows, all_columns(TRAJECTORIES, rows))
+
+
+def _trajectory_rows(episodes: Sequence[Episode], control_period_s: float) -> Iterator[dict[str, Value]]:
+    """One row a control step."""
     for pose, episode in enumerate(episodes):
         course = episode.course
         for step in range(episode.steps + 1):

@@ -18,9 +18,11 @@ from dockctl.agents.summary import ending
 from dockctl.commands import modelcard
 from dockctl.commands.policies import Trained, find
 from dockctl.commands.rooms import player
+from dockctl.commands.say import say
 from dockctl.errors import DockctlError
-from dockctl.runs.directory import SCENARIO, RunDirectory, require_writable
+from dockctl.runs.directory import SCENARIO, RunDirectory, require_replaceable
 from dockctl.runs.files import new_folder
+from dockctl.scenarios.base import NAME
 from dockctl.scenarios.files import mesh_files, naming
 from dockctl.scenarios.interface import PolicyInterface
 from dockctl.scenarios.loader import LoadedScenario, dump
@@ -29,8 +31,9 @@ from dockctl.sim.simulator import World, build_worlds
 from dockctl.sim.sites import free_sites
 from dockctl.sim.starts import Start, given_start
 
-NAME = re.compile(r"[A-Za-z0-9][A-Za-z0-9_.-]*")
 CARD = "card.md"
+CHECKPOINT = ("policy.json", "policy.safetensors", SCENARIO, CARD)
+"""Files of a shipped checkpoint."""
 TRAINING = "training"
 
 
@@ -40,7 +43,7 @@ class Candidate:
 
     Attributes:
         evaluation: its ``evaluation.csv``.
-        elsewhere: docked share of its evaluations on other scenarios, 0 without any.
+        elsewhere: docked share of its other evaluations, elsewhere or with values set, 0 without any.
     """
 
     trained: Trained
@@ -69,16 +72,17 @@ def ship(runs: Sequence[Path], name: str | None, out: Path) -> None:
 
     Raises:
         DockctlError: a run is not there or not evaluated, the runs differ in their scenario, no policy docks
-            from every pose of its training, or the folder cannot be written.
+            from every pose of its training, or the folder cannot be written or
+            holds something else.
     """
     candidates = sorted((candidate(path) for path in runs), key=lambda one: one.rank)
     names = sorted({one.trained.card.scenario for one in candidates})
     if len(names) > 1:
         raise DockctlError(f"give runs of one scenario; these are of {', '.join(names)}")
     name = name or names[0]
-    if not NAME.fullmatch(name):
+    if not re.fullmatch(NAME, name):
         raise DockctlError(f"--name '{name}': use letters, digits, dots, dashes and underscores")
-    require_writable(out)
+    require_replaceable(out / name, CHECKPOINT, ("plugins", "meshes"), "earlier checkpoint")
     for best in candidates:
         loaded = best.trained.scenario(None)
         episodes = play_training(best.trained, loaded)
@@ -87,15 +91,14 @@ def ship(runs: Sequence[Path], name: str | None, out: Path) -> None:
         failures = [one for one in wanted if not one.docked]
         if not failures:
             folder = write(best, candidates, loaded, episodes, out / name)
-            Console().print(f"{best.run.path} is shipped as {folder}", soft_wrap=True, highlight=False)
+            say(Console(), f"{best.run.path} is shipped as {folder}")
             return
         for one in failures:
             x, y, heading = one.start.eta
-            Console(stderr=True).print(
+            say(
+                Console(stderr=True),
                 f"passed over {best.run.path}: from its training pose {x:g}, {y:g},"
                 f" {math.degrees(heading):.4g}°: {ending(one)}",
-                soft_wrap=True,
-                highlight=False,
             )
     raise DockctlError("no policy docks from every pose of its training; nothing is shipped")
 
@@ -111,14 +114,9 @@ def candidate(path: Path) -> Candidate:
     told = f"evaluate it first: dockctl evaluate --ckpt {path}"
     if not (run.path / "evaluation.json").is_file() or not (run.path / "evaluation.csv").is_file():
         raise DockctlError(f"{path}: holds no evaluation; {told}")
-    evaluated = run.read_json("evaluation.json").get("policy", {})
-    same = {key: evaluated.get(key) for key in ("env_steps", "seed")} == {
-        "env_steps": trained.card.env_steps,
-        "seed": trained.card.seed,
-    }
-    if not same or evaluated.get("sha256", trained.card.sha256) != trained.card.sha256:
+    if not modelcard.is_of(trained.card, run, "evaluation.json"):
         raise DockctlError(f"{path}: its evaluation is of another policy; {told}")
-    tables = modelcard.evaluations(run.path)
+    tables = modelcard.evaluations(run, trained.card)
     others = [one["outcome"] == "docked" for stem, one in tables.items() if stem != "evaluation"]
     elsewhere = float(pd.concat(others).mean()) if others else 0.0
     return Candidate(trained, run, tables["evaluation"], elsewhere)
@@ -164,7 +162,7 @@ def write(
         DockctlError: it cannot be written.
     """
     scenario, card = loaded.scenario, best.trained.card
-    with new_folder(folder) as new:
+    with new_folder(folder.resolve()) as new:
         interface = card.interface or PolicyInterface.of(scenario)
         save_policy(new, best.trained.network, replace(card, interface=interface))
         home = RunDirectory(new)

@@ -7,9 +7,11 @@ from typing import Annotated
 
 import typer
 
+from dockctl.commands.options import DEFAULT_SCENARIO
+
 
 def show(
-    scenario: Annotated[str, typer.Argument(help="Scenario file or name.")] = "s3",
+    scenario: Annotated[str, typer.Argument(help="Scenario file or name.")] = DEFAULT_SCENARIO,
     pose: Annotated[
         str | None,
         typer.Option(

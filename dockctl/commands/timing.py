@@ -13,11 +13,13 @@ from rich import box
 from rich.console import Console
 from rich.table import Table
 
-from dockctl.agents.checkpoint import find_policy
 from dockctl.agents.network import DuelingQNetwork
 from dockctl.agents.policy import GreedyPolicy, Policy
-from dockctl.commands.policies import RUNS, find
+from dockctl.commands.options import DEFAULT_SCENARIO, RUNS
+from dockctl.commands.outputs import Places
+from dockctl.commands.policies import Trained, find
 from dockctl.commands.rooms import judging_starts
+from dockctl.commands.say import say
 from dockctl.envs.observation import View
 from dockctl.envs.spaces import ObservationEncoder
 from dockctl.envs.vector import DockingVectorEnv
@@ -29,18 +31,17 @@ from dockctl.runs.files import write_atomically
 from dockctl.runs.provenance import hardware
 from dockctl.sim.checks import load_checked
 
-DEFAULT_SCENARIO = "s3"
 WARM_UP = 20  # decisions that are not counted: compilation, tables, caches
 
 
 @dataclass(frozen=True)
 class Subject:
-    """What is timed: a policy in an environment of one boat, and where the results go by default."""
+    """What is timed: a policy in an environment of one boat, and where the results go."""
 
     name: str
     policy: Policy
     env: DockingVectorEnv
-    folder: Path
+    places: Places
 
 
 def latency(ckpt: Path | None, source: str | None, decisions: int, out: Path | None) -> None:
@@ -50,20 +51,20 @@ def latency(ckpt: Path | None, source: str | None, decisions: int, out: Path | N
         DockctlError: no such policy or scenario, they do not fit, or `out` cannot be written.
     """
     console = Console()
-    subject = _subject(ckpt, source)
-    folder = out or subject.folder
-    require_writable(folder)
-    console.print(f"Timing {subject.name}", soft_wrap=True, highlight=False)
+    subject = _subject(ckpt, source, out)
+    folder, stem = subject.places.figures, subject.places.stem
+    say(console, f"Timing {subject.name}")
     samples = time_decisions(subject.env, subject.policy, decisions)
     period_ms = 1000 * subject.env.scenario.vessel.control_period_s
     summary = summarize(samples)
     with house_style():
         written = save(
-            {"latency": latency_figure(samples, f"{subject.name}; {len(samples):,} decisions", period_ms)},
+            {stem: latency_figure(samples, f"{subject.name}; {len(samples):,} decisions", period_ms)},
             folder,
         )
     facts = {
         "subject": subject.name,
+        "policy": {"sha256": subject.places.policy},
         "decisions": len(samples),
         "milliseconds": {name: summary[part] for part, name in PARTS.items()},
         "thesis_forward_ms": THESIS_FORWARD_MS,
@@ -71,12 +72,12 @@ def latency(ckpt: Path | None, source: str | None, decisions: int, out: Path | N
         "hardware": hardware(),
     }
     csv = samples.to_csv(index_label="decision", float_format="%.6g", lineterminator="\n")
-    written.append(write_atomically(folder / "latency.csv", csv.encode()))
-    written.append(write_atomically(folder / "latency.json", (json.dumps(facts, indent=2) + "\n").encode()))
+    written.append(write_atomically(folder / f"{stem}.csv", csv.encode()))
+    written.append(write_atomically(folder / f"{stem}.json", (json.dumps(facts, indent=2) + "\n").encode()))
     console.print(_table(summary))
-    console.print(verdict(summary, period_ms), soft_wrap=True, highlight=False)
+    say(console, verdict(summary, period_ms))
     for path in written:
-        console.print(str(path), soft_wrap=True, highlight=False)
+        say(console, str(path))
 
 
 def time_decisions(env: DockingVectorEnv, policy: Policy, decisions: int) -> pd.DataFrame:
@@ -120,28 +121,33 @@ def verdict(summary: dict[str, dict[str, float]], control_period_ms: float) -> s
     )
 
 
-def _subject(ckpt: Path | None, source: str | None) -> Subject:
-    """The policy that was asked for, that of the latest run, or a new network where there is neither."""
-    if ckpt is None and source is None:
-        try:
-            ckpt = RunDirectory.latest(RUNS).path
-            find_policy(ckpt)
-        except DockctlError:
-            ckpt = None
-    if ckpt is None:
+def _subject(ckpt: Path | None, source: str | None, out: Path | None) -> Subject:
+    """The policy that was asked for, that of the latest run, or a new network where there is no run."""
+    trained = _trained(ckpt)
+    if trained is None:
         loaded = load_checked(source or DEFAULT_SCENARIO)
         env = DockingVectorEnv(loaded, 1)
         sizes = loaded.scenario.training.hidden_sizes
         network = DuelingQNetwork(len(env.observation_names), len(env.action_commands), sizes)
         name = f"a new network with random weights, on scenario {loaded.scenario.name}"
-        return Subject(name, GreedyPolicy(network), env, Path("figures") / "latency")
-    trained = find(ckpt)
-    env = DockingVectorEnv(trained.scenario(source), 1)
+        folder = out or Path("figures") / "latency"
+        require_writable(folder)
+        return Subject(name, GreedyPolicy(network), env, Places(folder, folder, "latency", None, ""))
+    loaded, card = trained.scenario(source), trained.card
+    places = Places.of("latency", trained, loaded.scenario, source, out, None)
+    env = DockingVectorEnv(loaded, 1)
     trained.require_fit(env)
-    run, card = trained.run, trained.card
-    folder = ckpt / "figures" if run and ckpt.absolute() == run.path else Path("figures") / "latency"
     name = f"the policy trained on {card.scenario} (seed {card.seed}), on scenario {env.scenario.name}"
-    return Subject(name, trained.policy, env, folder)
+    return Subject(name, trained.policy, env, places)
+
+
+def _trained(ckpt: Path | None) -> Trained | None:
+    if ckpt is None:
+        try:
+            ckpt = RunDirectory.latest(RUNS).path
+        except DockctlError:
+            return None
+    return find(ckpt)
 
 
 def _table(summary: dict[str, dict[str, float]]) -> Table:

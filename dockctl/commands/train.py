@@ -7,11 +7,9 @@ from typing import Annotated
 
 import typer
 
+from dockctl.commands.interrupt import INTERRUPTED
+from dockctl.commands.options import DEFAULT_SCENARIO, RUNS
 from dockctl.errors import DockctlError
-
-DEFAULT_SCENARIO = "s3"
-RUNS = Path("runs")
-INTERRUPTED = 130
 
 
 def train(
@@ -51,13 +49,15 @@ def train(
         overrides += [] if seed is None else [f"training.seed={seed}"]
         overrides += [] if steps is None else [f"training.total_steps={steps}"]
         source = DEFAULT_SCENARIO if scenario is None else scenario
-        session = training.begin(source, overrides, plugin or [], RUNS if out is None else out)
+        ready = training.begin(source, overrides, plugin or [], RUNS if out is None else out)
     else:
         given = {"SCENARIO": scenario, "--seed": seed, "--out": out, "--set": set_, "--plugin": plugin}
         if refused := [name for name, value in given.items() if value not in (None, [])]:
             raise DockctlError(
                 f"{', '.join(refused)}: a run that is taken up keeps its own; leave it out with --resume"
             )
-        session = training.take_up(resume, steps)
-    if training.carry_out(session, device) == "interrupted":
+        ready = training.take_up(resume, steps)
+    with ready as session:
+        ending = training.carry_out(session, device)
+    if ending == "interrupted":
         raise typer.Exit(INTERRUPTED)

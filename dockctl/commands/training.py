@@ -17,12 +17,13 @@ from dockctl.agents.trainer import Trainer
 from dockctl.commands.display import TrainingDisplay, best, clock
 from dockctl.commands.interrupt import on_interrupt
 from dockctl.commands.memory import Estimate, require_memory
-from dockctl.commands.rooms import judging_starts, player, shown_starts, trajectory_rows
+from dockctl.commands.rooms import judging_starts, player, shown_starts, trajectories_csv
+from dockctl.commands.say import say
 from dockctl.envs.vector import DockingVectorEnv
 from dockctl.errors import DockctlError
 from dockctl.runs import provenance
 from dockctl.runs.directory import PROVENANCE, SCENARIO, RunDirectory, require_writable
-from dockctl.runs.tables import TRAJECTORIES, to_csv
+from dockctl.runs.lock import alone
 from dockctl.scenarios.files import mesh_files, naming
 from dockctl.scenarios.interface import PolicyInterface
 from dockctl.scenarios.loader import LoadedScenario, dump
@@ -33,7 +34,7 @@ from dockctl.sim.sites import own_site
 
 @dataclass(frozen=True, eq=False)
 class Session:
-    """A training that is ready to start, in a run folder of its own."""
+    """A training that is ready to start, in a run folder that no other process works in."""
 
     loaded: LoadedScenario
     worlds: Sequence[World]
@@ -42,7 +43,8 @@ class Session:
     taken_up: bool
 
 
-def begin(source: str, overrides: list[str], plugin_files: list[Path], out: Path) -> Session:
+@contextmanager
+def begin(source: str, overrides: list[str], plugin_files: list[Path], out: Path) -> Iterator[Session]:
     """Load the scenario, build its world and make the run folder; nothing is written before all is right.
 
     Raises:
@@ -54,22 +56,30 @@ def begin(source: str, overrides: list[str], plugin_files: list[Path], out: Path
     memory = require_memory(loaded.scenario, worlds)
     seed = loaded.scenario.training.seed
     run = RunDirectory.create(out, loaded.scenario.name, seed)
-    facts = provenance.collect(seed, sys.argv)
-    facts["plugins"] = run.copy_files("plugins", loaded.plugin_files)
-    facts["meshes"] = run.copy_files("meshes", mesh_files(loaded.scenario))
-    run.write_text(SCENARIO, dump(naming(loaded.scenario, facts["plugins"], facts["meshes"])))
-    run.write_json("scene.json", worlds[own_site(loaded.scenario).harbor].scene().to_json())
-    run.write_json(PROVENANCE, facts)
-    return Session(loaded, worlds, run, memory, taken_up=False)
+    with alone(run.path):
+        facts = provenance.collect(seed, sys.argv)
+        facts["plugins"] = run.copy_files("plugins", loaded.plugin_files)
+        facts["meshes"] = run.copy_files("meshes", mesh_files(loaded.scenario))
+        run.write_text(SCENARIO, dump(naming(loaded.scenario, facts["plugins"], facts["meshes"])))
+        run.write_json("scene.json", worlds[own_site(loaded.scenario).harbor].scene().to_json())
+        run.write_json(PROVENANCE, facts)
+        yield Session(loaded, worlds, run, memory, taken_up=False)
 
 
-def take_up(path: Path, steps: int | None) -> Session:
+@contextmanager
+def take_up(path: Path, steps: int | None) -> Iterator[Session]:
     """Open a run to go on with it; a finished one only when `steps` reaches past its end, without stop rule.
 
     Raises:
-        DockctlError: `path` is no run, has no checkpoint, or is finished, or there is not the memory.
+        DockctlError: `path` is no run, has no checkpoint, is finished, or another process works in it, or
+            there is not the memory.
     """
     run = RunDirectory.open(path)
+    with alone(run.path):
+        yield _taken_up(run, steps)
+
+
+def _taken_up(run: RunDirectory, steps: int | None) -> Session:
     facts = run.read_json(PROVENANCE)
     _, card = load_pair(run.checkpoint("last") / "policy.json")
     load_pair(run.checkpoint("last") / f"{LEARNER}.json")  # before anything is written
@@ -81,7 +91,8 @@ def take_up(path: Path, steps: int | None) -> Session:
         if steps is None or steps <= done:
             reason = REASONS.get(facts["stop_reason"], "finished").lower()
             raise DockctlError(
-                f"{path}: this training is over: {reason} at {done:,} steps; to go on give --steps above that"
+                f"{run.path}: this training is over: {reason} at {done:,} steps;"
+                " to go on give --steps above that"
             )
         overrides += ["training.stop=null", "training.max_episodes=null"]
     loaded = load_checked(run.path / SCENARIO, overrides=overrides)
@@ -105,8 +116,8 @@ def carry_out(session: Session, device: str) -> str:
     play = player(loaded, session.worlds, judging_starts(scenario, session.worlds))
     title = f"{scenario.name}, seed {training.seed}"
     boats = f"{training.boats} boat{'s' * (training.boats > 1)}"
-    console.print(f"{title}: {boats}; memory: {session.memory}", soft_wrap=True, highlight=False)
-    console.print(f"run folder: {run.path}", soft_wrap=True, highlight=False)
+    say(console, f"{title}: {boats}; memory: {session.memory}")
+    say(console, f"run folder: {run.path}")
     with asked_to_leave() as asked, TrainingDisplay(training, title, console) as display:
         trainer = Trainer(
             training, scenario.name, env, play, run,
@@ -122,9 +133,8 @@ def carry_out(session: Session, device: str) -> str:
     if trainer.progress.best is not None:
         network, _ = load_policy(run.checkpoint("best"))
         show = player(loaded, session.worlds, shown_starts(scenario, session.worlds))
-        rows = list(trajectory_rows(show(GreedyPolicy(network)), scenario.vessel.control_period_s))
-        ranges = [name for name in rows[0] if name not in TRAJECTORIES]
-        run.write_text("trajectories.csv", to_csv(rows, [*TRAJECTORIES, *ranges]))
+        text = trajectories_csv(show(GreedyPolicy(network)), scenario.vessel.control_period_s)
+        run.write_text("trajectories.csv", text)
     tell(console, run, trainer.progress, reason)
     return reason
 
@@ -141,7 +151,7 @@ def tell(console: Console, run: RunDirectory, progress: Progress, reason: str) -
         lines += ["Saved. To go on:", f"  dockctl train --resume {run.path}"]
     else:
         lines += ["Next:", f"  dockctl evaluate --ckpt {run.path}", f"  dockctl plot {run.path}"]
-    console.print("\n".join(lines), soft_wrap=True, highlight=False)
+    say(console, "\n".join(lines))
 
 
 @contextmanager

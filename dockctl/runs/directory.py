@@ -5,13 +5,14 @@ from __future__ import annotations
 import hashlib
 import json
 import os
-from collections.abc import Iterable
+from collections.abc import Collection, Iterable
+from contextlib import AbstractContextManager
 from datetime import datetime
 from pathlib import Path
 from typing import Any
 
 from dockctl.errors import DockctlError
-from dockctl.runs.files import reading, write_atomically
+from dockctl.runs.files import new_folder, reading, standing, write_atomically, writing
 from dockctl.runs.tables import Table, cut_table
 
 SCENARIO = "scenario.yaml"
@@ -24,11 +25,29 @@ def require_writable(root: Path) -> None:
     Raises:
         DockctlError: they cannot.
     """
-    existing = next(path for path in (root.absolute(), *root.absolute().parents) if path.exists())
-    if not existing.is_dir():
+    existing = next(path for path in (root.absolute(), *root.absolute().parents) if os.path.exists(path))
+    if not os.path.isdir(existing):
         raise DockctlError(f"{root}: cannot write here: {existing} is not a folder")
     if not os.access(existing, os.W_OK | os.X_OK):
         raise DockctlError(f"{root}: cannot write here: no right to write in {existing}")
+
+
+def require_replaceable(folder: Path, always: Collection[str], perhaps: Collection[str], what: str) -> None:
+    """Check that `folder` can be written as a whole, and that nothing but an earlier one of its sort is lost.
+
+    Args:
+        always, perhaps: names of the files and folders in it.
+        what: it is, in words.
+
+    Raises:
+        DockctlError: it cannot be written, or holds something else.
+    """
+    for place in (folder.resolve(), folder.resolve().parent):
+        require_writable(place)
+    with writing(folder):
+        there = {path.name for path in folder.iterdir()} if os.path.isdir(folder) else set()
+    if there and not {*always} <= there <= {*always, *perhaps}:
+        raise DockctlError(f"{folder}: is not empty and holds no {what}; give a new folder")
 
 
 class RunDirectory:
@@ -71,9 +90,9 @@ class RunDirectory:
         Raises:
             DockctlError: there is no such folder, or it holds no run.
         """
-        if not path.is_dir():
+        if not os.path.isdir(path):
             raise DockctlError(f"{path}: no such run folder")
-        if not (path / SCENARIO).is_file():
+        if not os.path.isfile(path / SCENARIO):
             raise DockctlError(f"{path}: not a run folder: it holds no {SCENARIO}")
         return cls(path)
 
@@ -93,11 +112,15 @@ class RunDirectory:
     def holding(cls, checkpoint: Path) -> RunDirectory | None:
         """The run of the file ``<run>/checkpoints/<name>/<file>``, or None where it lies elsewhere."""
         path = checkpoint.absolute().parent.parent.parent
-        return cls(path) if (path / SCENARIO).is_file() else None
+        return cls(path) if os.path.isfile(path / SCENARIO) else None
 
     def checkpoint(self, name: str) -> Path:
-        """Folder of the checkpoint `name`, ``best`` or ``last``, whether it exists or not."""
-        return self.path / "checkpoints" / name
+        """Folder to read the checkpoint `name` from, ``best`` or ``last``, whether it exists or not."""
+        return standing(self.path / "checkpoints" / name)
+
+    def new_checkpoint(self, name: str) -> AbstractContextManager[Path]:
+        """Give an empty folder that becomes the checkpoint `name` when the block is done."""
+        return new_folder(self.path / "checkpoints" / name)
 
     def table(self, name: str, columns: Iterable[str]) -> Table:
         return Table(self.path / name, columns)

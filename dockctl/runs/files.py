@@ -65,11 +65,19 @@ def new_folder(path: Path) -> Iterator[Path]:
     """
     new, old = (path.with_name(f".{path.name}.{which}") for which in ("new", "old"))
     with writing(path):
+        if standing(path) == old:
+            old.replace(path)
         shutil.rmtree(new, ignore_errors=True)
         new.mkdir(parents=True)
         yield new
         shutil.rmtree(old, ignore_errors=True)
-        if path.exists():
+        if os.path.exists(path):
             path.replace(old)
         new.replace(path)
         shutil.rmtree(old, ignore_errors=True)
+
+
+def standing(path: Path) -> Path:
+    """The folder `path`, or the one before it, moved aside, where `new_folder` was killed in between."""
+    old = path.with_name(f".{path.name}.old")
+    return old if os.path.isdir(old) and not os.path.isdir(path) else path

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import csv
 import io
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
 
 from dockctl.runs.files import reading, writing
@@ -75,7 +75,7 @@ class Table:
         if not self._has_header and (header := _header(self._path)):
             self._columns, self._has_header = header, True
         if not self._has_header:
-            self._columns += [key for key in rows[0] if key not in self._columns]
+            self._columns = all_columns(self._columns, rows)
         text = to_csv(rows, self._columns, header=not self._has_header)
         with writing(self._path), self._path.open("a", encoding="utf-8", newline="") as file:
             file.write(text)
@@ -87,6 +87,11 @@ def _header(path: Path) -> list[str]:
         return []
     with path.open(encoding="utf-8") as file:
         return next(csv.reader(file), [])
+
+
+def all_columns(first: Iterable[str], rows: Sequence[Mapping[str, Value]]) -> list[str]:
+    """The columns `first`, and after them the further keys of the first row."""
+    return list(dict.fromkeys([*first, *rows[0]]))
 
 
 def to_csv(rows: Iterable[Mapping[str, Value]], columns: Iterable[str], *, header: bool = True) -> str:

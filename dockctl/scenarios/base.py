@@ -13,6 +13,10 @@ Fraction = Annotated[float, Strict(), Field(allow_inf_nan=False, ge=0, le=1)]
 Count = Annotated[int, Strict(), Field(ge=1)]
 Flag = Annotated[bool, Strict()]
 
+NAME = r"^[A-Za-z0-9][A-Za-z0-9_.-]*$"
+"""Of scenarios, experiments and checkpoints: part of a path and of a command line as it is."""
+Name = Annotated[str, Field(pattern=NAME, max_length=64)]
+
 
 class Model(BaseModel):
     """A frozen model that refuses unknown keys."""

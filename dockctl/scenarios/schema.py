@@ -7,7 +7,7 @@ from typing import Any, Self
 
 from pydantic import Field, model_validator
 
-from dockctl.scenarios.base import Count, Model, NonNegative, Number, Pose, Positive
+from dockctl.scenarios.base import Count, Model, Name, NonNegative, Number, Pose, Positive
 from dockctl.scenarios.berths import Berths, missing_berth
 from dockctl.scenarios.harbor import HarborSpec
 from dockctl.scenarios.sensors import Sensors
@@ -122,7 +122,7 @@ class ObservationPart(Model):
 class Scenario(Model):
     """A docking task with all around it; the one input of simulator, environment and trainer."""
 
-    name: str = Field(pattern=r"^[A-Za-z0-9][A-Za-z0-9_.-]*$", max_length=64)
+    name: Name
     title: str = ""
     description: str = ""
     plugins: tuple[str, ...] = Field(default=(), description="local .py files, relative to the scenario file")

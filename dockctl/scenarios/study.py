@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 from collections.abc import Sequence
 from pathlib import Path
 from typing import Annotated, Literal, Self
@@ -10,11 +11,10 @@ from pydantic import Field, ValidationError, model_validator
 
 from dockctl.errors import DockctlError, InputError, nearest
 from dockctl.scenarios import translate
-from dockctl.scenarios.base import Count, Model
+from dockctl.scenarios.base import Count, Model, Name
 from dockctl.scenarios.catalog import SUFFIXES, packaged, shown
 from dockctl.scenarios.yamltree import read_file
 
-Name = Annotated[str, Field(pattern=r"^[A-Za-z0-9][A-Za-z0-9_.-]*$", max_length=64)]
 Probe = Literal["map", "latency", "returns"]
 
 
@@ -80,7 +80,7 @@ def load_study(source: str) -> Study:
         DockctlError: there is no such study.
     """
     path = Path(source)
-    if path.suffix not in SUFFIXES and not path.is_file():
+    if path.suffix not in SUFFIXES and not os.path.isfile(path):
         known = {file.stem: file for file in packaged("studies", "studies").glob("*.yaml")}
         if source not in known:
             there = ", ".join(sorted(known))

@@ -4,11 +4,14 @@ from __future__ import annotations
 
 import csv
 import json
+import math
 import shutil
 from pathlib import Path
 
 import pytest
+import typer
 
+from dockctl.commands.options import finite
 from dockctl.runs.tables import EVALUATION
 from tests.commands.conftest import Outcome, dockctl, forget_interface, only_run, quick_train
 
@@ -78,6 +81,48 @@ def test_a_policy_is_evaluated_elsewhere(run: Path) -> None:
     assert "on scenario 's2'" in outcome.out
     assert (run / "evaluation-s2.json").is_file()
     assert not (run / "evaluation.json").exists()
+
+
+def test_a_changed_scenario_of_the_same_name_does_not_take_the_place_of_the_run_s_own(
+    run: Path, tmp_path: Path
+) -> None:
+    (tmp_path / "s1.yaml").write_text("extends: s1\ntask: {max_steps: 5}\n")
+    for source, name in ((run / "scenario.yaml", "evaluation"), (tmp_path / "s1.yaml", "evaluation-s1")):
+        assert not (run / f"{name}.json").exists()
+        assert dockctl("evaluate", "--ckpt", run, "--scenario", source, "--episodes", 0).code == 0
+        assert (run / f"{name}.csv").is_file()
+
+
+def test_how_one_trains_makes_no_other_scenario(run: Path) -> None:
+    text = (run / "scenario.yaml").read_text()
+    trained_longer = run / "s1.yaml"
+    trained_longer.write_text(text.replace("boats: 2", "boats: 3"))
+    assert trained_longer.read_text() != text
+    assert dockctl("evaluate", "--ckpt", run, "--scenario", trained_longer, "--episodes", 0).code == 0
+    assert (run / "evaluation.json").is_file()
+
+
+@pytest.mark.parametrize(
+    "setting", ["observation=[distance]", "actions.rudder_deg=[0]", "sensors={lidar: {sectors: 6}}"]
+)
+def test_what_is_the_policy_s_own_cannot_be_set(run: Path, setting: str) -> None:
+    outcome = dockctl("evaluate", "--ckpt", run, "--episodes", 0, "--set", setting)
+    assert outcome.code == 2
+    assert "observation, actions and sensors.lidar.sectors are the policy's own" in outcome.err
+
+
+def test_a_success_that_is_no_number_is_refused(run: Path) -> None:
+    outcome = dockctl("evaluate", "--ckpt", run, "--episodes", 0, "--min-success", "nan")
+    assert outcome.code == 2
+    assert "Invalid value for '--min-success'" in outcome.err
+    with pytest.raises(typer.BadParameter, match="nan is not a finite number"):
+        finite(math.nan)
+
+
+def test_a_path_is_shown_as_it_is(run: Path, tmp_path: Path) -> None:
+    odd = run.rename(tmp_path / "a[old] :boat: run")
+    outcome = dockctl("evaluate", "--ckpt", odd, "--episodes", 0)
+    assert f"Policy {odd / 'checkpoints' / 'best' / 'policy.json'} (trained" in outcome.out
 
 
 def test_a_policy_keeps_its_observation_and_actions_elsewhere(run: Path, tmp_path: Path) -> None:

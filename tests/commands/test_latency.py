@@ -46,6 +46,19 @@ def test_a_trained_policy_is_timed_on_its_scenario(trained: tuple[Path, Outcome]
     assert {path.name for path in tmp_path.iterdir()} == FILES
 
 
+def test_without_a_policy_the_latest_run_s_is_timed_and_elsewhere_has_a_name_of_its_own(
+    trained: tuple[Path, Outcome], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    run = tmp_path / "runs" / "s1" / "20250101-000000-seed3"
+    shutil.copytree(trained[0], run, ignore=shutil.ignore_patterns("figures"))
+    monkeypatch.chdir(tmp_path)
+    outcome = dockctl("latency", "--scenario", "s2", "--decisions", 10)
+    assert outcome.code == 0
+    assert "the policy trained on s1 (seed 3), on scenario s2" in outcome.out
+    files = {path.name for path in (run / "figures").iterdir()}
+    assert files == {name.replace("latency", "latency-s2") for name in FILES}
+
+
 def test_a_policy_of_another_observation_size_is_refused(
     trained: tuple[Path, Outcome], tmp_path: Path
 ) -> None:

@@ -80,7 +80,28 @@ def test_a_checkpoint_without_a_run_leaves_its_map_in_a_folder_of_figures(
     outcome = dockctl("map", "--ckpt", "alone", "--scenario", "s1", "--reach-m", 0, "--headings", "0")
     assert outcome.code == 0
     files = {path.name for path in Path("figures/map").iterdir()}
-    assert files == {"map-s1.csv", "map-s1.png", "map-s1.svg"}
+    assert files == {"map-s1.csv", "map-s1.json", "map-s1.png", "map-s1.svg"}
+
+
+def test_a_changed_scenario_of_the_same_name_does_not_take_the_place_of_the_run_s_own(
+    run: Path, tmp_path: Path
+) -> None:
+    (tmp_path / "s1.yaml").write_text("extends: s1\ntask: {max_steps: 5}\n")
+    small = ("--reach-m", 0, "--headings", "0")
+    for source, name in ((run / "scenario.yaml", "map.csv"), (tmp_path / "s1.yaml", "map-s1.csv")):
+        assert not (run / name).exists()
+        assert dockctl("map", "--ckpt", run, "--scenario", source, *small).code == 0
+        assert (run / name).is_file()
+
+
+def test_a_map_without_any_free_start_is_told(run: Path, tmp_path: Path) -> None:
+    """Along the quay there is room for the boat, across there is not."""
+    quay = "extends: s1\ntask: {initial: [{x_m: 37, y_m: 0, heading_deg: 90}]}\n"
+    (tmp_path / "quay.yaml").write_text(quay)
+    small = ("--reach-m", 0, "--headings", "90")
+    outcome = dockctl("map", "--ckpt", run, "--scenario", tmp_path / "quay.yaml", *small)
+    assert outcome.code == 2
+    assert "no start is free in 'quay'" in outcome.err
 
 
 @pytest.mark.parametrize(
@@ -90,6 +111,8 @@ def test_a_checkpoint_without_a_run_leaves_its_map_in_a_folder_of_figures(
         (("--headings", "0,360"), "the angles must differ"),
         (("--headings", "nan"), "the angles must differ and lie within ±360"),
         (("--step-m", 0.01), "would take 32,032,008 starts"),
+        (("--reach-m", "nan"), "Invalid value for"),
+        (("--step-m", "nan"), "Invalid value for"),
         (("--csv", "no/such/folder.csv"), "not a file name in an existing folder"),
         (("--ckpt", "nowhere"), "nowhere"),
         (("--scenario", "nothing"), "nothing"),

@@ -30,6 +30,24 @@ def test_without_a_pose_it_records_the_test_poses_as_the_training_did(run: Path,
     assert recorded == (run / "trajectories.csv").read_text()
 
 
+def test_only_an_earlier_recording_is_replaced(
+    run: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    here = tmp_path / "here"
+    here.mkdir()
+    monkeypatch.chdir(here)
+    for _ in range(2):
+        assert dockctl("record", "--ckpt", run, "--out", ".").code == 0
+        monkeypatch.chdir(here)  # it is a new folder
+    (here / "mine.txt").write_text("kept")
+    for folder in (here, run, Path()):
+        before = sorted(path.name for path in folder.iterdir())
+        outcome = dockctl("record", "--ckpt", run, "--out", folder)
+        assert outcome.code == 2
+        assert "is not empty and holds no earlier recording" in outcome.err
+        assert sorted(path.name for path in folder.iterdir()) == before
+
+
 @pytest.mark.parametrize(
     ("pose", "told"),
     [

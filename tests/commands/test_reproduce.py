@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import io
 import json
 import os
 import shutil
@@ -12,11 +13,13 @@ import time
 from pathlib import Path
 
 import pytest
+from rich.console import Console
 
 import dockctl as package
 from dockctl.commands import crew
 from dockctl.commands.crew import Crew, Progress
 from dockctl.commands.jobs import Job, Stage, jobs_of, nearest_failures
+from dockctl.commands.reproduction import Display
 from dockctl.scenarios.files import naming
 from dockctl.scenarios.loader import dump
 from dockctl.scenarios.study import Experiment, Study, load_study
@@ -153,6 +156,16 @@ def test_one_failure_stops_only_its_own_job(tmp_path: Path, monkeypatch: pytest.
     assert [ended[seed].state for seed in range(3)] == ["done", "failed", "done"]
     assert ended[1].reason.startswith("error: unknown scenario 's9'")
     assert ended[0].job.log.read_text().count("$ dockctl --version\ndockctl ") == 2
+
+
+@pytest.mark.parametrize(("stage", "told"), [("", "failed: "), ("plot", "plot failed: ")])
+def test_a_failure_is_told_in_a_sentence(tmp_path: Path, stage: str, told: str) -> None:
+    (job,) = jobs(tmp_path, seeds=1)
+    console = Console(file=io.StringIO())
+    board = Display(console, Crew([job], 1, lambda progress: None))
+    board.tell(Progress(job, state="failed", stage=stage, reason="no  failed [x]"))
+    assert isinstance(console.file, io.StringIO)
+    assert console.file.getvalue() == f"tiny seed 0: {told}no  failed [x] (see {job.log})\n"
 
 
 def test_a_stage_that_leaves_nothing_has_failed(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

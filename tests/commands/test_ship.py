@@ -79,6 +79,45 @@ def test_the_best_that_docks_from_its_training_poses_is_shipped(runs: MakeRun, t
     assert evaluated.code == 0, evaluated.err
 
 
+def test_what_was_measured_of_another_policy_stays_out_of_the_card(runs: MakeRun, tmp_path: Path) -> None:
+    run = runs(1, "+", "+++")
+    assert dockctl("evaluate", "--ckpt", run, "--scenario", "s2", "--episodes", 0).code == 0
+    assert dockctl("map", "--ckpt", run, "--reach-m", 0, "--headings", "0").code == 0
+    assert dockctl("latency", "--ckpt", run, "--decisions", 10).code == 0
+
+    def card() -> str:
+        assert dockctl("ship", run, "--name", "mine", "--out", tmp_path / "out").code == 0
+        return (tmp_path / "out" / "mine" / "card.md").read_text()
+
+    told = ("| `s2` |", "free starts within", "A decision takes")
+    assert [words in card() for words in told] == [True, True, True]
+    for name in ("evaluation-s2.json", "map.json", "figures/latency.json"):
+        facts = json.loads((run / name).read_text())
+        (run / name).write_text(json.dumps({**facts, "policy": {"sha256": "0" * 64}}))
+    assert [words in card() for words in told] == [False, False, False]
+
+
+def test_runs_that_were_evaluated_from_fewer_starts_are_told_apart(runs: MakeRun, tmp_path: Path) -> None:
+    given = [runs(1, "+", "+++"), runs(2, "+", "+++")]
+    assert dockctl("evaluate", "--ckpt", given[1], "--episodes", 0).code == 0
+    outcome = dockctl("ship", *given, "--name", "mine", "--out", tmp_path / "out")
+    assert outcome.code == 0, outcome.err
+    assert "100% (seed 1), - (seed 2)" in (tmp_path / "out" / "mine" / "card.md").read_text()
+
+
+def test_only_an_earlier_checkpoint_is_replaced(runs: MakeRun, tmp_path: Path) -> None:
+    run = runs(1, "+", "+++")
+    for _ in range(2):
+        assert dockctl("ship", run, "--out", tmp_path, "--name", "mine").code == 0
+    (tmp_path / "all" / "run1").mkdir(parents=True)
+    for folder in (run, tmp_path / "all", run / "checkpoints" / "best"):
+        before = sorted(path.name for path in folder.iterdir())
+        outcome = dockctl("ship", run, "--out", folder.parent, "--name", folder.name)
+        assert outcome.code == 2
+        assert "is not empty and holds no earlier checkpoint" in outcome.err
+        assert sorted(path.name for path in folder.iterdir()) == before
+
+
 def test_refusals(runs: MakeRun, trained: tuple[Path, Outcome], tmp_path: Path) -> None:
     run = runs(5, "+", "+++", docks=False)
     out = ("--out", tmp_path / "out")
@@ -93,7 +132,7 @@ def test_refusals(runs: MakeRun, trained: tuple[Path, Outcome], tmp_path: Path) 
     assert "use letters, digits" in refused(run, "--name", "../up")
     assert "not a run folder" in refused(tmp_path)
     result = json.loads((run / "evaluation.json").read_text())
-    result["policy"]["env_steps"] += 1
+    result["policy"]["sha256"] = "0" * 64
     (run / "evaluation.json").write_text(json.dumps(result))
     assert "its evaluation is of another policy" in refused(run)
     (run / "evaluation.json").unlink()

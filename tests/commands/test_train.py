@@ -15,7 +15,9 @@ import pytest
 from rich.console import Console
 
 from dockctl.agents.progress import Progress
+from dockctl.commands import training
 from dockctl.commands.display import TrainingDisplay
+from dockctl.runs.lock import alone
 from dockctl.runs.scene import Scene
 from dockctl.runs.tables import EPISODES, EVALUATIONS, TRAJECTORIES, UPDATES
 from dockctl.scenarios.loader import load
@@ -143,6 +145,45 @@ def test_an_output_that_cannot_be_written(tmp_path: Path) -> None:
     outcome = quick_train(tmp_path / "file", "s1")
     assert outcome.code == 2
     assert "cannot write here" in outcome.err
+
+
+def test_a_run_at_work_is_not_taken_up(trained: Trained) -> None:
+    with alone(trained[0]):
+        outcome = dockctl("train", "--resume", trained[0], "--steps", 400)
+    assert outcome.code == 2
+    assert f"{trained[0]}: another process is at work on this" in outcome.err
+
+
+def test_a_training_keeps_its_run_to_itself(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    refused: list[Outcome] = []
+
+    def take_up(*_: object) -> str:
+        refused.append(dockctl("train", "--resume", only_run(tmp_path)))
+        return "steps"
+
+    monkeypatch.setattr(training, "carry_out", take_up)
+    assert quick_train(tmp_path, "s1").code == 0
+    assert "another process is at work on this" in refused[0].err
+
+
+@pytest.mark.parametrize(
+    "arguments",
+    [
+        ("evaluate", "--ckpt"),
+        ("evaluate", "--ckpt", "s1", "--csv"),
+        ("train", "--resume"),
+        ("plot",),
+        ("reproduce", "--study"),
+        ("train", "s1", "--steps", "1", "--out"),
+    ],
+)
+def test_a_name_that_is_too_long_is_told(
+    arguments: tuple[str, ...], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    outcome = dockctl(*arguments, "x" * 300)
+    assert outcome.code == 2
+    assert outcome.err.count("error:") == 1
 
 
 def test_a_resumed_run_keeps_its_own_settings(trained: Trained) -> None:

@@ -12,7 +12,7 @@ import pytest
 
 from dockctl.errors import DockctlError
 from dockctl.runs import directory
-from dockctl.runs.directory import RunDirectory, require_writable
+from dockctl.runs.directory import RunDirectory, require_replaceable, require_writable
 
 
 def names(folder: Path) -> list[str]:
@@ -92,3 +92,56 @@ def test_plugins_are_copied_with_their_hashes(tmp_path: Path) -> None:
     assert list(hashes) == ["plugins/00-mine.py", "plugins/01-mine.py"]
     assert hashes["plugins/01-mine.py"] == hashlib.sha256(b"# b\n").hexdigest()
     assert (run.path / "plugins" / "00-mine.py").read_text() == "# a\n"
+
+
+def test_a_checkpoint_is_found_where_a_kill_left_it(tmp_path: Path) -> None:
+    run = RunDirectory(tmp_path)
+    with run.new_checkpoint("last") as folder:
+        (folder / "policy.json").touch()
+    run.checkpoint("last").rename(tmp_path / "checkpoints" / ".last.old")
+    assert names(run.checkpoint("last")) == ["policy.json"]
+    with run.new_checkpoint("last"):
+        pass
+    assert names(tmp_path / "checkpoints") == ["last"]
+    assert names(run.checkpoint("last")) == []
+
+
+def test_only_an_earlier_one_of_its_sort_is_replaced(tmp_path: Path) -> None:
+    def check(folder: Path) -> None:
+        require_replaceable(folder, ("a", "b"), ("c",), "thing")
+
+    thing = tmp_path / "thing"
+    check(thing)
+    thing.mkdir()
+    check(thing)
+    (thing / "a").touch()
+    with pytest.raises(DockctlError, match="is not empty and holds no thing"):
+        check(thing)
+    (thing / "b").touch()
+    (thing / "c").mkdir()
+    check(thing)
+    (thing / "mine").touch()
+    with pytest.raises(DockctlError, match="give a new folder"):
+        check(thing)
+    with pytest.raises(DockctlError, match="is not a folder"):
+        check(thing / "a")
+
+
+@pytest.mark.parametrize(
+    "error", [PermissionError(13, "Permission denied"), OSError(36, "File name too long")]
+)
+def test_a_place_that_cannot_be_looked_at_is_told(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, error: OSError
+) -> None:
+    stat = os.stat
+
+    def closed(path: Any, *given: Any, **named: Any) -> os.stat_result:
+        if str(path).startswith(str(tmp_path / "closed")):
+            raise error
+        return stat(path, *given, **named)
+
+    monkeypatch.setattr(os, "stat", closed)
+    require_writable(tmp_path / "closed")
+    assert RunDirectory.holding(tmp_path / "closed" / "checkpoints" / "best" / "policy.json") is None
+    with pytest.raises(DockctlError, match="no such run folder"):
+        RunDirectory.open(tmp_path / "closed")

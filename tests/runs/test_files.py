@@ -7,7 +7,7 @@ from pathlib import Path
 import pytest
 
 from dockctl.errors import DockctlError
-from dockctl.runs.files import new_folder, write_atomically
+from dockctl.runs.files import new_folder, standing, write_atomically
 from dockctl.runs.tables import Table
 
 
@@ -54,3 +54,20 @@ def test_a_table_on_a_full_disk(tmp_path: Path, monkeypatch: pytest.MonkeyPatch)
     monkeypatch.setattr(Path, "open", full)
     with pytest.raises(DockctlError, match=r"t\.csv: cannot be written: No space left"):
         Table(tmp_path / "t.csv", ["a"]).append([{"a": 1}])
+
+
+def test_a_folder_that_a_kill_left_aside_is_read_and_put_back(tmp_path: Path) -> None:
+    best = tmp_path / "best"
+    with new_folder(best) as new:
+        (new / "one").touch()
+    assert standing(best) == best
+    best.rename(tmp_path / ".best.old")
+    assert names(standing(best)) == ["one"]
+
+    def fail() -> None:
+        with new_folder(best):
+            full()
+
+    with pytest.raises(DockctlError):
+        fail()
+    assert (names(best), standing(best)) == (["one"], best)
