@@ -16,7 +16,7 @@ from rich.text import Text
 
 from dockctl.agents.checkpoint import PolicyCard
 from dockctl.agents.summary import summarize
-from dockctl.commands.evaluation import GROUPS, LEAST_WIDTH, Result, measure
+from dockctl.commands.evaluation import LEAST_WIDTH, Result, measure
 from dockctl.commands.outputs import require_place
 from dockctl.commands.policies import find
 from dockctl.commands.say import say
@@ -26,7 +26,7 @@ from dockctl.reports.contrast import Compared, Contrast, contrasts
 from dockctl.reports.style import house_style, save
 from dockctl.runs.directory import require_writable
 from dockctl.runs.files import write_atomically
-from dockctl.runs.tables import EVALUATION, to_csv
+from dockctl.runs.tables import EVALUATION, START_KINDS, to_csv
 
 
 def compare(
@@ -67,7 +67,7 @@ def compare(
         write_atomically(json_file, (json.dumps(as_json(results, found), indent=2) + "\n").encode())
     caption = f"scenario {first.scenario}, the same starts for every policy, seed {first.seed}"
     with house_style():
-        written = save({f"compare-{first.scenario}": compare_figure(table, GROUPS, caption)}, out)
+        written = save({f"compare-{first.scenario}": compare_figure(table, START_KINDS, caption)}, out)
     for path in written:
         say(Console(), str(path))
 
@@ -130,7 +130,7 @@ def show(results: dict[str, Result], found: Sequence[Contrast]) -> None:
     first = next(iter(results.values()))
     for kind in first.groups:
         seeded = "" if kind == "pose" else f", seed {first.seed}"
-        console.print(_endings_table(f"{GROUPS[kind].capitalize()}{seeded}", kind, results))
+        console.print(_endings_table(f"{START_KINDS[kind].capitalize()}{seeded}", kind, results))
         for one in found:
             if one.kind == kind:
                 console.print(_difference_table(one))

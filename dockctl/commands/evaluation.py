@@ -25,7 +25,7 @@ from dockctl.commands.say import say
 from dockctl.envs.vector import DockingVectorEnv
 from dockctl.runs.directory import RunDirectory
 from dockctl.runs.files import write_atomically
-from dockctl.runs.tables import EVALUATION, Value, to_csv
+from dockctl.runs.tables import EVALUATION, START_KINDS, Value, to_csv
 from dockctl.sim.simulator import build_worlds
 
 MEANS = (
@@ -37,14 +37,6 @@ MEANS = (
     ("mean control changes", "control_changes", "{:.0%} of the steps"),
 )
 """What is shown of the docked episodes: name, key of the summary, format."""
-
-GROUPS = {
-    "pose": "test poses",
-    "random": "random starts",
-    "trained": "trained berths",
-    "held_out": "held-out berths",
-}
-"""Sorts of starts, in words."""
 
 LONGEST_NAME = 150
 LEAST_WIDTH = 80
@@ -61,7 +53,7 @@ class Result:
         elsewhere: whether the scenario is another than that of the run.
         overrides: values that were set in it, ``key=value``.
         seed: of the random starts.
-        groups: the episodes by the sort of their starts, keys of `GROUPS`.
+        groups: the episodes by the sort of their starts, keys of `START_KINDS`.
     """
 
     policy: Path
@@ -110,7 +102,7 @@ class Result:
             "set": list(self.overrides),
             "random_seed": self.seed,
             **{
-                GROUPS[kind].replace(" ", "_").replace("-", "_"): summarize(group, self.control_period_s)
+                START_KINDS[kind].replace(" ", "_").replace("-", "_"): summarize(group, self.control_period_s)
                 for kind, group in self.groups.items()
             },
             "episodes": self.rows(),
@@ -223,7 +215,9 @@ def _summary_table(result: Result) -> Table:
     table.add_column("")
     columns = []
     for kind, episodes in result.groups.items():
-        table.add_column(GROUPS[kind] + ("" if kind == "pose" else f", seed {result.seed}"), justify="right")
+        table.add_column(
+            START_KINDS[kind] + ("" if kind == "pose" else f", seed {result.seed}"), justify="right"
+        )
         columns.append(_summary_cells(summarize(episodes, result.control_period_s)))
     for name in dict.fromkeys(name for cells in columns for name in cells):
         table.add_row(name, *(cells.get(name, "-") for cells in columns))

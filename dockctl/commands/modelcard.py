@@ -11,7 +11,6 @@ from typing import Any
 import pandas as pd
 
 from dockctl.agents.checkpoint import PolicyCard
-from dockctl.commands.evaluation import GROUPS
 from dockctl.errors import DockctlError
 from dockctl.reports.map import (
     ASKEW_DEG,
@@ -23,10 +22,11 @@ from dockctl.reports.map import (
 )
 from dockctl.runs.directory import PROVENANCE, RunDirectory
 from dockctl.runs.statistics import wilson_interval
+from dockctl.runs.tables import START_KINDS
 from dockctl.scenarios.schema import ObservationPart, Scenario
 
 FAILURES_LISTED = 12
-KINDS = {"training": "poses of its training", **GROUPS}
+SORTS = {"training": "poses of its training", **START_KINDS}
 EPISODES = ("start_kind", "x_m", "y_m", "heading_deg", "outcome", "collided_with", "phase", "clearance_m")
 CELLS = ("dx_m", "dy_m", "dheading_deg", "blocked", "outcome", "collided_with")
 """Columns that the card is written from."""
@@ -124,7 +124,7 @@ def _facts(
         yield (
             "chosen",
             f"of {len(others)} runs, for its evaluations, which therefore flatter it;"
-            f" {GROUPS.get(kind, kind)} docked: {rates}",
+            f" {START_KINDS.get(kind, kind)} docked: {rates}",
         )
     yield "steps", f"{card.env_steps:,} environment steps, where its training found the best greedy policy"
     yield "network", f"dueling, layers of {', '.join(map(str, card.hidden_sizes))}"
@@ -168,7 +168,7 @@ def _groups(
         where = stem.removeprefix("evaluation").removeprefix("-")
         where = f"another {where}" if where == scenario.name else where or scenario.name
         for kind in episodes["start_kind"].unique():
-            yield where, KINDS.get(kind, kind), episodes[episodes["start_kind"] == kind]
+            yield where, SORTS.get(kind, kind), episodes[episodes["start_kind"] == kind]
 
 
 def _further(run: RunDirectory, card: PolicyCard) -> Iterator[str]:

@@ -32,6 +32,14 @@ EVALUATIONS = ("env_steps", "pose", *EPISODE_RESULT, "best")
 EVALUATION = ("start_kind", "start", "berth", "x_m", "y_m", "heading_deg", *EPISODE_RESULT, "time_s")
 """Episodes of ``dockctl evaluate``."""
 
+START_KINDS = {
+    "pose": "test poses",
+    "random": "random starts",
+    "trained": "trained berths",
+    "held_out": "held-out berths",
+}
+"""What stands in `start_kind` of an evaluation, in words."""
+
 MAP = (
     "dx_m", "dy_m", "dheading_deg", "x_m", "y_m", "heading_deg", "blocked", *EPISODE_RESULT, "time_s",
 )  # fmt: skip

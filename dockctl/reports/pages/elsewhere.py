@@ -9,7 +9,7 @@ from matplotlib.figure import Figure
 
 from dockctl.reports.map import ASKEW_DEG, THESIS_M, free_starts, map_figure, radius_words, turned_within
 from dockctl.reports.pages import courses, curves
-from dockctl.reports.pages.kept import KINDS, Course, Kept, Kepts
+from dockctl.reports.pages.kept import Course, Kept, Kepts
 from dockctl.reports.pages.markdown import NOT_RUN, listed, picture, share, table
 from dockctl.reports.pages.measures import ending
 from dockctl.reports.pages.page import (
@@ -25,6 +25,7 @@ from dockctl.reports.pages.thesis import COURSES
 from dockctl.reports.trajectory import docked
 from dockctl.runs.keep import FAILURES
 from dockctl.runs.statistics import wilson_interval
+from dockctl.runs.tables import START_KINDS
 from dockctl.scenarios.study import Experiment, Study
 
 FIXED, MARINA = "s3", "marina"
@@ -191,7 +192,7 @@ def elsewhere_table(experiment: Experiment, runs: Sequence[Kept]) -> str:
     for run in runs:
         row = {"seed": str(run.seed)}
         for name in experiment.evaluate_on:
-            for kind, words in KINDS.items():
+            for kind, words in START_KINDS.items():
                 if (ended := run.ended(kind, name)) is not None:
                     row[f"{name}, {words}"] = share(ended)
         rows.append(row)
@@ -204,7 +205,7 @@ def _berth_rows(run: Kept) -> list[dict[str, str]]:
         return [{"seed": str(run.seed), "starts": NOT_RUN}]
     for kind in evaluation["start_kind"].unique():
         group = evaluation[evaluation["start_kind"] == kind]
-        rows.append({"seed": str(run.seed), "starts": KINDS[str(kind)], **_success(group)})
+        rows.append({"seed": str(run.seed), "starts": START_KINDS[str(kind)], **_success(group)})
     return rows
 
 

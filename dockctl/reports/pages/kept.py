@@ -30,13 +30,6 @@ from dockctl.scenarios.study import Experiment, Study
 
 EVALUATION = ("start_kind", "outcome", "time_s", "clearance_m", "control_changes", "path_length_m")
 RETURNS = ("distance_unit_m", "return", "gate_discount")
-KINDS = {
-    "pose": "test poses",
-    "random": "random starts",
-    "trained": "trained berths",
-    "held_out": "held-out berths",
-}
-"""Sorts of starts, in words."""
 
 
 @dataclass(frozen=True, eq=False)

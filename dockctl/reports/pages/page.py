@@ -8,13 +8,14 @@ from dataclasses import dataclass, field
 import numpy as np
 from matplotlib.figure import Figure
 
-from dockctl.reports.pages.kept import KINDS, Kept
+from dockctl.reports.pages.kept import Kept
 from dockctl.reports.pages.markdown import NOT_RUN, share, spread, steps, table
 from dockctl.reports.pages.measures import OF_COURSES, OF_TRAININGS
 from dockctl.reports.pages.statistics import interquartile_mean, interval
 from dockctl.reports.pages.thesis import Fact
 from dockctl.reports.trajectory import Track, docked
 from dockctl.runs.statistics import RECENT
+from dockctl.runs.tables import START_KINDS
 from dockctl.scenarios.schema import Task
 
 Draw = Callable[[], Figure]
@@ -99,7 +100,11 @@ def _seed_row(run: Kept) -> dict[str, str]:
         "episodes": f"{len(run.episodes):,}",
         "minutes": f"{run.minutes:.1f}",
         f"docked of the last {RECENT}": str(run.recent_docked),
-        **{f"{words} docked": share(ended) for kind, words in KINDS.items() if (ended := run.ended(kind))},
+        **{
+            f"{words} docked": share(ended)
+            for kind, words in START_KINDS.items()
+            if (ended := run.ended(kind))
+        },
         "mean time": spread([time.mean()], unit=" s") if len(time) else "-",
         "least clearance": spread([clearance.min()], "{:.2f}", " m") if len(clearance) else "-",
     }
