@@ -9,8 +9,8 @@ from pathlib import Path
 import pytest
 
 from dockctl.agents.checkpoint import POLICY
+from dockctl.commands.episodes import judging_starts, player
 from dockctl.commands.policies import find
-from dockctl.commands.rooms import judging_starts, player
 from dockctl.commands.shipping import CARD, training_starts
 from dockctl.runs.shipped import shipped
 from dockctl.sim.simulator import build_worlds

@@ -14,6 +14,7 @@ from rich.progress_bar import ProgressBar
 from rich.table import Table
 
 from dockctl.commands.say import say
+from dockctl.runs.statistics import RECENT
 
 if TYPE_CHECKING:
     from dockctl.agents.progress import Progress
@@ -85,7 +86,7 @@ class TrainingDisplay:
         return (
             f"{progress.env_steps:>9,} of {self._training.total_steps:,} steps"
             f" | {self.steps_per_second or 0:,.0f} steps/s | at most {self._time_left(progress)} left"
-            f" | docked {progress.recent_docked} of the last {min(100, progress.episodes)}"
+            f" | docked {progress.recent_docked} of the last {min(RECENT, progress.episodes)}"
             f" | {outcomes(progress)} | epsilon {progress.epsilon:.3f}"
             f" | loss {_number(progress.loss)} | best {best(progress)}"
         )
@@ -99,7 +100,7 @@ class TrainingDisplay:
         speed = self.steps_per_second
         facts.add_row("", f"{progress.env_steps:,} of {total:,}, {f'{speed:,.0f}' if speed else '-'} steps/s")
         facts.add_row("time", f"{clock(progress.wall_s)}, at most {self._time_left(progress)} left")
-        docked, of = progress.recent_docked, min(100, progress.episodes)
+        docked, of = progress.recent_docked, min(RECENT, progress.episodes)
         color = "green" if of and docked >= 0.95 * of else "yellow" if docked else "white"
         facts.add_row("docked", f"[bold {color}]{docked}[/] of the last {of} episodes")
         facts.add_row("episodes", f"{progress.episodes:,}: {outcomes(progress)}")

@@ -18,9 +18,9 @@ from rich.table import Table
 from dockctl.agents.checkpoint import PolicyCard
 from dockctl.agents.evaluator import Episode
 from dockctl.agents.summary import ending, summarize
+from dockctl.commands.episodes import judging_starts, player, testing_starts
 from dockctl.commands.outputs import require_place
 from dockctl.commands.policies import find
-from dockctl.commands.rooms import judging_starts, player, testing_starts
 from dockctl.commands.say import say
 from dockctl.envs.vector import DockingVectorEnv
 from dockctl.runs.directory import RunDirectory

@@ -18,9 +18,9 @@ from rich.progress import Progress
 from rich.table import Table
 
 from dockctl.agents.evaluator import Episode
+from dockctl.commands.episodes import player, pose_check
 from dockctl.commands.outputs import Places
 from dockctl.commands.policies import Trained, find
-from dockctl.commands.rooms import player, pose_check
 from dockctl.commands.say import say
 from dockctl.envs.vector import DockingVectorEnv
 from dockctl.errors import DockctlError

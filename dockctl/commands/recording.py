@@ -9,8 +9,8 @@ from pathlib import Path
 
 from dockctl.agents.summary import ending
 from dockctl.commands.drawing import pose_of
+from dockctl.commands.episodes import player, pose_check, shown_starts, trajectories_csv
 from dockctl.commands.policies import find
-from dockctl.commands.rooms import player, pose_check, shown_starts, trajectories_csv
 from dockctl.envs.vector import DockingVectorEnv
 from dockctl.errors import DockctlError
 from dockctl.runs.directory import SCENARIO, require_replaceable

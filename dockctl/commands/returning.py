@@ -15,9 +15,9 @@ from rich import box
 from rich.console import Console
 from rich.table import Table
 
+from dockctl.commands.episodes import player
 from dockctl.commands.outputs import Places
 from dockctl.commands.policies import Trained, find
-from dockctl.commands.rooms import player
 from dockctl.commands.say import say
 from dockctl.envs.vector import DockingVectorEnv
 from dockctl.errors import DockctlError

@@ -16,8 +16,8 @@ from dockctl.agents.checkpoint import save_policy
 from dockctl.agents.evaluator import Episode
 from dockctl.agents.summary import ending
 from dockctl.commands import modelcard
+from dockctl.commands.episodes import player
 from dockctl.commands.policies import Trained, find
-from dockctl.commands.rooms import player
 from dockctl.commands.say import say
 from dockctl.errors import DockctlError
 from dockctl.runs.directory import SCENARIO, RunDirectory, require_replaceable

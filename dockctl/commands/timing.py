@@ -15,10 +15,10 @@ from rich.table import Table
 
 from dockctl.agents.network import DuelingQNetwork
 from dockctl.agents.policy import GreedyPolicy, Policy
+from dockctl.commands.episodes import judging_starts
 from dockctl.commands.options import DEFAULT_SCENARIO, RUNS
 from dockctl.commands.outputs import Places
 from dockctl.commands.policies import Trained, find
-from dockctl.commands.rooms import judging_starts
 from dockctl.commands.say import say
 from dockctl.envs.observation import View
 from dockctl.envs.spaces import ObservationEncoder

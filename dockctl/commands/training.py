@@ -15,15 +15,16 @@ from dockctl.agents.policy import GreedyPolicy
 from dockctl.agents.progress import REASONS, Progress
 from dockctl.agents.trainer import Trainer
 from dockctl.commands.display import TrainingDisplay, best, clock
+from dockctl.commands.episodes import judging_starts, player, shown_starts, trajectories_csv
 from dockctl.commands.interrupt import on_interrupt
 from dockctl.commands.memory import Estimate, require_memory
-from dockctl.commands.rooms import judging_starts, player, shown_starts, trajectories_csv
 from dockctl.commands.say import say
 from dockctl.envs.vector import DockingVectorEnv
 from dockctl.errors import DockctlError
 from dockctl.runs import provenance
 from dockctl.runs.directory import PROVENANCE, SCENARIO, RunDirectory, require_writable
 from dockctl.runs.lock import alone
+from dockctl.runs.statistics import RECENT
 from dockctl.scenarios.files import mesh_files, naming
 from dockctl.scenarios.interface import PolicyInterface
 from dockctl.scenarios.loader import LoadedScenario, dump
@@ -144,7 +145,7 @@ def tell(console: Console, run: RunDirectory, progress: Progress, reason: str) -
     made = f"{progress.env_steps:,} steps, {progress.episodes:,} episodes, {clock(progress.wall_s)}"
     lines = [
         f"{REASONS[reason]}: {made}.",
-        f"Training: docked {progress.recent_docked} of the last {min(100, progress.episodes)} episodes.",
+        f"Training: docked {progress.recent_docked} of the last {min(RECENT, progress.episodes)} episodes.",
         f"Greedy: best {best(progress)}.",
     ]
     if reason == "interrupted":

@@ -1,4 +1,4 @@
-"""What ``train`` and ``evaluate`` build from a scenario: environments, evaluation starts, trajectories."""
+"""Greedy episodes of a policy: where they begin, how they are played, and their trajectories as a table."""
 
 from __future__ import annotations
 
