@@ -13,7 +13,7 @@ from matplotlib.ticker import PercentFormatter
 from dockctl.reports import learning
 from dockctl.reports.learning import from_the_start, smooth
 from dockctl.reports.pages.kept import Kept
-from dockctl.reports.pages.statistics import interquartile_mean, interval, on_a_grid
+from dockctl.reports.pages.statistics import POINTS, interquartile_mean, interval, on_a_grid
 from dockctl.reports.style import key, sheet, thousands
 from dockctl.runs import palette
 from dockctl.runs.statistics import RECENT
@@ -149,6 +149,12 @@ def losses_figure(title: str, runs: Sequence[tuple[str, Kept]]) -> Figure:
     thousands(right, "y")
     key(left, [(name, color) for (name, _), color in zip(runs, colors, strict=False)], columns=3)
     return figure
+
+
+def docked_over(run: Kept, steps: int) -> float:
+    """Share of docked episodes, averaged over so many steps; an ended run keeps its last value."""
+    curve = _curve(run, DOCKED[2], "env_steps")
+    return float(np.interp(np.linspace(0, steps, POINTS), curve.index.to_numpy(float), curve).mean())
 
 
 def _curve(run: Kept, measure: Measure, over: str = "episode") -> pd.Series:

@@ -146,12 +146,12 @@ def ablation_page(study: Study, kept: Kepts) -> Page:
     if not rows:
         return Page("results/ablation.md", text_of(head, missing(["ablation"])))
     base, *others = rows
-    there = {e.title: {base.title: kept[base.name], e.title: kept[e.name]} for e in others if kept[e.name]}
+    there = {e.title: {"default": kept[base.name], "changed": kept[e.name]} for e in others if kept[e.name]}
     draws: dict[str, Draw] = {}
     if there and kept[base.name]:
         draws["ablation"] = lambda: curves.compared_figure(
             "What each part of the learner buys",
-            "scenario 1; dark: as by default, red: with the change",
+            f"scenario {base.scenario[1:]}; thin: seeds; thick: interquartile mean with its interval",
             there,
         )
     text = text_of(
@@ -159,10 +159,21 @@ def ablation_page(study: Study, kept: Kepts) -> Page:
         f"Scenario {base.scenario[1:]} with {_settings(base)}, one thing changed at a time; values seed by"
         " seed.",
         "```sh\ndockctl reproduce ablation\n```",
-        table([{"change": e.title, "set": _settings(e, base), **_outcomes(kept[e.name])} for e in rows]),
+        table([_ablation_row(e, base, kept[e.name]) for e in rows]),
+        "*Docked over the training*: the share of docked episodes, averaged over all the steps that were"
+        " there; a training that ended earlier goes on with its last value. Interquartile mean of the seeds,"
+        " 95 % interval.",
         picture("ablation", "share of docked episodes of every ablation") if draws else "",
     )
     return Page("results/ablation.md", text, draws)
+
+
+def _ablation_row(experiment: Experiment, base: Experiment, runs: Sequence[Kept]) -> dict[str, str]:
+    row = {"change": experiment.title, "set": _settings(experiment, base)}
+    if runs:
+        shares = [100 * curves.docked_over(run, int(run.training["total_steps"])) for run in runs]
+        row["docked over the training, %"] = middle(shares)
+    return row | _outcomes(runs)
 
 
 def _settings(experiment: Experiment, base: Experiment | None = None) -> str:
