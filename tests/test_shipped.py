@@ -9,10 +9,12 @@ from pathlib import Path
 import pytest
 
 from dockctl.agents.checkpoint import POLICY
+from dockctl.commands.differences import difference
 from dockctl.commands.episodes import judging_starts, player
 from dockctl.commands.policies import find
 from dockctl.commands.shipping import CARD, training_starts
 from dockctl.runs.shipped import shipped
+from dockctl.scenarios.loader import load
 from dockctl.sim.simulator import build_worlds
 from tests.commands.conftest import dockctl
 
@@ -41,6 +43,14 @@ def test_the_files_are_those_of_the_card(name: str) -> None:
     }
     assert told == there
     assert {f"{POLICY}.json", f"{POLICY}.safetensors", "scenario.yaml"} <= set(told)
+
+
+@each
+def test_it_was_trained_on_the_scenario_as_it_stands(name: str) -> None:
+    theirs = load(find(Path(name)).own_scenario).scenario
+    assert (
+        difference(load(name, overrides=[f"training.seed={theirs.training.seed}"]).scenario, theirs) is None
+    )
 
 
 @each
