@@ -297,8 +297,8 @@ def start_section(start: Json) -> str:
     ]
     return f"""## From the command to the first gradient step
 
-The whole process of a training that ends after its first update, greedy evaluation and checkpoint included
-[s]; from nothing, it builds the tables of every harbor and compiles its inner loops, both kept for the next:
+Seconds until the first row of `updates.csv`; from nothing, the tables of every harbor are built and the inner
+loops compiled, both kept for the next time:
 
 {table(("", "least", "median", "greatest"), rows)}"""
 

@@ -54,18 +54,16 @@ def check_poses(scenario: Scenario, base_dir: Path) -> list[tuple[str, str]]:
         InputError: a mesh file of the harbor is missing or broken.
         DockctlError: the harbor cannot be built.
     """
-    check = PoseCheck.of(scenario, build_harbor(scenario.harbor, base_dir))
-    flaws = [(field, flaw) for field, pose in _poses(scenario) if (flaw := check.flaw(pose))]
-    return flaws or _berth_flaws(scenario, base_dir)
-
-
-def _berth_flaws(scenario: Scenario, base_dir: Path) -> list[tuple[str, str]]:
-    hull, specs = scenario.vessel.hull, layouts(scenario.harbor, scenario.task.berths)
+    harbors = [
+        build_harbor(layout.harbor, base_dir) for layout in layouts(scenario.harbor, scenario.task.berths)
+    ]
     try:
-        own_site(scenario)
-        harbors = [build_harbor(layout.harbor, base_dir) for layout in specs]
+        check = PoseCheck.of(scenario, harbors[own_site(scenario).harbor])
+        if flaws := [(field, flaw) for field, pose in _poses(scenario) if (flaw := check.flaw(pose))]:
+            return flaws
+        hull = scenario.vessel.hull
         free_sites(scenario, [collision_checker(harbor, hull).blocked for harbor in harbors])
-    except InputError as error:
+    except InputError as error:  # the task and its berths do not go together
         return [(problem.field, problem.message) for problem in error.problems]
     return []
 
