@@ -12,6 +12,7 @@ from __future__ import annotations
 import argparse
 import os
 import tempfile
+from typing import Any
 from unittest.mock import patch
 
 import bench  # before numpy
@@ -40,7 +41,7 @@ def quartered(triangles: NDArray[np.float64]) -> NDArray[np.float64]:
     return np.concatenate([np.stack(corners, axis=1) for corners in parts])
 
 
-def point(lidar: LidarArray, rounds: int, what: str) -> dict[str, object]:
+def point(lidar: LidarArray, rounds: int, what: str) -> dict[str, Any]:
     """Measure one set of sensors in one harbor."""
     poses = np.random.default_rng(0).uniform(*FAIRWAY, (300, 3))
     embree = embree_scanner(lidar)
@@ -59,7 +60,7 @@ def point(lidar: LidarArray, rounds: int, what: str) -> dict[str, object]:
     }
 
 
-def update(env: DockingEnv, batch: int, rounds: int) -> dict[str, object]:
+def update(env: DockingEnv, batch: int, rounds: int) -> dict[str, Any]:
     """Measure the learner's update with one size of batch."""
     count = max(2, 4096 // batch)
     made = {"dockctl": ours(env, batch), "peer": eager(env, batch)}
@@ -68,10 +69,10 @@ def update(env: DockingEnv, batch: int, rounds: int) -> dict[str, object]:
     return {"batch": batch, **{name: bench.summary(seconds) for name, seconds in times.items()}}
 
 
-def exponent(points: list[dict[str, object]], size: str) -> float:
+def exponent(points: list[dict[str, Any]], size: str) -> float:
     """Return the exponent with which our time grows with a size, by least squares."""
-    x = np.log([float(str(one[size])) for one in points])
-    y = np.log([one["dockctl"]["median"] for one in points])  # type: ignore[index]  # a point's values are of several kinds
+    x = np.log([one[size] for one in points])
+    y = np.log([one["dockctl"]["median"] for one in points])
     return float(np.polyfit(x, y, 1)[0])
 
 
