@@ -4,8 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping
-from dataclasses import dataclass
-from typing import Any
+from typing import Any, NamedTuple
 
 import torch
 from numpy.typing import NDArray
@@ -18,8 +17,7 @@ from dockctl.agents.replay import Transitions
 from dockctl.scenarios.training import Training
 
 
-@dataclass(frozen=True)
-class UpdateMetrics:
+class UpdateMetrics(NamedTuple):
     """Loss, mean |TD error|, mean Q of the actions taken, and gradient norm before clipping."""
 
     loss: float

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-from dataclasses import astuple, fields
 from typing import Any
 
 import numpy as np
@@ -58,13 +57,13 @@ class UpdateRecorder:
 
     def __init__(self, stride: int) -> None:
         self._stride = stride
-        self._seen: list[tuple[float, ...]] = []
+        self._seen: list[UpdateMetrics] = []
 
     def add(self, metrics: UpdateMetrics) -> dict[str, Value] | None:
         """Take one update and return the means since the last row when one is due."""
-        self._seen.append(astuple(metrics))
+        self._seen.append(metrics)
         if len(self._seen) < self._stride:
             return None
         means = np.mean(self._seen, axis=0)
         self._seen.clear()
-        return {field.name: float(mean) for field, mean in zip(fields(UpdateMetrics), means, strict=True)}
+        return {name: float(mean) for name, mean in zip(UpdateMetrics._fields, means, strict=True)}
