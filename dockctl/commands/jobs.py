@@ -119,13 +119,15 @@ class Job:
 def nearest_failures(table: Path) -> list[str]:
     """Poses ``x,y,heading`` of the nearest starts that fail as in Figs. 4.39 and 4.40.
 
-    The first reaches the intermediate pose and then collides, the second never reaches it, nor collides.
-    Starts with the heading askew by more than `ASKEW_DEG` count only where there are no others.
+    The first collides, if it can be after it reached the intermediate pose; the second never reaches that
+    pose, nor collides. Starts with the heading askew by more than `ASKEW_DEG` count only where there are no
+    others.
     """
     with table.open(encoding="utf-8", newline="") as file:
-        rows = [row for row in csv.DictReader(file) if row["outcome"] in ("collision", "timeout")]
+        rows = list(csv.DictReader(file))
+    collisions = [row for row in rows if row["outcome"] == "collision"]
     kinds = (
-        [row for row in rows if row["outcome"] == "collision" and row["phase"] == "1"],
+        [row for row in collisions if row["phase"] == "1"] or collisions,
         [row for row in rows if row["outcome"] == "timeout" and row["phase"] == "0"],
     )
     nearest = [min(kind, key=_oddity) for kind in kinds if kind]

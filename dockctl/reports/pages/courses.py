@@ -82,11 +82,16 @@ def ways_figure(title: str, subtitle: str, panels: Sequence[tuple[str, Course]])
     rows = -(-len(panels) // columns)
     figure = sheet(title, subtitle, (max(4.5 * columns, TITLED_IN), 0.8 + 4.5 * rows))
     axes = np.atleast_1d(figure.subplots(rows, columns)).ravel()
+    before: list[str] = []
     for ax, (name, course) in zip(axes, panels, strict=False):
         draw_ways(ax, course.scene, course.task, course.tracks, "")
-        if (legend := ax.get_legend()) and ax is not axes[0]:
-            legend.remove()  # the first panel's names the colors of all
-        ax.set_title(name, loc="left" if ax.get_legend() is None else "right", fontsize=9, fontweight="bold")
+        labels = [track.label for track in course.tracks]
+        room = "\n" + ax.get_title() if len(labels) > 1 else ""  # what the key above the axes takes
+        if (legend := ax.get_legend()) and labels == before:
+            legend.remove()  # the panel before it names the same colors
+        ax.set_title("")
+        ax.set_title(name + room, loc="left", fontsize=9, fontweight="bold", linespacing=1.5)
+        before = labels
     for ax in axes[len(panels) :]:
         ax.set_visible(False)
     return figure

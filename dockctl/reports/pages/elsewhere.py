@@ -118,22 +118,26 @@ def _far_starts(kept: Kepts) -> tuple[str, dict[str, Draw]]:
         if mapped:
             draws[f"{who}-map"] = _map(mapped[0], who)
             blocks.append(picture(f"{who}-map", f"success over starts, {WHOSE[who]}, seed {mapped[0].seed}"))
+    blocks += [
+        "Figs. 4.39 and 4.40 show a collision after the intermediate pose was reached in a bad place, and a"
+        " boat that never reaches it. How the free starts of the whole grid end here, at every heading:",
+        table([_ends_row(who, run) for who in WHOSE for run in kept[who] if run.map is not None]),
+        "Of every seed, the nearest start that collides, if there is one after the intermediate pose that"
+        " one, and the nearest that never reaches it nor collides:",
+    ]
+    for who in WHOSE:
         panels = [
             _named(run.seed, course) for run in kept[who] if (course := run.course(FAILURES)) is not None
         ]
-        if who == FIXED and panels:
-            draws[f"{who}-failures"] = _failures(panels)
-            blocks.append(
-                "Figs. 4.39 and 4.40 show a collision after the intermediate pose was reached in a bad"
-                " place, and a boat that never reaches it. The nearest starts that fail in these two ways:"
-            )
-            blocks.append(picture(f"{who}-failures", "the nearest failures of every seed"))
+        if panels:
+            draws[f"{who}-failures"] = _failures(who, panels)
+            blocks.append(picture(f"{who}-failures", f"the nearest failures, {WHOSE[who]}"))
     return "\n\n".join(blocks), draws
 
 
-def _failures(panels: Panels) -> Draw:
+def _failures(who: str, panels: Panels) -> Draw:
     return lambda: courses.ways_figure(
-        "The nearest failures (Figs. 4.39, 4.40)", "from the nearest starts that fail, every seed", panels
+        "The nearest failures (Figs. 4.39, 4.40)", f"{WHOSE[who]}, the best of every seed", panels
     )
 
 
@@ -152,6 +156,19 @@ def _reach_row(who: str, run: Kept) -> dict[str, str]:
     for limit in WITHIN_M:
         near = free[free["offset_m"] <= limit + 1e-6]
         row[f"docked within {limit:g} m"] = share((int(near["docked"].sum()), len(near)))
+    return row
+
+
+def _ends_row(who: str, run: Kept) -> dict[str, str]:
+    """How the free starts at every heading end, before and after the intermediate pose."""
+    assert run.map is not None  # the caller has asked
+    free = free_starts(run.map)
+    row = {"policies": WHOSE[who], "seed": str(run.seed), "free starts": f"{len(free):,}"}
+    row["docked"] = f"{free['docked'].sum():,}"
+    for phase, when in enumerate(("before", "after")):
+        for outcome, words in {"collision": "collided", "timeout": "out of time"}.items():
+            ended = (free["outcome"] == outcome) & (free["phase"] == phase)
+            row[f"{words} {when} the intermediate pose"] = f"{ended.sum():,}"
     return row
 
 

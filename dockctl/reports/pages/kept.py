@@ -85,7 +85,7 @@ class Kept:
 
     @cached_property
     def map(self) -> pd.DataFrame | None:
-        return read_table(self.folder / "map.csv", MAP_COLUMNS)
+        return read_table(self.folder / "map.csv", (*MAP_COLUMNS, "phase"))
 
     @cached_property
     def returns(self) -> pd.DataFrame | None:
