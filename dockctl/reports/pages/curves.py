@@ -8,7 +8,7 @@ import numpy as np
 import pandas as pd
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
-from matplotlib.ticker import PercentFormatter
+from matplotlib.ticker import MaxNLocator, PercentFormatter
 
 from dockctl.reports import learning
 from dockctl.reports.learning import from_the_start, smooth
@@ -145,6 +145,7 @@ def losses_figure(title: str, runs: Sequence[tuple[str, Kept]]) -> Figure:
     for ax, name in ((left, "Mean |TD error|"), (right, "Mean Q")):
         ax.set_xlabel("Environment steps")
         ax.set_ylabel(name)
+        ax.xaxis.set_major_locator(MaxNLocator(5))
         thousands(ax)
     thousands(right, "y")
     key(left, [(name, color) for (name, _), color in zip(runs, colors, strict=False)], columns=3)

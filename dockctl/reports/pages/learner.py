@@ -8,7 +8,7 @@ import pandas as pd
 
 from dockctl.reports.pages import curves
 from dockctl.reports.pages.kept import Kept, Kepts
-from dockctl.reports.pages.markdown import picture, share, steps, table
+from dockctl.reports.pages.markdown import picture, share, spread, steps, table
 from dockctl.reports.pages.measures import change_share, change_size, slowing_m
 from dockctl.reports.pages.page import Draw, Page, mastered, middle, missing, text_of
 from dockctl.reports.pages.thesis import EPISODES, TRAINING, WEIGHTS
@@ -204,6 +204,7 @@ def thesis_page(study: Study, kept: Kepts) -> Page:
         head,
         "```sh\ndockctl reproduce thesis\n```",
         table([_thesis_row(experiment, kept[experiment.name]) for experiment in experiments]),
+        _thesis_reading([run for _, run in runs]),
         picture("thesis-endings", "how the episodes ended"),
         picture("thesis-losses", "errors and values"),
     )
@@ -214,6 +215,24 @@ def _unit(experiment: Experiment) -> str:
     return unit_words(load(experiment.scenario, overrides=experiment.set).scenario.reward.distance_unit_m)
 
 
+def _thesis_reading(runs: Sequence[Kept]) -> str:
+    """What became of all the trainings, and why they do not settle."""
+    docked = share((sum(run.recent_docked == RECENT for run in runs), len(runs)))
+    growth = spread([errors[2] / errors[0] for errors in map(_errors, runs)], "{:.0f}", " times")
+    return (
+        f"Trainings that dock in all of their last {RECENT} episodes, as the thesis': {docked}. At the end"
+        f" the mean error is {growth} its least. The likely reason: the error is squared and the reward"
+        " neither scaled nor clipped, so that one bonus or collision moves the network far more than all the"
+        " steps on the way to it."
+    )
+
+
+def _errors(run: Kept) -> tuple[float, float, float]:
+    """Mean absolute TD error of the updates in units of the reward: least, largest, last."""
+    error = run.updates["td_error"].abs() / run.training["reward_scale"]
+    return float(error.min()), float(error.max()), float(error.iloc[-1])
+
+
 def _thesis_row(experiment: Experiment, runs: Sequence[Kept]) -> dict[str, str]:
     row = {"scenario": experiment.scenario[1:], "δd in": _unit(experiment)}
     if not runs:
@@ -222,8 +241,6 @@ def _thesis_row(experiment: Experiment, runs: Sequence[Kept]) -> dict[str, str]:
     ended = run.episodes["outcome"].eq("docked")
     best = ended.rolling(RECENT).sum()
     greedy = run.run.evaluations
-    error = run.updates["td_error"].abs() / run.training["reward_scale"]
-    errors = (error.min(), error.max(), error.iloc[-1])
     return row | {
         "episodes": f"{len(run.episodes):,}" + ("" if run.finished else ", under way"),
         "steps": f"{run.steps:,}",
@@ -236,6 +253,6 @@ def _thesis_row(experiment: Experiment, runs: Sequence[Kept]) -> dict[str, str]:
         if best.max()
         else "0",
         f"docked of the last {RECENT}": str(run.recent_docked),
-        "mean abs. TD error: least, largest, last": ", ".join(f"{error:,.0f}" for error in errors),
+        "mean abs. TD error: least, largest, last": ", ".join(f"{error:,.0f}" for error in _errors(run)),
         "the thesis": TRAINING[experiment.scenario][0].seen,
     }
