@@ -53,7 +53,8 @@ class RMSProp:
     def step(self, parameters: Tensor, gradient: Tensor, learning_rate: float) -> None:
         second = self.moments["second"]
         second.mul_(0.9).addcmul_(gradient, gradient, value=0.1)
-        # Far below what epsilon lets through; the root of zero takes three times as long as that of a number.
+        # Moments of silent units fade to denormal numbers, of which roots take ten times as long; this is far
+        # below what epsilon lets through.
         root = torch.add(second, 1e-30, out=self._root).sqrt_()
         parameters.addcdiv_(gradient, root.add_(1e-7), value=-learning_rate)
 

@@ -22,8 +22,6 @@ class GreedyPolicy:
     def __init__(self, network: DuelingQNetwork) -> None:
         # One thread: sums in one order; small matrices gain nothing; the other cores are the simulator's.
         torch.set_num_threads(1)
-        # The optimizer's moments of units that fell silent fade to numbers with which processors are slow.
-        torch.set_flush_denormal(True)
         self.network = network
         self._layers = network.layers(network.flat)
 
