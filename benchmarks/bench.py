@@ -16,6 +16,7 @@ from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
 from typing import Any
 
+import psutil
 from rich import box
 from rich.console import Console
 from rich.progress import track
@@ -27,7 +28,7 @@ for _variable in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS"):
     os.environ.setdefault(_variable, "1")
 
 RESULTS = Path(__file__).parent / "results"
-BUSY = 0.5  # load average, beyond which times by the clock on the wall say little
+BUSY = 0.2  # cores that others keep busy, beyond which times by the clock on the wall say little
 LIBRARIES = (
     "numpy", "numba", "torch", "gymnasium", "trimesh", "embreex", "python-fcl", "stable-baselines3",
     "onnxruntime", "sbx-rl", "jax",
@@ -95,6 +96,11 @@ class Bar:
         return f"{sign} {bound:g} {self.unit}".rstrip()
 
 
+def cores_kept_busy(seconds: float = 1.0) -> float:
+    """Return how many cores others keep busy while this process sleeps; a load average remembers more."""
+    return psutil.cpu_percent(seconds) / 100 * (psutil.cpu_count() or 1)
+
+
 @dataclass
 class Report:
     """The results of one script: what was measured, on what, and whether it is enough."""
@@ -104,7 +110,7 @@ class Report:
     seconds: dict[str, list[float]] = field(default_factory=dict)
     bars: list[Bar] = field(default_factory=list)
     facts: dict[str, Any] = field(default_factory=dict)
-    load: float = field(default_factory=lambda: os.getloadavg()[0])
+    load: float = field(default_factory=cores_kept_busy)
     niceness: int = field(default_factory=lambda: os.nice(0))
 
     def tell(self) -> None:
@@ -117,7 +123,10 @@ class Report:
             table.add_row(bar.what, f"{bar.value:,.4g} {bar.unit}".rstrip(), bar.demand, verdict)
         console.print(table)
         if self.load > BUSY:
-            console.print(f"The machine was busy (load {self.load:.1f}): times on several cores say little.")
+            console.print(
+                f"The machine was busy ({self.load:.1f} cores at other work):"
+                " times on several cores say little."
+            )
         RESULTS.mkdir(exist_ok=True)
         path = RESULTS / f"{self.name}.json"
         path.write_text(json.dumps(self.to_json(), indent=1, ensure_ascii=False) + "\n", encoding="utf-8")

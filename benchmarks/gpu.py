@@ -11,7 +11,7 @@ import argparse
 
 import bench  # before numpy
 import torch
-from learner import ours
+from learner import autograd, ours
 
 from dockctl.envs.single import DockingEnv
 
@@ -32,7 +32,7 @@ def main() -> None:
     report.facts = {"gpu": device, "updates_per_second": {}}
     for batch in BATCHES:
         count = TRANSITIONS // batch
-        learners = {device: ours(env, batch, "cuda"), core: ours(env, batch)}
+        learners = {device: autograd(env, batch, "cuda"), core: ours(env, batch)}
         # By the clock on the wall: a graphics processor's time is none of the processor's.
         cases = {
             name: bench.Case(lambda learn=learn, count=count: learn(count), count, cores=2)

@@ -10,7 +10,7 @@ steer. What is compared:
 - sbx, the same on JAX, if it is installed (`pip install sbx-rl`; it stands on nightly builds, which nothing
   here can pin): its network has two hidden layers of one width, 205 here, which gives as many parameters as
   ours has. Compilation is not counted.
-- The same update by torch modules, autograd and torch's Adam: `dockctl.agents.oracle`.
+- The same update by torch modules, autograd and torch's Adam: `dockctl.agents.autograd`.
 - The arithmetic alone: multiplications and additions of an update, over the rate at which this core
   multiplies large matrices.
 
@@ -28,8 +28,10 @@ import numpy as np
 import torch
 from numpy.typing import NDArray
 
-from dockctl.agents import oracle, passes
+from dockctl.agents import passes
+from dockctl.agents.autograd import AutogradDQN
 from dockctl.agents.dqn import DoubleDQN
+from dockctl.agents.learner import Learner
 from dockctl.agents.network import DuelingQNetwork
 from dockctl.agents.policy import GreedyPolicy
 from dockctl.agents.replay import Replay, Transitions
@@ -76,32 +78,19 @@ def transitions(env: DockingEnv) -> Transitions:
     )
 
 
-def ours(env: DockingEnv, batch: int, device: str = "cpu") -> Learn:
+def updates(learner: Learner, env: DockingEnv, batch: int) -> Learn:
     replay = Replay(STORED, env.observation_space.shape[0], np.random.default_rng(1))
     replay.add(transitions(env))
-    learner = DoubleDQN(network(env).to_device(torch.device(device)), Training(batch_size=batch))
     return lambda count: [learner.update(replay.sample(batch), 1e-4) for _ in range(count)]
 
 
-def eager(env: DockingEnv, batch: int) -> Learn:
-    """Modules, autograd, clipping and Adam as torch has them; targets copied every 100 updates."""
-    replay = Replay(STORED, env.observation_space.shape[0], np.random.default_rng(1))
-    replay.add(transitions(env))
-    online, target, training = Duel(env), Duel(env), Training()
-    optimizer = torch.optim.Adam(online.parameters(), lr=1e-4)
+def ours(env: DockingEnv, batch: int) -> Learn:
+    return updates(DoubleDQN(network(env), Training(batch_size=batch)), env, batch)
 
-    def learn(count: int) -> None:
-        for update in range(count):
-            drawn = oracle.Batch.of(replay.sample(batch), torch.device("cpu"))
-            loss = oracle.loss(drawn, online, target, training.huber_delta)
-            optimizer.zero_grad()
-            loss.backward()
-            torch.nn.utils.clip_grad_norm_(online.parameters(), training.gradient_clip)
-            optimizer.step()
-            if update % training.target_update_interval == 0:
-                target.load_state_dict(online.state_dict())
 
-    return learn
+def autograd(env: DockingEnv, batch: int, device: str = "cpu") -> Learn:
+    """Modules, autograd and Adam as torch has them."""
+    return updates(AutogradDQN(network(env), Training(batch_size=batch), torch.device(device)), env, batch)
 
 
 def stable_baselines(env: DockingEnv, batch: int, same_network: bool) -> Learn:
@@ -142,10 +131,10 @@ def operations(net: DuelingQNetwork, batch: int) -> int:
     Two passes over the next observations, one over the observations and one back, of which the first layer
     needs no derivative by its inputs; the whole output layer counts only where an action is chosen.
     """
-    layers = net.layers(net.flat)
-    hidden = [layer.weight.numel() for layer in layers.hidden]
+    layers = net.layers(net.flat.numpy())
+    hidden = [layer.weight.size for layer in layers.hidden]
     rows = layers.split + net.actions
-    passes = 3 * sum(hidden) + layers.advantage.weight.numel() + 2 * rows
+    passes = 3 * sum(hidden) + layers.advantage.weight.size + 2 * rows
     back = 2 * sum(hidden) - hidden[0] + 2 * rows
     return 2 * batch * (passes + back)
 
@@ -155,15 +144,14 @@ def exported(net: DuelingQNetwork) -> Callable[[NDArray[np.float32]], object]:
     import onnxruntime
     from onnx import TensorProto, helper, numpy_helper
 
-    layers = net.layers(net.flat)
-    output = passes.empty_output(layers)
+    layers = net.layers(net.flat.numpy())
+    output = passes.room_for_output(layers)
     passes.fold(layers, output)
     nodes, weights, below = [], [], "x0"
     for depth, layer in enumerate([*layers.hidden, output], start=1):
         names = [below, f"w{depth}", f"b{depth}"]
         weights += [
-            numpy_helper.from_array(v.numpy(), n)
-            for v, n in zip(vars(layer).values(), names[1:], strict=True)
+            numpy_helper.from_array(value, name) for value, name in zip(layer, names[1:], strict=True)
         ]
         nodes.append(helper.make_node("Gemm", names, [f"y{depth}"], transB=1))
         nodes.append(helper.make_node("Relu", [f"y{depth}"], [below := f"x{depth}"]))
@@ -183,7 +171,7 @@ def learners(env: DockingEnv, batch: int, count: int) -> dict[str, bench.Case]:
         OURS: ours(env, batch),
         SAME: stable_baselines(env, batch, same_network=True),
         PLAIN: stable_baselines(env, batch, same_network=False),
-        EAGER: eager(env, batch),
+        EAGER: autograd(env, batch),
     }
     if bench.installed("sbx-rl"):
         made[SBX] = sbx(env, batch)

@@ -151,7 +151,7 @@ One boat, one core, {facts["decisions"]:,} decisions along greedy episodes [ms]:
 
 {table(("part", "median", "99th percentile"), rows)}
 
-What limits the forward pass is the number of calls into the library, not their arithmetic."""
+What limits a decision is the scan; a forward pass is a few products of a row with a matrix."""
 
 
 def learner_section(learner: Json) -> str:
@@ -175,9 +175,10 @@ def learner_section(learner: Json) -> str:
             "One core. Against the arithmetic alone, the multiplications and additions of an update over the"
             f" rate at which this core multiplies large matrices, the update reaches {' and '.join(shares)}.",
             *tables,
-            "What limits it: at small batches the number of calls into torch, at large ones the products of"
-            " matrices and the passes over memory between them. The next factor is a graphics processor or"
-            " half precision for large batches; at small ones there is only fewer and larger updates.",
+            "What limits it: the products of matrices, which BLAS computes, and at small batches also the way"
+            " into compiled code and the optimizer's pass over every parameter. The next factor is a graphics"
+            " processor or half precision for large batches; at small ones there is only fewer and larger"
+            " updates.",
         ]
     )
 
@@ -227,7 +228,7 @@ def machine_section(found: dict[str, Json]) -> str:
 {machine["processor"]}, {machine["cores"]} cores, {machine["platform"]}; Python {latest["python"]};
 {libraries}.
 
-{table(("script", "when (UTC)", "load of the machine before", "niceness"), rows)}
+{table(("script", "when (UTC)", "cores at other work before", "niceness"), rows)}
 
 Work on one core is timed by the processor's time, which other processes disturb little; work on several
 cores by the clock on the wall, which says little on a busy machine. Candidates take turns within a round,

@@ -1,4 +1,4 @@
-"""Double DQN: targets, loss and one gradient step (thesis eqs. 2.52-2.56, section 3.2.5)."""
+"""Double DQN: targets, loss and one gradient step (thesis eqs. 2.52-2.56, section 3.2.5), compiled."""
 
 from __future__ import annotations
 
@@ -6,54 +6,76 @@ import math
 from collections.abc import Mapping
 from typing import Any, NamedTuple
 
-import torch
+import numpy as np
 from numpy.typing import NDArray
-from torch import Tensor
 
 from dockctl.agents import passes
-from dockctl.agents.network import DuelingQNetwork
+from dockctl.agents.learner import UpdateMetrics
+from dockctl.agents.network import DuelingQNetwork, Floats, Layer, Layers
 from dockctl.agents.optimizers import optimizer_of
+from dockctl.agents.passes import compiled
 from dockctl.agents.replay import Transitions
 from dockctl.scenarios.training import Training
 
 
-class UpdateMetrics(NamedTuple):
-    """Loss, mean |TD error|, mean Q of the actions taken, and gradient norm before clipping."""
-
-    loss: float
-    td_error: float
-    q_mean: float
-    gradient_norm: float
-
-
-class Workspace:
-    """Buffers of an update with a batch of m transitions.
+class Workspace(NamedTuple):
+    """Room for an update with a batch of m transitions.
 
     Attributes:
         observations: (2 m, observation_size), the next observations above the observations, so that the
             online network sees both in one pass.
         online, target: outputs of the hidden layers, of `observations` and of the next observations alone.
         seen: the rows of `online` that belong to the observations.
-        slopes: derivatives of the loss by `seen`.
+        slopes: derivatives of the loss by `seen`, before they are rectified.
+        output, gradient: the online network's folded output layer, and the derivatives by it.
     """
 
-    def __init__(self, network: DuelingQNetwork, rows: int) -> None:
-        layers = network.layers(network.flat)
-        self.rows = rows
-        self.observations = network.flat.new_empty(2 * rows, network.observation_size)
-        self.next_observation, self.observation = self.observations[:rows], self.observations[rows:]
-        self.online = passes.buffers_for(layers, 2 * rows)
-        self.seen = [outputs[rows:] for outputs in self.online]
-        self.target, self.slopes = passes.buffers_for(layers, rows), passes.buffers_for(layers, rows)
+    observations: Floats
+    online: tuple[Floats, ...]
+    seen: tuple[Floats, ...]
+    target: tuple[Floats, ...]
+    slopes: tuple[Floats, ...]
+    output: Layer
+    gradient: Layer
+
+    @classmethod
+    def of(cls, layers: Layers, rows: int) -> Workspace:
+        online = passes.room_for(layers, 2 * rows)
+        return cls(
+            np.zeros((2 * rows, layers.hidden[0].weight.shape[1]), np.float32),
+            online,
+            tuple(outputs[rows:] for outputs in online),
+            passes.room_for(layers, rows),
+            passes.room_for(layers, rows),
+            passes.room_for_output(layers),
+            passes.room_for_output(layers),
+        )
+
+
+class Loss(NamedTuple):
+    """Huber's loss times `weight`: with a weight of 2 and no bound for the slope, the squared error.
+
+    Attributes:
+        delta: where the loss turns from a parabola into a line, the greatest slope.
+        largest: no target is above it.
+    """
+
+    weight: float
+    delta: float
+    largest: float
+
+    @classmethod
+    def of(cls, training: Training) -> Loss:
+        weight, delta = (2.0, math.inf) if training.huber_delta is None else (1.0, training.huber_delta)
+        largest = training.largest_return
+        return cls(weight, delta, math.inf if largest is None else largest * training.reward_scale)
 
 
 class DoubleDQN:
-    """An online and a target network, and the optimizer that moves the online one.
+    """A `Learner` for the processor: an online and a target network, and the optimizer of the online one.
 
-    It computes what `dockctl.agents.oracle` does by autograd, as products of matrices into buffers that are
-    made once, and with the output layer only where it is used.
-
-    On the CPU the same batches give the same bits; a GPU adds up the output layer's gradient in any order.
+    It computes what `dockctl.agents.autograd` does, as products of matrices into room that is made once, and
+    with the output layer only where it is used. The same batches give the same bits.
 
     Args:
         network: the online network; it is trained in place.
@@ -61,99 +83,133 @@ class DoubleDQN:
 
     Attributes:
         target: parameters of the target network, laid out as ``network.flat``.
-        gradient: that of the last update, as the optimizer took it; it is ``network.flat.grad``.
+        gradient: that of the last update, as the optimizer took it, laid out likewise.
     """
 
     def __init__(self, network: DuelingQNetwork, training: Training) -> None:
+        passes.hold_to_one_thread()
         self.online, self.training, self.updates = network, training, 0
-        assert network.flat.grad is not None  # made with the network
-        self.gradient, self.target = network.flat.grad, network.flat.clone()
-        self.optimizer = optimizer_of(training.optimizer, network.flat)
+        self._parameters: Floats = network.flat.numpy()
+        self.gradient, self.target = np.zeros_like(self._parameters), self._parameters.copy()
+        self.optimizer = optimizer_of(training.optimizer, self._parameters)
         self._layers, self._gradient_layers, self._target_layers = (
-            network.layers(vector) for vector in (network.flat, self.gradient, self.target)
+            network.layers(vector) for vector in (self._parameters, self.gradient, self.target)
         )
-        self._output, self._output_gradient, self._target_output = (
-            passes.empty_output(self._layers) for _ in range(3)
-        )
-        self._work = Workspace(network, training.batch_size)
-        largest = training.largest_return
-        self._largest = math.inf if largest is None else largest * training.reward_scale
+        self._target_output = passes.room_for_output(self._layers)
+        self._work = Workspace.of(self._layers, training.batch_size)
+        self._loss = Loss.of(training)
         self.copy_to_target()
 
     def copy_to_target(self) -> None:
-        self.target.copy_(self.online.flat)
+        self.target[:] = self._parameters
         passes.fold(self._target_layers, self._target_output)
 
     def state(self) -> dict[str, NDArray[Any]]:
-        """Target network and optimizer's moments, for a checkpoint (which holds the online network apart)."""
+        """Target network and optimizer's moments; see `Learner`."""
+        moments = self.optimizer.moments
         return {
-            "target.flat": self.target.cpu().numpy(),
-            **{f"optimizer.{name}": value.cpu().numpy() for name, value in self.optimizer.moments.items()},
+            "target.flat": self.target,
+            **{f"optimizer.{name}": value for name, value in moments.items()},
         }
 
     def load(self, state: Mapping[str, NDArray[Any]], updates: int) -> None:
-        """Take over what `state` returned after so many updates.
-
-        Raises:
-            KeyError, RuntimeError: the state is of another network.
-        """
-        self.target.copy_(torch.from_numpy(state["target.flat"]))
+        """Take over what `state` returned; see `Learner`."""
+        self.target[:] = state["target.flat"]
         passes.fold(self._target_layers, self._target_output)
         for name, moment in self.optimizer.moments.items():
-            moment.copy_(torch.from_numpy(state[f"optimizer.{name}"]))
+            moment[...] = state[f"optimizer.{name}"]
         self.updates = updates
 
-    @torch.inference_mode()
     def update(self, transitions: Transitions, learning_rate: float) -> UpdateMetrics:
         """One gradient step on a batch, and a copy to the target network when one is due."""
-        loss, td_error, q_mean = self._differentiate(transitions)
-        norm = math.sqrt(torch.dot(self.gradient, self.gradient))
+        rows = len(transitions.action)
+        if len(self._work.observations) != 2 * rows:
+            self._work = Workspace.of(self._layers, rows)
+        self._work.observations[:rows] = transitions.next_observation
+        self._work.observations[rows:] = transitions.observation
+        loss, td_error, q_mean = _differentiate(
+            self._layers, self._gradient_layers, self._target_layers, self._target_output,
+            np.ascontiguousarray(transitions.action), np.ascontiguousarray(transitions.reward),
+            np.ascontiguousarray(transitions.discount), self._loss, self._work,
+        )  # fmt: skip
         clip = self.training.gradient_clip
-        if clip is not None and norm > clip:
-            self.gradient.mul_(clip / norm)
-        self.optimizer.step(self.online.flat, self.gradient, learning_rate)
+        norm = _clip(self.gradient, math.inf if clip is None else clip)
+        self.optimizer.step(self._parameters, self.gradient, learning_rate)
         self.updates += 1
         if self.updates % self.training.target_update_interval == 0:
             self.copy_to_target()
         return UpdateMetrics(loss, td_error, q_mean, norm)
 
-    def _differentiate(self, transitions: Transitions) -> list[float]:
-        """Put the gradient of the loss into `gradient`; return loss, mean |TD error| and mean Q."""
-        work, device = self._workspace(len(transitions.action)), self.gradient.device
-        work.next_observation.copy_(torch.from_numpy(transitions.next_observation))
-        work.observation.copy_(torch.from_numpy(transitions.observation))
-        action, reward, discount = (
-            torch.from_numpy(array).to(device)
-            for array in (transitions.action, transitions.reward, transitions.discount)
-        )
-        # The targets: the online network chooses the next action, the target network values it (eq. 2.52).
-        hidden = passes.hidden_outputs(self._layers, work.observations, work.online)
-        best_action = passes.greedy_action(self._layers, hidden[: work.rows])
-        next_hidden = passes.hidden_outputs(self._target_layers, work.next_observation, work.target)
-        next_value, _ = passes.value_of(self._target_output, next_hidden, best_action)
-        # The values of the actions taken, and the loss.
-        passes.fold(self._layers, self._output)
-        q, chosen = passes.value_of(self._output, work.seen[-1], action)
-        td_error = q - torch.addcmul(reward, discount, next_value).clamp_(max=self._largest)
-        loss, slope = _loss(td_error, self.training.huber_delta)
-        slope /= work.rows
-        # Back through the output layer, of which each transition used one row, and through the hidden layers.
-        torch.mul(chosen, slope.unsqueeze(1), out=work.slopes[-1])
-        self._output_gradient.weight.zero_().index_add_(0, action, work.seen[-1] * slope.unsqueeze(1))
-        self._output_gradient.bias.zero_().index_add_(0, action, slope)
-        passes.unfold(self._output_gradient, self._gradient_layers)
-        passes.backward(self._layers, self._gradient_layers, work.observation, work.seen, work.slopes)
-        return torch.stack((loss, td_error.abs(), q)).mean(1).tolist()
 
-    def _workspace(self, rows: int) -> Workspace:
-        if self._work.rows != rows:
-            self._work = Workspace(self.online, rows)
-        return self._work
+@compiled
+def _differentiate(
+    network: Layers,
+    gradient: Layers,
+    target: Layers,
+    target_output: Layer,
+    action: NDArray[np.int64],
+    reward: Floats,
+    discount: Floats,
+    loss: Loss,
+    work: Workspace,
+) -> tuple[float, float, float]:
+    """Write the gradient of the loss of `work.observations`; return loss, mean |TD error| and mean Q."""
+    rows = len(action)
+    next_observation, observation = work.observations[:rows], work.observations[rows:]
+    hidden = passes.hidden_outputs(network, work.observations, work.online)
+    target_hidden = passes.hidden_outputs(target, next_observation, work.target)
+    # The online network chooses the next action, the target network values it (eq. 2.52).
+    next_action = passes.greedy_from(network, hidden[:rows])
+    passes.fold(network, work.output)
+    work.gradient.weight.fill(0)
+    work.gradient.bias.fill(0)
+    seen, slopes = work.seen[-1], work.slopes[-1]
+    share, total_loss, total_error, total_q = np.float32(loss.weight / rows), 0.0, 0.0, 0.0
+    for row in range(rows):
+        next_q = _value(target_output, next_action[row], target_hidden, row)
+        q = _value(work.output, action[row], seen, row)
+        td_error = q - min(reward[row] + discount[row] * next_q, np.float32(loss.largest))
+        bounded = max(min(td_error, np.float32(loss.delta)), np.float32(-loss.delta))
+        _back_through_value(work.output, work.gradient, action[row], seen, slopes, row, share * bounded)
+        total_loss += loss.weight * float(bounded * (td_error - np.float32(0.5) * bounded))
+        total_error += abs(float(td_error))
+        total_q += float(q)
+    passes.unfold(work.gradient, gradient)
+    passes.backward(network, gradient, observation, work.seen, work.slopes)
+    return total_loss / rows, total_error / rows, total_q / rows
 
 
-def _loss(td_error: Tensor, huber_delta: float | None) -> tuple[Tensor, Tensor]:
-    """Loss of each transition, Huber's or squared without a delta, and its derivative by Q; both (m,)."""
-    if huber_delta is None:
-        return td_error.square(), 2 * td_error
-    bounded = td_error.clamp(-huber_delta, huber_delta)
-    return bounded * torch.sub(td_error, bounded, alpha=0.5), bounded
+@compiled
+def _value(output: Layer, action: int, hidden: Floats, row: int) -> np.float32:
+    """Return Q of one action, from a row of outputs of the last hidden layer."""
+    weight = output.weight
+    value: np.float32 = output.bias[action]
+    for column in range(hidden.shape[1]):
+        value += weight[action, column] * hidden[row, column]
+    return value
+
+
+@compiled
+def _back_through_value(
+    output: Layer, gradient: Layer, action: int, hidden: Floats, slopes: Floats, row: int, slope: np.float32
+) -> None:
+    """Carry the loss' slope by the Q that `_value` gave to the row of the output layer and to `hidden`."""
+    weight, to_weight = output.weight, gradient.weight
+    gradient.bias[action] += slope
+    for column in range(hidden.shape[1]):
+        to_weight[action, column] += slope * hidden[row, column]
+        slopes[row, column] = slope * weight[action, column]
+
+
+@compiled
+def _clip(gradient: Floats, largest: float) -> float:
+    """Scale the gradient down to an L2 norm of at most `largest`; return the norm that it had."""
+    squares = np.float32(0)
+    for i in range(len(gradient)):
+        squares += gradient[i] * gradient[i]
+    norm = math.sqrt(squares)
+    if norm > largest:
+        scale = np.float32(largest / norm)
+        for i in range(len(gradient)):
+            gradient[i] *= scale
+    return norm

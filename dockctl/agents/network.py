@@ -3,24 +3,26 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
 from itertools import pairwise
+from typing import NamedTuple
 
+import numpy as np
 import torch
+from numpy.typing import NDArray
 from torch import Tensor, nn
 
+Floats = NDArray[np.float32]
 
-@dataclass(frozen=True)
-class Layer:
+
+class Layer(NamedTuple):
     """Weight (outputs, inputs) and bias (outputs,) of ``x W^T + b``."""
 
-    weight: Tensor
-    bias: Tensor
+    weight: Floats
+    bias: Floats
 
 
-@dataclass(frozen=True)
-class Layers:
-    """The matrices of a dueling network, views of one vector.
+class Layers(NamedTuple):
+    """The matrices of a dueling network, views of one vector, as compiled code takes them.
 
     Attributes:
         hidden: the shared layers, then the first layers of both streams as one of `split` + actions outputs.
@@ -42,7 +44,8 @@ class DuelingQNetwork(nn.Module):
 
     All the parameters are views of one vector, `flat`, and their gradients of one vector,
     `flat.grad`: clipping, the optimizer's step and the target copy are single operations. What runs
-    often works on the `layers` of that vector; this module with torch's autograd is what it must equal.
+    often is compiled and works on the `layers` of that vector; this module with torch's autograd is what it
+    must equal.
 
     Args:
         observation_size: length of an observation.
@@ -98,23 +101,23 @@ class DuelingQNetwork(nn.Module):
         streams = [value_in, advantage_in, value_bias, advantage_bias]
         return [*self.shared.parameters(), *streams, *value, *advantage]
 
-    def layers(self, vector: Tensor) -> Layers:
+    def layers(self, vector: Floats) -> Layers:
         """The matrices as views of a vector of parameters or gradients that is laid out as `flat`."""
         width, actions = self.hidden_sizes[-1], self.actions
         sizes = [*pairwise((self.observation_size, *self.hidden_sizes, width + actions))]
         sizes += [(width, 1), (actions, actions)]
-        parts = iter(
-            torch.split(vector, [n for inputs, outputs in sizes for n in (inputs * outputs, outputs)])
-        )
-        layers = [Layer(next(parts).view(outputs, inputs), next(parts)) for inputs, outputs in sizes]
+        lengths = [length for inputs, outputs in sizes for length in (inputs * outputs, outputs)]
+        parts = iter(np.split(vector, np.cumsum(lengths)[:-1]))
+        layers = [Layer(next(parts).reshape(outputs, inputs), next(parts)) for inputs, outputs in sizes]
         *hidden, value, advantage = layers
         return Layers(tuple(hidden), value, advantage, split=width)
 
-    def to_device(self, device: torch.device) -> DuelingQNetwork:
-        """Move the network to `device`, keeping its parameters views of one vector."""
-        self.to(device)
-        self.flat = self._flatten()
-        return self
+    def copy_on(self, device: torch.device) -> DuelingQNetwork:
+        """Return a network of the same parameters on `device`."""
+        copy = DuelingQNetwork(self.observation_size, self.actions, self.hidden_sizes).to(device)
+        copy.flat = copy._flatten()
+        copy.flat.copy_(self.flat)
+        return copy
 
     def forward(self, observation: Tensor) -> Tensor:
         """(n, observation_size) -> (n, actions)."""

@@ -1,4 +1,4 @@
-"""Forward and backward pass of the dueling network in matrices, without autograd and into given buffers.
+"""Forward and backward pass of the dueling network, compiled: products of matrices by BLAS, and loops.
 
 Equation 2.56 is linear in the outputs of the last hidden layer, so the last layers of both streams act as one
 matrix: its row of action a is [weights of the value, weights of the advantage of a less their mean over the
@@ -7,78 +7,168 @@ actions]. Learning needs one row of it for each transition; the greedy action ne
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable
+from functools import cache
+from typing import Any, TypeVar, cast
 
-import torch
-from torch import Tensor
+import numpy as np
+import scipy.linalg.cython_blas  # noqa: F401  # loads the BLAS that compiled code calls
+from numba import njit
+from numpy.typing import NDArray
+from threadpoolctl import threadpool_limits
 
-from dockctl.agents.network import Layer, Layers
+from dockctl.agents.network import Floats, Layer, Layers
+
+Function = TypeVar("Function", bound=Callable[..., object])
 
 
-def buffers_for(layers: Layers, rows: int) -> list[Tensor]:
-    """Room for the outputs of each hidden layer, (rows, outputs)."""
-    return [layer.bias.new_empty(rows, len(layer.bias)) for layer in layers.hidden]
+def compiled(function: Function) -> Function:
+    """Compile a function that lets go of Python's lock, and in which sums may be taken in any order."""
+    options: Any = {"cache": True, "nogil": True, "error_model": "numpy"}
+    return cast("Function", njit(**options, fastmath={"arcp", "contract", "nsz", "reassoc"})(function))
 
 
-def hidden_outputs(layers: Layers, observation: Tensor, outputs: Sequence[Tensor] | None = None) -> Tensor:
-    """Return the output of the last hidden layer; that of each layer is written into `outputs` if given."""
+@cache
+def hold_to_one_thread() -> None:
+    """Keep BLAS from threads of its own: small matrices gain nothing, the other cores are the simulator's."""
+    threadpool_limits(1, user_api="blas")
+
+
+def room_for(layers: Layers, rows: int) -> tuple[Floats, ...]:
+    """Return room for the outputs of each hidden layer, (rows, outputs)."""
+    return tuple(np.zeros((rows, len(layer.bias)), np.float32) for layer in layers.hidden)
+
+
+def room_for_output(layers: Layers) -> Layer:
+    """Return room for what `fold` writes: weight (actions, split + actions) and bias (actions,)."""
+    actions = len(layers.advantage.bias)
+    return Layer(np.zeros((actions, layers.split + actions), np.float32), np.zeros(actions, np.float32))
+
+
+@compiled
+def _rectified(layer: Layer, inputs: Floats, outputs: Floats) -> Floats:
+    """Write max(0, x W^T + b) into `outputs`, and return them."""
+    np.dot(inputs, layer.weight.T, outputs)
+    for row in range(len(outputs)):
+        for column in range(len(layer.bias)):
+            outputs[row, column] = max(outputs[row, column] + layer.bias[column], np.float32(0))
+    return outputs
+
+
+@compiled
+def hidden_outputs(layers: Layers, observation: Floats, outputs: tuple[Floats, ...]) -> Floats:
+    """Write the output of each hidden layer into `outputs`; return that of the last."""
     below = observation
-    for depth, layer in enumerate(layers.hidden):
-        out = outputs[depth] if outputs else None
-        below = torch.addmm(layer.bias, below, layer.weight.t(), out=out).relu_()
+    for depth in range(len(layers.hidden)):
+        below = _rectified(layers.hidden[depth], below, outputs[depth])
     return below
 
 
-def greedy_action(layers: Layers, hidden: Tensor) -> Tensor:
-    """Action of the highest value, (n, split + actions) -> (n,): that of the highest advantage."""
-    last = layers.advantage
-    return torch.addmm(last.bias, hidden[:, layers.split :], last.weight.t()).argmax(1)
+@compiled
+def greedy_from(layers: Layers, hidden: Floats) -> NDArray[np.int64]:
+    """Return the action of the highest value, (n, split + actions) -> (n,): that of the highest advantage."""
+    rows, split, (weight, bias) = len(hidden), layers.split, layers.advantage
+    features = np.empty((rows, len(bias)), np.float32)
+    for row in range(rows):
+        for column in range(len(bias)):
+            features[row, column] = hidden[row, split + column]
+    advantage = np.dot(features, weight.T)
+    best = np.zeros(rows, np.int64)
+    for row in range(rows):
+        for action in range(len(bias)):
+            if advantage[row, action] + bias[action] > advantage[row, best[row]] + bias[best[row]]:
+                best[row] = action
+    return best
 
 
-def empty_output(layers: Layers) -> Layer:
-    """Room for what `fold` writes: weight (actions, split + actions) and bias (actions,)."""
-    bias = torch.empty_like(layers.advantage.bias)
-    return Layer(bias.new_empty(len(bias), layers.split + len(bias)), bias)
+@compiled
+def greedy_action(layers: Layers, observation: Floats) -> NDArray[np.int64]:
+    """Return the action of the highest value, (n, observation_size) -> (n,)."""
+    below = observation
+    for depth in range(len(layers.hidden)):
+        layer = layers.hidden[depth]
+        below = _rectified(layer, below, np.empty((len(observation), len(layer.bias)), np.float32))
+    return greedy_from(layers, below)
 
 
+@compiled
 def fold(layers: Layers, output: Layer) -> None:
     """Write the last layers of both streams, joined by eq. 2.56, as the one layer `output`."""
-    value, advantage = layers.value, layers.advantage
-    output.weight[:, : layers.split] = value.weight
-    torch.sub(advantage.weight, advantage.weight.mean(0), out=output.weight[:, layers.split :])
-    torch.sub(advantage.bias, advantage.bias.mean() - value.bias, out=output.bias)
+    split, (value, value_bias), (advantage, bias) = layers.split, layers.value, layers.advantage
+    folded, folded_bias, actions = output.weight, output.bias, len(bias)
+    count = np.float32(actions)
+    weight_sum, bias_sum = _sum_rows(advantage), _sum(bias)
+    for action in range(actions):
+        for column in range(split):
+            folded[action, column] = value[0, column]
+        for column in range(actions):
+            folded[action, split + column] = advantage[action, column] - weight_sum[column] / count
+        folded_bias[action] = value_bias[0] + bias[action] - bias_sum / count
 
 
+@compiled
 def unfold(output: Layer, layers: Layers) -> None:
     """Turn the gradient of the folded layer into those of the last layers: the adjoint of `fold`."""
-    value, advantage = layers.value, layers.advantage
-    to_value, to_advantage = output.weight[:, : layers.split], output.weight[:, layers.split :]
-    torch.sum(to_value, 0, keepdim=True, out=value.weight)
-    torch.sum(output.bias, 0, keepdim=True, out=value.bias)
-    torch.sub(to_advantage, to_advantage.mean(0), out=advantage.weight)
-    torch.sub(output.bias, output.bias.mean(), out=advantage.bias)
+    split, (value, value_bias), (advantage, bias) = layers.split, layers.value, layers.advantage
+    folded, folded_bias, actions = output.weight, output.bias, len(bias)
+    count = np.float32(actions)
+    weight_sum, bias_sum = _sum_rows(folded), _sum(folded_bias)
+    value_bias[0] = bias_sum
+    for column in range(split):
+        value[0, column] = weight_sum[column]
+    for action in range(actions):
+        for column in range(actions):
+            advantage[action, column] = folded[action, split + column] - weight_sum[split + column] / count
+        bias[action] = folded_bias[action] - bias_sum / count
 
 
-def value_of(output: Layer, hidden: Tensor, action: Tensor) -> tuple[Tensor, Tensor]:
-    """Q of one action a row, (n,), and the rows (n, split + actions) of the folded layer that gave it."""
-    rows = output.weight.index_select(0, action)
-    return torch.linalg.vecdot(hidden, rows) + output.bias.index_select(0, action), rows
-
-
+@compiled
 def backward(
-    layers: Layers, gradient: Layers, observation: Tensor, outputs: Sequence[Tensor], slopes: Sequence[Tensor]
+    layers: Layers,
+    gradient: Layers,
+    observation: Floats,
+    outputs: tuple[Floats, ...],
+    slopes: tuple[Floats, ...],
 ) -> None:
     """Write the gradient of the hidden layers.
 
     Args:
         layers, gradient: parameters, and where their gradients go.
-        observation, outputs: what `hidden_outputs` took and gave; the outputs are spent.
+        observation, outputs: what `hidden_outputs` took and gave.
         slopes: derivatives of the loss by the outputs; the last ones are given, the others computed.
     """
-    inputs = [observation, *outputs[:-1]]
-    for depth in reversed(range(len(inputs))):
-        slope = slopes[depth].mul_(outputs[depth].sign_())  # ReLU's own slope: 1 where its output is positive
-        torch.mm(slope.t(), inputs[depth], out=gradient.hidden[depth].weight)
-        torch.sum(slope, 0, out=gradient.hidden[depth].bias)
+    for depth in range(len(layers.hidden) - 1, -1, -1):
+        slope, layer = slopes[depth], gradient.hidden[depth]
+        _rectify(slope, outputs[depth])
+        np.dot(slope.T, outputs[depth - 1] if depth else observation, layer.weight)
+        bias = _sum_rows(slope)
+        for column in range(len(bias)):
+            layer.bias[column] = bias[column]
         if depth:
-            torch.mm(slope, layers.hidden[depth].weight, out=slopes[depth - 1])
+            np.dot(slope, layers.hidden[depth].weight, slopes[depth - 1])
+
+
+@compiled
+def _rectify(slopes: Floats, outputs: Floats) -> None:
+    """Take the slopes by max(0, x) back to slopes by x."""
+    for row in range(len(slopes)):
+        for column in range(slopes.shape[1]):
+            slopes[row, column] = slopes[row, column] if outputs[row, column] > 0 else np.float32(0)
+
+
+@compiled
+def _sum_rows(matrix: Floats) -> Floats:
+    """Return the sum over the rows, (n, k) -> (k,)."""
+    total = np.zeros(matrix.shape[1], np.float32)
+    for row in range(len(matrix)):
+        for column in range(len(total)):
+            total[column] += matrix[row, column]
+    return total
+
+
+@compiled
+def _sum(vector: Floats) -> np.float32:
+    total = np.float32(0)
+    for i in range(len(vector)):
+        total += vector[i]
+    return total

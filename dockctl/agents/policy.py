@@ -6,7 +6,6 @@ from collections.abc import Callable
 from typing import Any
 
 import numpy as np
-import torch
 from numpy.typing import NDArray
 
 from dockctl.agents import passes
@@ -17,19 +16,15 @@ Policy = Callable[[NDArray[Any]], Actions]
 
 
 class GreedyPolicy:
-    """The action of the highest value, (n, observation_size) -> (n,)."""
+    """The action of the highest value, (n, observation_size) -> (n,), of the network as it is at the call."""
 
     def __init__(self, network: DuelingQNetwork) -> None:
-        # One thread: sums in one order; small matrices gain nothing; the other cores are the simulator's.
-        torch.set_num_threads(1)
+        passes.hold_to_one_thread()
         self.network = network
-        self._layers = network.layers(network.flat)
+        self._layers = network.layers(network.flat.numpy())
 
-    @torch.inference_mode()
     def __call__(self, observation: NDArray[Any]) -> Actions:
-        below = torch.from_numpy(observation).to(self.network.flat.device)
-        hidden = passes.hidden_outputs(self._layers, below)
-        return np.asarray(passes.greedy_action(self._layers, hidden).cpu().numpy(), np.int64)
+        return passes.greedy_action(self._layers, np.ascontiguousarray(observation, np.float32))
 
 
 class EpsilonGreedyPolicy:

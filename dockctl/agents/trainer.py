@@ -15,6 +15,7 @@ from gymnasium.vector import VectorEnv
 from numpy.typing import NDArray
 
 from dockctl.agents import schedules
+from dockctl.agents.autograd import AutogradDQN
 from dockctl.agents.checkpoint import (
     LEARNER,
     CheckpointError,
@@ -27,6 +28,7 @@ from dockctl.agents.checkpoint import (
 from dockctl.agents.dqn import DoubleDQN
 from dockctl.agents.evaluator import Episode, score
 from dockctl.agents.interface import Info, settled_info, settled_observation
+from dockctl.agents.learner import Learner
 from dockctl.agents.network import DuelingQNetwork
 from dockctl.agents.policy import EpsilonGreedyPolicy, Policy
 from dockctl.agents.progress import Progress
@@ -51,7 +53,7 @@ class Trainer:
         evaluate: plays one greedy episode from each evaluation pose.
         run: where tables and checkpoints go.
         interface: what the policy observes and does, for the checkpoints.
-        device: of the networks; the replay stays in main memory.
+        device: of the learner; the replay and the network that acts stay in main memory.
         on_progress: called after every step.
         interrupted: asked after every step whether to save and leave.
     """
@@ -82,7 +84,11 @@ class Trainer:
         self.interface = interface
         size, generator = space.shape[0], torch.Generator().manual_seed(training.seed)
         network = DuelingQNetwork(size, int(actions.n), training.hidden_sizes, generator)
-        self.learner = DoubleDQN(network.to_device(torch.device(device)), training)
+        self.learner: Learner = (
+            DoubleDQN(network, training)
+            if torch.device(device).type == "cpu"
+            else AutogradDQN(network, training, torch.device(device))
+        )
         self.policy = EpsilonGreedyPolicy(network, np.random.default_rng((training.seed, 1)))
         self.n_step = NStep(training.boats, training.n_step, training.gamma, size)
         self.replay = Replay(training.replay_capacity, size, np.random.default_rng((training.seed, 2)))

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
 
 import numpy as np
 import pytest
@@ -11,10 +12,10 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from torch import Tensor
 
-from dockctl.agents import oracle
+from dockctl.agents.autograd import AutogradDQN, Batch, q_of, td_loss, td_target
 from dockctl.agents.dqn import DoubleDQN
+from dockctl.agents.learner import Learner
 from dockctl.agents.network import DuelingQNetwork
-from dockctl.agents.oracle import Batch, td_loss, td_target
 from dockctl.agents.replay import Transitions
 from dockctl.agents.schedules import epsilon, learning_rate, updates_due
 from dockctl.scenarios.training import Training
@@ -35,9 +36,16 @@ def batch(
     )
 
 
+def network() -> DuelingQNetwork:
+    return DuelingQNetwork(4, 3, (16, 8), torch.Generator().manual_seed(0))
+
+
 def learner(**training: object) -> DoubleDQN:
-    network = DuelingQNetwork(4, 3, (16, 8), torch.Generator().manual_seed(0))
-    return DoubleDQN(network, Training(**{"target_update_interval": 3, **training}))
+    return DoubleDQN(network(), Training(**{"target_update_interval": 3, **training}))
+
+
+def plain_learner(**training: object) -> AutogradDQN:
+    return AutogradDQN(network(), Training(**{"target_update_interval": 3, **training}), CPU)
 
 
 @settings(max_examples=60, deadline=None)
@@ -62,23 +70,43 @@ def test_loss_and_gradient_are_those_of_autograd(
     """Of every parameter, with random biases and a target network of its own."""
     generator = torch.Generator().manual_seed(seed)
     online, target = (DuelingQNetwork(observation_size, actions, hidden_sizes, generator) for _ in range(2))
-    for network in (online, target):
-        network.flat += 0.2 * torch.randn(network.flat.shape, generator=generator)
+    for made in (online, target):
+        made.flat += 0.2 * torch.randn(made.flat.shape, generator=generator)
     bounds = {"largest_return": largest, "reward_scale": 1.0}
     dqn = DoubleDQN(online, Training(huber_delta=huber_delta, gradient_clip=None, **bounds))
     dqn.load({**dqn.state(), "target.flat": target.flat.numpy()}, 0)
     transitions = batch(seed, size, observation_size=observation_size, actions=actions)
 
-    bound = math.inf if largest is None else largest
-    loss = oracle.loss(Batch.of(transitions, CPU), online, target, huber_delta, bound)
+    steps, bound = Batch.of(transitions, CPU), math.inf if largest is None else largest
+    loss = td_loss(q_of(steps, online), td_target(steps, online, target, bound), huber_delta)
     loss.backward()  # type: ignore[no-untyped-call]  # torch leaves it untyped
     assert online.flat.grad is not None
-    expected = online.flat.grad.clone()
     metrics = dqn.update(transitions, 1e-4)
 
-    torch.testing.assert_close(dqn.gradient, expected, rtol=1e-5, atol=1e-6)
+    np.testing.assert_allclose(dqn.gradient, online.flat.grad.numpy(), rtol=1e-5, atol=1e-6)
     assert metrics.loss == pytest.approx(loss.item(), rel=1e-5, abs=1e-7)
-    assert metrics.gradient_norm == pytest.approx(expected.norm().item(), rel=1e-5, abs=1e-7)
+    assert metrics.gradient_norm == pytest.approx(online.flat.grad.norm().item(), rel=1e-5, abs=1e-7)
+
+
+@settings(max_examples=20, deadline=None)
+@given(
+    optimizer=st.sampled_from(["adam", "rmsprop"]),
+    huber_delta=st.sampled_from([None, 1.0]),
+    gradient_clip=st.sampled_from([None, 0.1]),
+    seed=st.integers(0, 1000),
+)
+def test_both_learners_learn_the_same(
+    optimizer: str, huber_delta: float | None, gradient_clip: float | None, seed: int
+) -> None:
+    """Twenty updates with six copies to the target network: the same metrics, parameters and moments."""
+    settings = {"optimizer": optimizer, "huber_delta": huber_delta, "gradient_clip": gradient_clip}
+    compiled, plain = learner(**settings), plain_learner(**settings)
+    for number in range(20):
+        ours, theirs = (dqn.update(batch(seed + number), 1e-3) for dqn in (compiled, plain))
+        assert ours == pytest.approx(theirs, rel=1e-3, abs=1e-5)
+    torch.testing.assert_close(compiled.online.flat, plain.online.flat, rtol=1e-3, atol=1e-5)
+    for name, moment in compiled.state().items():
+        np.testing.assert_allclose(moment, plain.state()[name], rtol=1e-3, atol=1e-5, err_msg=name)
 
 
 def test_metrics_by_hand() -> None:
@@ -137,24 +165,24 @@ def test_the_target_network_is_copied_at_its_interval() -> None:
     dqn = learner()
     for update in range(1, 7):
         dqn.update(batch(update), 1e-2)
-        assert bool((dqn.target == dqn.online.flat).all()) is (update % 3 == 0)
+        assert bool((dqn.target == dqn.online.flat.numpy()).all()) is (update % 3 == 0)
 
 
 def test_the_gradient_is_clipped_to_the_norm_and_its_own_norm_is_told() -> None:
     dqn = learner(gradient_clip=0.5, huber_delta=None)
     metrics = dqn.update(batch(reward=100.0), 1e-3)
     assert metrics.gradient_norm > 0.5
-    assert dqn.gradient.norm().item() == pytest.approx(0.5, rel=1e-4)
+    assert np.linalg.norm(dqn.gradient) == pytest.approx(0.5, rel=1e-4)
     free = learner(gradient_clip=None, huber_delta=None)
     assert free.update(batch(reward=100.0), 1e-3).gradient_norm == metrics.gradient_norm
-    assert free.gradient.norm().item() == pytest.approx(metrics.gradient_norm, rel=1e-5)
+    assert np.linalg.norm(free.gradient) == pytest.approx(metrics.gradient_norm, rel=1e-5)
 
 
 @pytest.mark.parametrize("optimizer", ["adam", "rmsprop"])
 def test_one_vector_is_optimized_as_separate_parameters_are(optimizer: str) -> None:
+    """By torch's own optimizers, each parameter apart."""
     dqn = learner(optimizer=optimizer, gradient_clip=None, huber_delta=1.0, target_update_interval=1000)
-    plain = DuelingQNetwork(4, 3, (16, 8), torch.Generator().manual_seed(0))
-    target = DuelingQNetwork(4, 3, (16, 8), torch.Generator().manual_seed(0))
+    plain, target = network(), network()
     peer: torch.optim.Optimizer
     if optimizer == "adam":
         peer = torch.optim.Adam(plain.parameters(), lr=1e-3)
@@ -162,8 +190,9 @@ def test_one_vector_is_optimized_as_separate_parameters_are(optimizer: str) -> N
         peer = torch.optim.RMSprop(plain.parameters(), lr=1e-3, alpha=0.9, eps=1e-7)
     for number in range(20):
         dqn.update(batch(number), 1e-3)
+        steps = Batch.of(batch(number), CPU)
         peer.zero_grad(set_to_none=False)
-        oracle.loss(Batch.of(batch(number), CPU), plain, target, 1.0).backward()
+        td_loss(q_of(steps, plain), td_target(steps, plain, target), 1.0).backward()
         peer.step()
     torch.testing.assert_close(dqn.online.flat, plain.flat, rtol=1e-4, atol=1e-6)
 
@@ -173,14 +202,15 @@ def test_keras_rmsprop_by_hand() -> None:
     dqn = learner(optimizer="rmsprop", gradient_clip=None)
     before = dqn.online.flat.clone()
     dqn.update(batch(), 1e-4)
-    gradient = dqn.gradient.double()
+    gradient = torch.from_numpy(dqn.gradient).double()
     expected = -1e-4 * gradient / ((0.1 * gradient**2).sqrt() + 1e-7)
     torch.testing.assert_close((dqn.online.flat - before).double(), expected, rtol=1e-2, atol=2e-8)
 
 
 @pytest.mark.parametrize("optimizer", ["adam", "rmsprop"])
-def test_a_restored_learner_goes_on_as_the_old_one(optimizer: str) -> None:
-    old, new = learner(optimizer=optimizer), learner(optimizer=optimizer)
+@pytest.mark.parametrize("make", [learner, plain_learner])
+def test_a_restored_learner_goes_on_as_the_old_one(make: Callable[..., Learner], optimizer: str) -> None:
+    old, new = make(optimizer=optimizer), make(optimizer=optimizer)
     for number in range(5):
         old.update(batch(number), 1e-3)
     state = {name: value.copy() for name, value in old.state().items()}
@@ -189,6 +219,30 @@ def test_a_restored_learner_goes_on_as_the_old_one(optimizer: str) -> None:
     for number in range(5, 9):
         assert old.update(batch(number), 1e-3) == new.update(batch(number), 1e-3)
     assert (old.online.flat == new.online.flat).all()
+
+
+@pytest.mark.parametrize("optimizer", ["adam", "rmsprop"])
+def test_a_learner_goes_on_where_one_of_the_other_kind_stopped(optimizer: str) -> None:
+    """A training that was begun on another device."""
+    plain, compiled = plain_learner(optimizer=optimizer), learner(optimizer=optimizer)
+    for number in range(5):
+        plain.update(batch(number), 1e-3)
+    compiled.online.flat.copy_(plain.online.flat)
+    compiled.load({name: value.copy() for name, value in plain.state().items()}, plain.updates)
+    for number in range(5, 9):
+        expected = plain.update(batch(number), 1e-3)
+        assert compiled.update(batch(number), 1e-3) == pytest.approx(expected, rel=1e-3, abs=1e-5)
+
+
+@pytest.mark.parametrize("optimizer", ["adam", "rmsprop"])
+def test_moments_of_silent_units_fade_to_zero_not_to_denormal_numbers(optimizer: str) -> None:
+    dqn, nothing = learner(optimizer=optimizer), np.zeros(len(network().flat), np.float32)
+    dqn.update(batch(), 1e-3)
+    parameters = dqn.online.flat.numpy()
+    for _ in range(3000):
+        dqn.optimizer.step(parameters, nothing, 1e-3)
+    fading = dqn.optimizer.moments["first" if optimizer == "adam" else "second"]
+    assert not fading.any()
 
 
 def test_schedules() -> None:

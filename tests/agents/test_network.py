@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import numpy as np
 import pytest
 import torch
 
@@ -63,7 +64,7 @@ def test_parameters_and_gradients_are_views_of_one_vector() -> None:
 def test_layers_are_the_parameters_with_the_streams_side_by_side() -> None:
     network = DuelingQNetwork(5, 3, (8, 6), torch.Generator().manual_seed(0))
     network.flat += torch.arange(len(network.flat)) / 100
-    layers = network.layers(network.flat)
+    layers = network.layers(network.flat.numpy())
     first, second, streams = layers.hidden
     pairs = [
         (network.shared[0], first.weight, first.bias),
@@ -74,6 +75,15 @@ def test_layers_are_the_parameters_with_the_streams_side_by_side() -> None:
         (network.advantage[2], layers.advantage.weight, layers.advantage.bias),
     ]
     for module, weight, bias in pairs:
-        torch.testing.assert_close(module.weight, weight, rtol=0, atol=0)
-        torch.testing.assert_close(module.bias, bias, rtol=0, atol=0)
+        np.testing.assert_array_equal(module.weight.detach().numpy(), weight)
+        np.testing.assert_array_equal(module.bias.detach().numpy(), bias)
     assert layers.split == 6
+
+
+def test_a_copy_has_parameters_of_its_own() -> None:
+    network = DuelingQNetwork(5, 3, (8, 6), torch.Generator().manual_seed(0))
+    copy, observation = network.copy_on(torch.device("cpu")), torch.ones(1, 5)
+    torch.testing.assert_close(copy(observation), network(observation))
+    copy.flat.zero_()
+    assert (copy(observation) == 0).all()
+    assert (network(observation) != 0).any()

@@ -43,13 +43,14 @@ def test_the_greedy_action_is_the_networks(
 
 def test_the_folded_output_layer_gives_the_networks_values() -> None:
     made = network(3)
-    observation = torch.randn(6, 5, generator=torch.Generator().manual_seed(4))
-    layers = made.layers(made.flat)
-    output = passes.empty_output(layers)
+    observation = np.random.default_rng(4).normal(size=(6, 5)).astype(np.float32)
+    layers = made.layers(made.flat.numpy())
+    output = passes.room_for_output(layers)
+    passes.fold(layers, output)
+    hidden = passes.hidden_outputs(layers, observation, passes.room_for(layers, 6))
     with torch.no_grad():
-        passes.fold(layers, output)
-        q = passes.hidden_outputs(layers, observation) @ output.weight.t() + output.bias
-        torch.testing.assert_close(q, made(observation), rtol=1e-5, atol=1e-5)
+        expected = made(torch.from_numpy(observation)).numpy()
+    np.testing.assert_allclose(hidden @ output.weight.T + output.bias, expected, rtol=1e-5, atol=1e-5)
 
 
 def test_the_policy_follows_the_network_as_it_learns() -> None:
