@@ -82,7 +82,7 @@ def pin_threads(cores: int) -> None:
         os.sched_setaffinity(get_native_id(), {core})
 
     if hasattr(os, "sched_setaffinity"):
-        list(lidar_module._pool().map(pin, sorted(os.sched_getaffinity(0))[:cores]))
+        list(lidar_module.workers().map(pin, sorted(os.sched_getaffinity(0))[:cores]))
 
 
 def megabytes(arrays: tuple[NDArray[np.generic], ...]) -> float:

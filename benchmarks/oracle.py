@@ -16,7 +16,7 @@ import numpy as np
 from lidar import embree_scanner
 from rich.progress import track
 
-from dockctl.runs.provenance import usable_cores
+from dockctl.runs.cores import usable_cores
 from dockctl.scenarios.loader import load
 from dockctl.sim.lidar import prepare
 from dockctl.sim.simulator import build_worlds

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import time
 from collections.abc import Callable
-from concurrent.futures import ThreadPoolExecutor
 from dataclasses import asdict
 from typing import Any
 
@@ -34,6 +33,7 @@ from dockctl.agents.policy import EpsilonGreedyPolicy, Policy
 from dockctl.agents.progress import Progress
 from dockctl.agents.records import EpisodeRecorder, UpdateRecorder
 from dockctl.agents.replay import NStep, Replay
+from dockctl.runs.cores import workers
 from dockctl.runs.directory import RunDirectory
 from dockctl.runs.statistics import RECENT
 from dockctl.runs.tables import EPISODES, EVALUATIONS, TIMING, UPDATES
@@ -49,7 +49,7 @@ class Trainer:
     Args:
         training: the schedule and every number of the learner.
         scenario: name of the scenario, for the checkpoints.
-        environment: ``training.boats`` boats with same-step autoreset, stepped in a thread of its own.
+        environment: ``training.boats`` boats with same-step autoreset.
         evaluate: plays one greedy episode from each evaluation pose.
         run: where tables and checkpoints go.
         interface: what the policy observes and does, for the checkpoints.
@@ -106,23 +106,20 @@ class Trainer:
         progress, began = self.progress, time.monotonic() - self.progress.wall_s
         seed = np.random.SeedSequence((self.training.seed, progress.env_steps)).generate_state(1)
         observation, _ = self.environment.reset(seed=int(seed[0]))
-        with ThreadPoolExecutor(1, "simulator") as simulator:
-            while (reason := self._reason_to_stop()) is None:
-                progress.epsilon = schedules.epsilon(self.training, progress.env_steps)
-                action = self.policy(observation, progress.epsilon)
-                step = simulator.submit(
-                    self.environment.step, action
-                )  # the boats sail while the learner learns
-                self._learn()
-                next_observation, reward, terminated, truncated, info = step.result()
-                self._remember(observation, action, reward, next_observation, terminated, truncated, info)
-                observation = next_observation
-                progress.env_steps += self.training.boats
-                progress.wall_s = time.monotonic() - began
-                every = self.training.evaluate_every_steps
-                if progress.env_steps // every > progress.evaluated_at // every:
-                    self._judge()
-                self.on_progress(progress)
+        while (reason := self._reason_to_stop()) is None:
+            progress.epsilon = schedules.epsilon(self.training, progress.env_steps)
+            action = self.policy(observation, progress.epsilon)
+            learning = workers().submit(self._learn)  # the learner learns while the boats sail
+            step = self.environment.step(action)
+            learning.result()
+            self._remember(observation, action, *step)
+            observation = step[0]
+            progress.env_steps += self.training.boats
+            progress.wall_s = time.monotonic() - began
+            every = self.training.evaluate_every_steps
+            if progress.env_steps // every > progress.evaluated_at // every:
+                self._judge()
+            self.on_progress(progress)
         if reason != "interrupted" and progress.evaluated_at < progress.env_steps:
             self._judge()
         self.save_last()
@@ -153,8 +150,8 @@ class Trainer:
         self,
         observation: NDArray[Any],
         action: NDArray[np.int64],
-        reward: NDArray[Any],
         next_observation: NDArray[Any],
+        reward: NDArray[Any],
         terminated: NDArray[np.bool_],
         truncated: NDArray[np.bool_],
         info: Info,

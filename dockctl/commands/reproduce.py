@@ -41,7 +41,7 @@ def reproduce(
     Example: dockctl reproduce s1 s2 s3
     """
     from dockctl.commands import publishing, reproduction
-    from dockctl.runs.provenance import usable_cores
+    from dockctl.runs.cores import usable_cores
 
     if pages:
         publishing.publish(study, names or [], out, results, docs, unfinished=unfinished)

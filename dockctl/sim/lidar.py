@@ -6,9 +6,7 @@ Thesis section 3.1.2, Tables 3.2 and 3.3, eqs. 3.1-3.8, Fig. 3.9.
 from __future__ import annotations
 
 import math
-import os
 from collections.abc import Iterable
-from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 from functools import cached_property, lru_cache
 from pathlib import Path
@@ -17,7 +15,7 @@ from types import ModuleType
 import numpy as np
 from numpy.typing import NDArray
 
-from dockctl.runs.provenance import usable_cores
+from dockctl.runs.cores import usable_cores, workers
 from dockctl.scenarios.sensors import Lidar, LidarMount
 from dockctl.sim import heightgrid, scan
 from dockctl.sim.cache import Arrays, cached
@@ -133,7 +131,7 @@ class LidarArray:
         if len(blocks) == 1:
             fill(blocks[0])
         else:
-            list(_pool().map(fill, blocks))
+            list(workers().map(fill, blocks))
         return out
 
     def sector_ranges_by_full_scan(self, eta: Floats) -> Floats:
@@ -181,7 +179,7 @@ def prepare(sensors: Iterable[object]) -> None:
     lidars = [sensor for sensor in sensors if isinstance(sensor, LidarArray)]
     for lidar in lidars[:1]:
         lidar.sector_ranges(np.zeros((1, 3)))  # compiles, and builds what they all share
-    list(_pool().map(lambda lidar: lidar._tables, lidars[1:]))
+    list(workers().map(lambda lidar: lidar._tables, lidars[1:]))
 
 
 @lru_cache(maxsize=4)
@@ -214,17 +212,3 @@ def _blocks(rows: int) -> list[slice]:
         return [slice(rows)]
     size = max(1, -(-rows // (4 * usable_cores())))
     return [slice(first, first + size) for first in range(0, rows, size)]
-
-
-_POOL: list[ThreadPoolExecutor] = []
-
-
-def _pool() -> ThreadPoolExecutor:
-    """Return the threads that scan; the kernels release the interpreter lock, so they run side by side."""
-    if not _POOL:
-        _POOL.append(ThreadPoolExecutor(usable_cores(), thread_name_prefix="lidar"))
-    return _POOL[0]
-
-
-if hasattr(os, "register_at_fork"):
-    os.register_at_fork(after_in_child=_POOL.clear)  # a forked child has none of its parent's threads
