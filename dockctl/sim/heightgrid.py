@@ -118,28 +118,36 @@ def _lay(triangles: Floats, frame: Floats, bands: Bands, places: Ints, members: 
     x0, y0, cell = frame
     polygon, scratch = np.empty((8, 3)), np.empty((8, 3))
     for index in range(len(triangles)):
-        t = triangles[index]
-        low_x, high_x = t[:, 0].min() - SLACK_M, t[:, 0].max() + SLACK_M
-        low_y, high_y = t[:, 1].min() - SLACK_M, t[:, 1].max() + SLACK_M
+        (low_x, high_x), (low_y, high_y) = _extent(triangles[index], 3, 0), _extent(triangles[index], 3, 1)
         for iy in range(max(0, int((low_y - y0) / cell)), min(ny - 1, int((high_y - y0) / cell)) + 1):
             for ix in range(max(0, int((low_x - x0) / cell)), min(nx - 1, int((high_x - x0) / cell)) + 1):
-                polygon[:3] = t
+                for corner in range(9):
+                    polygon.flat[corner] = triangles[index].flat[corner]
                 corners = 3
                 left, lower = x0 + ix * cell, y0 + iy * cell
                 corners = _cut(polygon, scratch, corners, 0, 1.0, left - SLACK_M)
                 corners = _cut(scratch, polygon, corners, 0, -1.0, -(left + cell + SLACK_M))
                 corners = _cut(polygon, scratch, corners, 1, 1.0, lower - SLACK_M)
                 corners = _cut(scratch, polygon, corners, 1, -1.0, -(lower + cell + SLACK_M))
-                z = polygon[:corners, 2]
-                if corners == 0 or z.max() + SLACK_M < 0.0:
+                low_z, high_z = _extent(polygon, corners, 2)
+                if high_z < 0.0:
                     continue
-                low, high = band_at(z.min() - SLACK_M), band_at(z.max() + SLACK_M)
+                low, high = band_at(low_z), band_at(high_z)
                 place = iy * nx + ix
                 if len(members) > 0:
                     member = members[places[place]]
                     member.triangle, member.low, member.high = index, low, high
                 places[place] += 1
                 bands[iy, ix] |= bits(low, high)
+
+
+@njit(cache=True, nogil=True)
+def _extent(points: Floats, count: int, axis: int) -> tuple[float, float]:
+    """Return the lowest and the highest coordinate of the first points, with some slack [m]."""
+    low, high = math.inf, -math.inf
+    for i in range(count):
+        low, high = min(low, points[i, axis]), max(high, points[i, axis])
+    return low - SLACK_M, high + SLACK_M
 
 
 @njit(cache=True, nogil=True)
@@ -153,10 +161,12 @@ def _cut(polygon: Floats, out: Floats, corners: int, axis: int, sign: float, bou
         j = (i + 1) % corners
         a, b = sign * polygon[i, axis] - bound, sign * polygon[j, axis] - bound
         if a >= 0.0:
-            out[kept] = polygon[i]
+            for k in range(3):
+                out[kept, k] = polygon[i, k]
             kept += 1
         if (a >= 0.0) != (b >= 0.0):
-            out[kept] = polygon[i] + (polygon[j] - polygon[i]) * (a / (a - b))
+            for k in range(3):
+                out[kept, k] = polygon[i, k] + (polygon[j, k] - polygon[i, k]) * (a / (a - b))
             kept += 1
     return kept
 
@@ -195,10 +205,10 @@ def _dilated(bands: Bands, reach: int) -> Bands:
             if not 0 <= iy + up < ny:
                 continue
             across = math.ceil(math.sqrt(reach**2 - max(abs(up) - 1, 0) ** 2))
-            row = out[iy + up]
             for ix in range(nx):
                 if bands[iy, ix] != 0:
-                    row[max(0, ix - across) : ix + across + 1] |= bands[iy, ix]
+                    for near in range(max(0, ix - across), min(nx, ix + across + 1)):
+                        out[iy + up, near] |= bands[iy, ix]
     return out
 
 
@@ -211,7 +221,10 @@ def _distances(bands: Bands, cell: float) -> Singles:
     """
     ny, nx = bands.shape
     far = 1e12
-    squared = np.where(bands > 0, 0.0, far)
+    squared = np.empty((ny, nx))
+    for iy in range(ny):
+        for ix in range(nx):
+            squared[iy, ix] = 0.0 if bands[iy, ix] > 0 else far
     longest = max(nx, ny)
     vertex = np.empty(longest, np.int64)
     border = np.empty(longest + 1)
@@ -243,7 +256,11 @@ def _distances(bands: Bands, cell: float) -> Singles:
                     squared[q, line] = value
                 else:
                     squared[line, q] = value
-    return np.maximum(np.sqrt(squared) * cell - math.sqrt(2.0) * cell - SLACK_M, 0.0).astype(np.float32)
+    out = np.empty((ny, nx), np.float32)
+    for iy in range(ny):
+        for ix in range(nx):
+            out[iy, ix] = max(math.sqrt(squared[iy, ix]) * cell - math.sqrt(2.0) * cell - SLACK_M, 0.0)
+    return out
 
 
 @njit(cache=True, nogil=True, inline="always")
