@@ -18,6 +18,7 @@ from dockctl.envs.spaces import ObservationEncoder, action_commands
 from dockctl.errors import DockctlError
 from dockctl.scenarios.schema import Scenario
 from dockctl.sim.heightgrid import FINEST_CELL_M, MOST_CELLS
+from dockctl.sim.lidar import LidarArray
 from dockctl.sim.simulator import World
 
 # Measured on the reference marina with full LiDARs.
@@ -94,10 +95,12 @@ def network_size(observation_size: int, actions: int, hidden_sizes: Sequence[int
 
 def table_bytes(scenario: Scenario, world: World) -> int:
     """Memory of the LiDAR's tables in one world, from the number of rays and the harbor's extent."""
+    if not isinstance(world.lidar, LidarArray):
+        return 0
     lidar = scenario.sensors.lidar
     rays = len(lidar.mounts) * lidar.channels * lidar.azimuth_steps
-    corners = np.concatenate([np.zeros((1, 2)), *(polygon.xy for polygon in world.scene().polygons)])
-    cells = np.prod(np.ptp(corners, axis=0) + GRID_MARGIN_M) / FINEST_CELL_M**2
+    extent = np.ptp(world.lidar.triangles[:, :, :2], axis=(0, 1))
+    cells = np.prod(extent + GRID_MARGIN_M) / FINEST_CELL_M**2
     return RAY_BYTES * rays + CELL_BYTES * int(min(cells, MOST_CELLS))
 
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from functools import lru_cache
 
 import fcl
@@ -29,10 +29,11 @@ class CollisionChecker:
     def __init__(self, harbor: Harbor, hull: Hull) -> None:
         self.harbor = harbor
         boat = hull_mesh(hull)
-        self._hull = _bvh(boat.triangles)
-        self._solids = fcl.CollisionObject(_bvh(harbor.triangles))
-        self._interior = _Interior(harbor, (hull.freeboard_m - hull.draft_m) / 2)
-        self._swallowed = _Swallowed(harbor, boat)
+        self._hull = _bvh([boat])
+        self._solids = fcl.CollisionObject(_bvh([part.mesh for part in harbor.parts]))
+        bodies = list(_closed_bodies(harbor))
+        self._interior = _Interior(bodies, (hull.freeboard_m - hull.draft_m) / 2)
+        self._swallowed = _Swallowed(bodies, boat)
 
     def collides(self, eta: Floats) -> Bools:
         """Whether the hull's surface touches a surface of the harbor, (n, 3) to (n,)."""
@@ -82,16 +83,20 @@ def collision_checker(harbor: Harbor, hull: Hull) -> CollisionChecker:
     return CollisionChecker(harbor, hull)
 
 
-def _bvh(triangles: Floats) -> fcl.BVHModel:
-    """Build fcl's tree over (m, 3, 3) triangles."""
+def _bvh(meshes: Sequence[trimesh.Trimesh]) -> fcl.BVHModel:
+    """Build fcl's tree over the triangles of some meshes, in their order."""
     model = fcl.BVHModel()
-    model.beginModel(len(triangles), 3 * len(triangles))
-    model.addSubModel(triangles.reshape(-1, 3), np.arange(3 * len(triangles)).reshape(-1, 3))
+    model.beginModel(sum(len(mesh.faces) for mesh in meshes), sum(len(mesh.vertices) for mesh in meshes))
+    for mesh in meshes:
+        model.addSubModel(np.asarray(mesh.vertices), np.asarray(mesh.faces))
     model.endModel()
     return model
 
 
-def _closed_bodies(harbor: Harbor) -> Iterator[tuple[int, trimesh.Trimesh]]:
+Body = tuple[int, trimesh.Trimesh]
+
+
+def _closed_bodies(harbor: Harbor) -> Iterator[Body]:
     """Yield part index and mesh of every solid that has an inside."""
     for index, part in enumerate(harbor.parts):
         for solid in part.solids:
@@ -102,15 +107,11 @@ def _closed_bodies(harbor: Harbor) -> Iterator[tuple[int, trimesh.Trimesh]]:
 class _Interior:
     """Which part a point at the height `z` is inside of, by winding numbers in the harbor's cut there."""
 
-    def __init__(self, harbor: Harbor, z: float) -> None:
-        cuts, bodies, parts = [], [], []
-        for body, (part, mesh) in enumerate(_closed_bodies(harbor)):
-            cuts.append(_cut(mesh.triangles, z))
-            bodies.append(np.full(len(cuts[-1]), body))
-            parts.append(part)
+    def __init__(self, bodies: Sequence[Body], z: float) -> None:
+        cuts = [_cut(mesh.triangles, z) for _, mesh in bodies]
         self._segments = np.concatenate([np.empty((0, 2, 2)), *cuts])
-        self._body = np.concatenate([np.empty(0, np.int64), *bodies])
-        self._part_of_body = np.array([*parts, -1])
+        self._body = np.repeat(np.arange(len(cuts)), [len(cut) for cut in cuts])
+        self._part_of_body = np.array([*(part for part, _ in bodies), -1])
 
     def part_at(self, eta: Floats) -> Ints:
         """Return the part around the origin of each pose, -1 for none, (n, 3) to (n,)."""
@@ -148,12 +149,12 @@ def _cut(triangles: Floats, z: float) -> Floats:
 class _Swallowed:
     """Which part is inside the boat without touching it: solids small enough, judged by one corner."""
 
-    def __init__(self, harbor: Harbor, hull: trimesh.Trimesh) -> None:
+    def __init__(self, bodies: Sequence[Body], hull: trimesh.Trimesh) -> None:
         reach = np.linalg.norm(hull.extents[:2])
         low, high = hull.bounds[:, 2]
         small = [
             (part, mesh.vertices[0])
-            for part, mesh in _closed_bodies(harbor)
+            for part, mesh in bodies
             if mesh.bounds[0, 2] > low and mesh.bounds[1, 2] < high and mesh.extents[:2].max() < reach
         ]
         self._parts = np.array([part for part, _ in small], np.int64)

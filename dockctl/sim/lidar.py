@@ -25,6 +25,7 @@ from dockctl.sim.scan import Levels, ShellTable, needed_radii, sector_of, sector
 
 Floats = NDArray[np.float64]
 Ints = NDArray[np.int32]
+Tables = tuple[ShellTable, HeightGrid, Levels]
 
 
 def rotation(mount: LidarMount) -> Floats:
@@ -100,8 +101,11 @@ class LidarArray:
         return BoundingVolumes.over(self.triangles)
 
     @cached_property
-    def _tables(self) -> tuple[ShellTable, HeightGrid, Levels]:
+    def _tables(self) -> Tables:
         """What the compiled scan takes: rays by shells, the harbor's grid, and its level for each cell."""
+        return self._build_tables()
+
+    def _build_tables(self) -> Tables:
         table = _shells(self.spec)
         radius = needed_radii(table).max()
         harbor = [self.triangles.tobytes(), radius.tobytes(), _source(heightgrid)]
@@ -179,7 +183,9 @@ def prepare(sensors: Iterable[object]) -> None:
     lidars = [sensor for sensor in sensors if isinstance(sensor, LidarArray)]
     for lidar in lidars[:1]:
         lidar.sector_ranges(np.zeros((1, 3)))  # compiles, and builds what they all share
-    list(workers().map(lambda lidar: lidar._tables, lidars[1:]))
+    waiting = [lidar for lidar in lidars[1:] if "_tables" not in vars(lidar)]
+    for lidar, tables in zip(waiting, workers().map(LidarArray._build_tables, waiting), strict=True):
+        vars(lidar)["_tables"] = tables  # Python 3.11 lets one thread at a time into a cached property
 
 
 @lru_cache(maxsize=4)
