@@ -18,7 +18,7 @@ from unittest.mock import patch
 import bench  # before numpy
 import numpy as np
 import torch
-from learner import eager, ours
+from learner import autograd, ours
 from lidar import FAIRWAY, embree_scanner, megabytes, scans
 from numpy.typing import NDArray
 
@@ -63,7 +63,7 @@ def point(lidar: LidarArray, rounds: int, what: str) -> dict[str, Any]:
 def update(env: DockingEnv, batch: int, rounds: int) -> dict[str, Any]:
     """Measure the learner's update with one size of batch."""
     count = max(2, 4096 // batch)
-    made = {"dockctl": ours(env, batch), "peer": eager(env, batch)}
+    made = {"dockctl": ours(env, batch), "peer": autograd(env, batch)}
     cases = {name: bench.Case(lambda learn=learn: learn(count), count) for name, learn in made.items()}
     times = bench.alternate(cases, rounds, "batches")
     return {"batch": batch, **{name: bench.summary(seconds) for name, seconds in times.items()}}
