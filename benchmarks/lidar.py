@@ -91,7 +91,7 @@ def megabytes(arrays: tuple[NDArray[np.generic], ...]) -> float:
 
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    parser.add_argument("--rounds", type=int, default=7)
+    parser.add_argument("--rounds", type=int, default=15)
     arguments = parser.parse_args()
     loaded = load("s3")
     lidar = build_worlds(loaded.scenario, loaded.base_dir)[0].lidar

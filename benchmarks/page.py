@@ -113,7 +113,8 @@ another part of the tables. The next factor would be to walk eight rays with one
 compiler with vector types; other sizes of cells and rings only move the cost from one part to the other.
 
 An update of the learner grows with the batch to the power of {by_batch} over the sizes in the figure: a small
-one pays for its calls into torch, a large one for the products of its matrices."""
+one pays for the optimizer's pass over the parameters, a large one for the products of its matrices, and
+beyond some thousand transitions for outputs that no cache holds."""
 
 
 def boats_section(environment: Json) -> str:
