@@ -13,7 +13,7 @@ from dockctl.agents import passes
 from dockctl.agents.learner import UpdateMetrics
 from dockctl.agents.network import DuelingQNetwork, Floats, Layer, Layers
 from dockctl.agents.optimizers import optimizer_of
-from dockctl.agents.passes import compiled
+from dockctl.agents.passes import compiled_freely
 from dockctl.agents.replay import Transitions
 from dockctl.scenarios.training import Training
 
@@ -141,7 +141,7 @@ class DoubleDQN:
         return UpdateMetrics(loss, td_error, q_mean, norm)
 
 
-@compiled
+@compiled_freely
 def _differentiate(
     network: Layers,
     gradient: Layers,
@@ -179,7 +179,7 @@ def _differentiate(
     return total_loss / rows, total_error / rows, total_q / rows
 
 
-@compiled
+@compiled_freely
 def _value(output: Layer, action: int, hidden: Floats, row: int) -> np.float32:
     """Return Q of one action, from a row of outputs of the last hidden layer."""
     weight = output.weight
@@ -189,7 +189,7 @@ def _value(output: Layer, action: int, hidden: Floats, row: int) -> np.float32:
     return value
 
 
-@compiled
+@compiled_freely
 def _back_through_value(
     output: Layer, gradient: Layer, action: int, hidden: Floats, slopes: Floats, row: int, slope: np.float32
 ) -> None:
@@ -201,7 +201,7 @@ def _back_through_value(
         slopes[row, column] = slope * weight[action, column]
 
 
-@compiled
+@compiled_freely
 def _clip(gradient: Floats, largest: float) -> float:
     """Scale the gradient down to an L2 norm of at most `largest`; return the norm that it had."""
     squares = np.float32(0)

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dockctl.agents.network import Floats
-from dockctl.agents.passes import compiled
+from dockctl.agents.passes import compiled_freely
 
 # Moments of silent units fade to denormal numbers, which take ten times as long; this is far below what the
 # epsilons let through.
@@ -42,7 +42,7 @@ class Adam:
         _adam(parameters, gradient, first, second, np.float32(rate), np.float32(root))
 
 
-@compiled
+@compiled_freely
 def _adam(
     parameters: Floats, gradient: Floats, first: Floats, second: Floats, rate: np.float32, root: np.float32
 ) -> None:
@@ -67,7 +67,7 @@ class RMSProp:
         _rmsprop(parameters, gradient, self.moments["second"], np.float32(learning_rate))
 
 
-@compiled
+@compiled_freely
 def _rmsprop(parameters: Floats, gradient: Floats, second: Floats, rate: np.float32) -> None:
     decay = np.float32(0.9)
     for i in range(len(parameters)):

@@ -7,25 +7,18 @@ actions]. Learning needs one row of it for each transition; the greedy action ne
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from functools import cache
-from typing import Any, TypeVar, cast
 
 import numpy as np
 import scipy.linalg.cython_blas  # noqa: F401  # loads the BLAS that compiled code calls
-from numba import njit
 from numpy.typing import NDArray
 from threadpoolctl import threadpool_limits
 
 from dockctl.agents.network import Floats, Layer, Layers
+from dockctl.runs.compiler import compiled
 
-Function = TypeVar("Function", bound=Callable[..., object])
-
-
-def compiled(function: Function) -> Function:
-    """Compile a function that lets go of Python's lock, and in which sums may be taken in any order."""
-    options: Any = {"cache": True, "nogil": True, "error_model": "numpy"}
-    return cast("Function", njit(**options, fastmath={"arcp", "contract", "nsz", "reassoc"})(function))
+# Sums may be taken in any order, so that several of their terms are added by one instruction.
+compiled_freely = compiled(error_model="numpy", fastmath={"arcp", "contract", "nsz", "reassoc"})
 
 
 @cache
@@ -45,7 +38,7 @@ def room_for_output(layers: Layers) -> Layer:
     return Layer(np.zeros((actions, layers.split + actions), np.float32), np.zeros(actions, np.float32))
 
 
-@compiled
+@compiled_freely
 def _rectified(layer: Layer, inputs: Floats, outputs: Floats) -> Floats:
     """Write max(0, x W^T + b) into `outputs`, and return them."""
     np.dot(inputs, layer.weight.T, outputs)
@@ -55,7 +48,7 @@ def _rectified(layer: Layer, inputs: Floats, outputs: Floats) -> Floats:
     return outputs
 
 
-@compiled
+@compiled_freely
 def hidden_outputs(layers: Layers, observation: Floats, outputs: tuple[Floats, ...]) -> Floats:
     """Write the output of each hidden layer into `outputs`; return that of the last."""
     below = observation
@@ -64,7 +57,7 @@ def hidden_outputs(layers: Layers, observation: Floats, outputs: tuple[Floats, .
     return below
 
 
-@compiled
+@compiled_freely
 def greedy_from(layers: Layers, hidden: Floats) -> NDArray[np.int64]:
     """Return the action of the highest value, (n, split + actions) -> (n,): that of the highest advantage."""
     rows, split, (weight, bias) = len(hidden), layers.split, layers.advantage
@@ -81,7 +74,7 @@ def greedy_from(layers: Layers, hidden: Floats) -> NDArray[np.int64]:
     return best
 
 
-@compiled
+@compiled_freely
 def greedy_action(layers: Layers, observation: Floats) -> NDArray[np.int64]:
     """Return the action of the highest value, (n, observation_size) -> (n,)."""
     below = observation
@@ -91,7 +84,7 @@ def greedy_action(layers: Layers, observation: Floats) -> NDArray[np.int64]:
     return greedy_from(layers, below)
 
 
-@compiled
+@compiled_freely
 def fold(layers: Layers, output: Layer) -> None:
     """Write the last layers of both streams, joined by eq. 2.56, as the one layer `output`."""
     split, (value, value_bias), (advantage, bias) = layers.split, layers.value, layers.advantage
@@ -106,7 +99,7 @@ def fold(layers: Layers, output: Layer) -> None:
         folded_bias[action] = value_bias[0] + bias[action] - bias_sum / count
 
 
-@compiled
+@compiled_freely
 def unfold(output: Layer, layers: Layers) -> None:
     """Turn the gradient of the folded layer into those of the last layers: the adjoint of `fold`."""
     split, (value, value_bias), (advantage, bias) = layers.split, layers.value, layers.advantage
@@ -122,7 +115,7 @@ def unfold(output: Layer, layers: Layers) -> None:
         bias[action] = folded_bias[action] - bias_sum / count
 
 
-@compiled
+@compiled_freely
 def backward(
     layers: Layers,
     gradient: Layers,
@@ -148,7 +141,7 @@ def backward(
             np.dot(slope, layers.hidden[depth].weight, slopes[depth - 1])
 
 
-@compiled
+@compiled_freely
 def _rectify(slopes: Floats, outputs: Floats) -> None:
     """Take the slopes by max(0, x) back to slopes by x."""
     for row in range(len(slopes)):
@@ -156,7 +149,7 @@ def _rectify(slopes: Floats, outputs: Floats) -> None:
             slopes[row, column] = slopes[row, column] if outputs[row, column] > 0 else np.float32(0)
 
 
-@compiled
+@compiled_freely
 def _sum_rows(matrix: Floats) -> Floats:
     """Return the sum over the rows, (n, k) -> (k,)."""
     total = np.zeros(matrix.shape[1], np.float32)
@@ -166,7 +159,7 @@ def _sum_rows(matrix: Floats) -> Floats:
     return total
 
 
-@compiled
+@compiled_freely
 def _sum(vector: Floats) -> np.float32:
     total = np.float32(0)
     for i in range(len(vector)):

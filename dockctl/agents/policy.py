@@ -16,7 +16,11 @@ Policy = Callable[[NDArray[Any]], Actions]
 
 
 class GreedyPolicy:
-    """The action of the highest value, (n, observation_size) -> (n,), of the network as it is at the call."""
+    """The action of the highest value, (n, observation_size) -> (n,), of the network as it is at the call.
+
+    Raises:
+        ValueError: the observations have another shape.
+    """
 
     def __init__(self, network: DuelingQNetwork) -> None:
         passes.hold_to_one_thread()
@@ -24,7 +28,11 @@ class GreedyPolicy:
         self._layers = network.layers(network.flat.numpy())
 
     def __call__(self, observation: NDArray[Any]) -> Actions:
-        return passes.greedy_action(self._layers, np.ascontiguousarray(observation, np.float32))
+        rows = np.ascontiguousarray(observation, np.float32)
+        if rows.shape[1:] != (self.network.observation_size,):
+            expected = f"(n, {self.network.observation_size})"
+            raise ValueError(f"the policy takes observations of shape {expected}, not {rows.shape}")
+        return passes.greedy_action(self._layers, rows)
 
 
 class EpsilonGreedyPolicy:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import time
 from collections.abc import Callable
+from concurrent.futures import wait
 from dataclasses import asdict
 from typing import Any
 
@@ -92,7 +93,7 @@ class Trainer:
         self.policy = EpsilonGreedyPolicy(network, np.random.default_rng((training.seed, 1)))
         self.n_step = NStep(training.boats, training.n_step, training.gamma, size)
         self.replay = Replay(training.replay_capacity, size, np.random.default_rng((training.seed, 2)))
-        self.progress = Progress()
+        self.progress, self._leaving = Progress(), False
         self.episode_recorder = EpisodeRecorder(training.boats)
         updates = schedules.updates_due(training, training.total_steps)
         self.update_recorder = UpdateRecorder(stride=max(1, updates // UPDATE_ROWS))
@@ -110,8 +111,13 @@ class Trainer:
             progress.epsilon = schedules.epsilon(self.training, progress.env_steps)
             action = self.policy(observation, progress.epsilon)
             learning = workers().submit(self._learn)  # the learner learns while the boats sail
-            step = self.environment.step(action)
-            learning.result()
+            try:
+                step = self.environment.step(action)
+                learning.result()
+            except BaseException:  # a step that fails, or leaving at once: nothing is learned after that
+                self._leaving = True
+                wait([learning])
+                raise
             self._remember(observation, action, *step)
             observation = step[0]
             progress.env_steps += self.training.boats
@@ -132,9 +138,8 @@ class Trainer:
         """Make the updates that are due, on what is in the replay memory."""
         progress = self.progress
         progress.learning_rate = schedules.learning_rate(self.training, progress.env_steps)
-        while len(self.replay) and progress.updates < schedules.updates_due(
-            self.training, progress.env_steps
-        ):
+        due = schedules.updates_due(self.training, progress.env_steps)
+        while len(self.replay) and progress.updates < due and not self._leaving:
             metrics = self.learner.update(
                 self.replay.sample(self.training.batch_size), progress.learning_rate
             )

@@ -68,7 +68,8 @@ def estimate(scenario: Scenario, worlds: Sequence[World]) -> Estimate:
     size = len(ObservationEncoder(scenario.observation, scenario.sensors.lidar.sectors).names)
     parameters, outputs = network_size(size, len(action_commands(scenario.actions)), training.hidden_sizes)
     replay = Replay.bytes_needed(min(training.replay_capacity, training.total_steps), size)
-    # Online, gradient, target, two moments and one on the way; all but gradient and last are saved.
+    # Online, target, two moments, and the gradient, for which torch has room of its own, too; the first four
+    # are saved.
     networks = 4 * (6 + 4 * COPIES_IN_SAVING) * parameters
     # Outputs of two observations, of the target and slopes, and about as much for what is on the way.
     batches = 4 * 6 * training.batch_size * (outputs + size)

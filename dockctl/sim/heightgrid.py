@@ -11,10 +11,10 @@ import math
 from typing import Any, NamedTuple
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 
-from dockctl.sim.raycast import MISS, corner_and_edges, hit_triangle, njit_bare
+from dockctl.runs.compiler import compiled
+from dockctl.sim.raycast import MISS, compiled_bare, corner_and_edges, hit_triangle
 
 Floats = NDArray[np.float64]
 Singles = NDArray[np.float32]
@@ -34,7 +34,7 @@ SLACK_M = 1e-5  # outweighs every rounding, in float32 too
 MEMBER = np.dtype([("triangle", np.int32), ("low", np.uint8), ("high", np.uint8)])
 
 
-@njit(cache=True, nogil=True, inline="always")
+@compiled(inline="always")
 def band_at(z: float) -> int:
     """Return the band of a height [m]: 40 of 0.1 m, 21 of 0.5 m, one for all above; under 0 the lowest."""
     if z < 4.0:
@@ -42,7 +42,7 @@ def band_at(z: float) -> int:
     return min(40 + int((z - 4.0) * 2.0), 61)
 
 
-@njit(cache=True, nogil=True, inline="always")
+@compiled(inline="always")
 def bits(low: int, high: int) -> int:
     """Return the bits of the bands from `low` to `high`."""
     return (2 << high) - (1 << low)
@@ -107,7 +107,7 @@ class HeightGrid(NamedTuple):
         )
 
 
-@njit(cache=True, nogil=True)
+@compiled()
 def _lay(triangles: Floats, frame: Floats, bands: Bands, places: Ints, members: Members) -> None:
     """Enter each triangle in the cells that its plan touches, with the bands in which it passes there.
 
@@ -141,7 +141,7 @@ def _lay(triangles: Floats, frame: Floats, bands: Bands, places: Ints, members: 
                 bands[iy, ix] |= bits(low, high)
 
 
-@njit(cache=True, nogil=True)
+@compiled()
 def _extent(points: Floats, count: int, axis: int) -> tuple[float, float]:
     """Return the lowest and the highest coordinate of the first points, with some slack [m]."""
     low, high = math.inf, -math.inf
@@ -150,7 +150,7 @@ def _extent(points: Floats, count: int, axis: int) -> tuple[float, float]:
     return low - SLACK_M, high + SLACK_M
 
 
-@njit(cache=True, nogil=True)
+@compiled()
 def _cut(polygon: Floats, out: Floats, corners: int, axis: int, sign: float, bound: float) -> int:
     """Cut a convex polygon by ``sign * p[axis] >= bound`` into `out`, and return the corners left.
 
@@ -195,7 +195,7 @@ def _block_union(bands: Bands, stride: int) -> Bands:
     return np.asarray(np.bitwise_or.reduce(np.bitwise_or.reduce(blocks, axis=3), axis=1), np.int64)
 
 
-@njit(cache=True, nogil=True)
+@compiled()
 def _dilated(bands: Bands, reach: int) -> Bands:
     """Return the bands within `reach` cells of anywhere in each cell."""
     ny, nx = bands.shape
@@ -212,7 +212,7 @@ def _dilated(bands: Bands, reach: int) -> Bands:
     return out
 
 
-@njit(cache=True, nogil=True)
+@compiled()
 def _distances(bands: Bands, cell: float) -> Singles:
     """Return a lower bound of the distance to the nearest cell that is not empty.
 
@@ -263,7 +263,7 @@ def _distances(bands: Bands, cell: float) -> Singles:
     return out
 
 
-@njit(cache=True, nogil=True, inline="always")
+@compiled(inline="always")
 def bands_near(grid: HeightGrid, level: int, x: float, y: float) -> int:
     """Return the bands of height in which anything stands within the level's radius of (x, y)."""
     offset, nx, ny, stride = grid.level_shape[level]
@@ -274,7 +274,7 @@ def bands_near(grid: HeightGrid, level: int, x: float, y: float) -> int:
     return int(grid.palette[grid.levels[offset + iy * nx + ix]])
 
 
-@njit(cache=True, nogil=True, inline="always")
+@compiled(inline="always")
 def distance_at(grid: HeightGrid, x: float, y: float) -> float:
     """Return a lower bound of the distance from (x, y) to anything [m]."""
     ny, nx = grid.distances.shape
@@ -287,7 +287,7 @@ def distance_at(grid: HeightGrid, x: float, y: float) -> float:
     return float(grid.distances[iy, ix])
 
 
-@njit_bare
+@compiled_bare
 def first_hit(grid: HeightGrid, line: Line, begin: float, end: float) -> float:
     """Walk a ray between two of its parameters, cell by cell, to its closest hit there or infinity.
 
@@ -346,12 +346,12 @@ def first_hit(grid: HeightGrid, line: Line, begin: float, end: float) -> float:
             return best
 
 
-@njit(cache=True, nogil=True, inline="always")
+@compiled(inline="always")
 def _inside(p: float, cells: int) -> bool:
     return 0.0 <= p < cells
 
 
-@njit_bare
+@compiled_bare
 def _within(p: float, v: float, cells: int, begin: float, end: float) -> tuple[float, float]:
     """Return the part of ``begin .. end`` in which ``p + t v`` lies in the grid; begin > end for none."""
     if v == 0.0:

@@ -17,9 +17,9 @@ import math
 from typing import NamedTuple
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 
+from dockctl.runs.compiler import compiled
 from dockctl.sim.heightgrid import (
     SLACK_M,
     HeightGrid,
@@ -30,7 +30,7 @@ from dockctl.sim.heightgrid import (
     distance_at,
     first_hit,
 )
-from dockctl.sim.raycast import MISS, njit_bare
+from dockctl.sim.raycast import MISS, compiled_bare
 
 Floats = NDArray[np.float64]
 Ints = NDArray[np.int32]
@@ -48,7 +48,7 @@ CORE_REACH_M = CORE_CELL_M / math.sqrt(2) + CORE_STEP_M
 RUN = np.dtype([("first", np.int32), ("length", np.uint16), ("low", np.uint8), ("high", np.uint8)])
 
 
-@njit(cache=True, nogil=True)
+@compiled()
 def sector_of(x: float, y: float, sectors: int) -> int:
     """Return in which of the equal sectors of azimuth over [-pi, pi] the body-frame point (x, y) lies."""
     return min(int((math.atan2(y, x) + math.pi) / (2 * math.pi) * sectors), sectors - 1)
@@ -138,7 +138,7 @@ def needed_radii(table: ShellTable) -> Floats:
     return np.concatenate([[table.radii[0], CORE_REACH_M], table.half_diagonals])
 
 
-@njit(cache=True, nogil=True)
+@compiled()
 def _gather(
     origins: Floats,
     rays: Floats,
@@ -182,7 +182,7 @@ def _gather(
             t, theta = t_out, theta_out
 
 
-@njit(cache=True, nogil=True)
+@compiled()
 def _turn(begin: float, end: float) -> tuple[float, float]:
     """Return the azimuths, low and high and with some slack, between two on the shorter way round."""
     turn = end - begin
@@ -190,7 +190,7 @@ def _turn(begin: float, end: float) -> tuple[float, float]:
     return min(begin, begin + turn) - 1e-7, max(begin, begin + turn) + 1e-7
 
 
-@njit(cache=True, nogil=True)
+@compiled()
 def _enter(
     ray: int, cell: int, joined: bool, z: float, z_out: float, last: Ints, places: Ints, runs: Runs
 ) -> None:
@@ -213,7 +213,7 @@ def _enter(
     run.low, run.high = min(run.low, low), max(run.high, high)
 
 
-@njit(cache=True, nogil=True, inline="always")
+@compiled(inline="always")
 def _leaves(origin: Floats, ray: Floats, radius: float) -> float:
     """Return the ray parameter where a ray that begins within `radius` leaves that circle."""
     h2 = ray[0] * ray[0] + ray[1] * ray[1]
@@ -224,7 +224,7 @@ def _leaves(origin: Floats, ray: Floats, radius: float) -> float:
     return float((math.sqrt(b * b - h2 * (c - radius * radius)) - b) / h2)
 
 
-@njit_bare
+@compiled_bare
 def sector_ranges(
     table: ShellTable,
     grid: HeightGrid,
@@ -274,7 +274,7 @@ def sector_ranges(
                 break
 
 
-@njit_bare
+@compiled_bare
 def _search_core(table: ShellTable, grid: HeightGrid, level: int, pose: Pose, best: Floats) -> None:
     """Visit the cells of the core near which anything stands."""
     x, y, c, s = pose
@@ -286,7 +286,7 @@ def _search_core(table: ShellTable, grid: HeightGrid, level: int, pose: Pose, be
             _visit(table, grid, shell_cells + index, near, 0.0, table.radii[0], pose, best)
 
 
-@njit_bare
+@compiled_bare
 def _visit(
     table: ShellTable,
     grid: HeightGrid,
@@ -325,7 +325,7 @@ def _visit(
             best[sector] = min(best[sector], rho)
 
 
-@njit_bare
+@compiled_bare
 def _clear_up_to(origin: Floats, ray: Floats, core: float, t: float, best: Floats) -> float:
     """Return the radius up to which a ray is known to hit nothing before its parameter t [m].
 
@@ -345,7 +345,7 @@ def _clear_up_to(origin: Floats, ray: Floats, core: float, t: float, best: Float
     return clear
 
 
-@njit(cache=True, nogil=True, inline="always")
+@compiled(inline="always")
 def _in_world(origin: Floats, ray: Floats, pose: Pose) -> Line:
     x, y, c, s = pose
     return (
@@ -358,7 +358,7 @@ def _in_world(origin: Floats, ray: Floats, pose: Pose) -> Line:
     )
 
 
-@njit(cache=True, nogil=True)
+@compiled()
 def _polar(origin: Floats, ray: Floats, t: float, sectors: int) -> tuple[float, int]:
     """Return the radius [m] and the sector of a ray's point."""
     px, py = origin[0] + t * ray[0], origin[1] + t * ray[1]

@@ -12,8 +12,8 @@ from __future__ import annotations
 from typing import Any
 
 import numpy as np
-from numba import njit
 
+from dockctl.runs.compiler import compiled
 from dockctl.scenarios.vessel import Vessel
 from dockctl.sim.status import Floats
 
@@ -136,7 +136,7 @@ def _pack(vessel: Vessel, inverse_inertia: Floats) -> tuple[float, ...]:
     )
 
 
-@njit(cache=True, nogil=True, inline="always")
+@compiled(inline="always")
 def _rate(psi: float, u: float, v: float, r: float, tau: Any, coefficients: Any) -> Any:
     """Return the time derivatives of x, y, psi, u, v, r of one boat."""
     i00, i11, i12, i21, i22, m, Xud, Yvd, Yrd, Xu, Xuu, Yv, Yvv, Yr, Nv, Nr, Nrr = coefficients
@@ -148,7 +148,7 @@ def _rate(psi: float, u: float, v: float, r: float, tau: Any, coefficients: Any)
     return c * u - s * v, s * u + c * v, r, i00 * X, i11 * Y + i12 * N, i21 * Y + i22 * N
 
 
-@njit(cache=True, nogil=True)
+@compiled()
 def _integrate(eta: Any, nu: Any, tau: Any, coefficients: Any, h: float, substeps: int) -> Any:
     """Take `substeps` Runge-Kutta steps of h seconds for every row; returns new arrays."""
     eta, nu = eta.copy(), nu.copy()

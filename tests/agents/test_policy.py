@@ -53,6 +53,12 @@ def test_the_folded_output_layer_gives_the_networks_values() -> None:
     np.testing.assert_allclose(hidden @ output.weight.T + output.bias, expected, rtol=1e-5, atol=1e-5)
 
 
+@pytest.mark.parametrize("shape", [(5,), (2, 4), (2, 6), (1, 1, 5)])
+def test_observations_of_another_shape_are_refused(shape: tuple[int, ...]) -> None:
+    with pytest.raises(ValueError, match=r"shape \(n, 5\), not"):
+        GreedyPolicy(network(0))(np.zeros(shape, np.float32))
+
+
 def test_the_policy_follows_the_network_as_it_learns() -> None:
     made, other = network(0), network(1)
     policy, observation = GreedyPolicy(made), np.random.default_rng(0).normal(size=(50, 5)).astype(np.float32)

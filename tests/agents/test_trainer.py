@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import csv
 from pathlib import Path
+from threading import Barrier
 from typing import Any
 
 import numpy as np
@@ -15,6 +16,7 @@ from dockctl.agents.policy import GreedyPolicy
 from dockctl.agents.progress import Progress
 from dockctl.agents.schedules import updates_due
 from dockctl.agents.trainer import Trainer
+from dockctl.runs.cores import usable_cores, workers
 from dockctl.runs.directory import RunDirectory
 from dockctl.scenarios.training import StopRule, Training
 from tests.agents.toy import ToyDocking, starts_at
@@ -116,6 +118,23 @@ def test_interrupted_and_taken_up_again(tmp_path: Path) -> None:
     steps = [int(row["env_steps"]) for row in read_table(first.run_directory.path / "evaluations.csv")]
     assert steps == sorted(steps)
     assert steps[-1] == 4_000
+
+
+def test_nothing_is_learned_after_a_step_that_failed(tmp_path: Path) -> None:
+    """Hundreds of updates are due when the boats sink; at most the one under way is made."""
+    made = trainer(tmp_path, steps_per_update=1, warmup_steps=200, boats=200)
+
+    def step(action: Any) -> Any:
+        if made.learner.updates:
+            raise RuntimeError("the boats sank")
+        return sail(action)
+
+    sail, made.environment.step = made.environment.step, step  # type: ignore[method-assign]
+    with pytest.raises(RuntimeError, match="sank"):
+        made.run()
+    updates, together = made.learner.updates, Barrier(usable_cores())
+    list(workers().map(lambda _: together.wait(), range(usable_cores())))  # every thread has come to its end
+    assert 0 < made.learner.updates == updates
 
 
 def test_rows_past_the_checkpoint_are_dropped_when_a_killed_run_is_taken_up(tmp_path: Path) -> None:
