@@ -49,18 +49,13 @@ MODULES, ONNX = "torch modules", "onnxruntime"
 Learn = Callable[[int], object]
 
 
-class Duel(torch.nn.Module):
-    """Our network for other people's learners: parameters of its own, no vector under them."""
+class Duel(DuelingQNetwork):
+    """Our network for other people's learners: parameters apart, no vector under them."""
 
     def __init__(self, env: DockingEnv) -> None:
-        super().__init__()
-        made = network(env)
-        self.shared, self.value, self.advantage = made.shared, made.value, made.advantage
+        super().__init__(env.observation_space.shape[0], int(env.action_space.n))
         for parameter in self.parameters():
             parameter.data, parameter.grad = parameter.data.clone(), None
-
-    def forward(self, observation: torch.Tensor) -> torch.Tensor:
-        return DuelingQNetwork.forward(self, observation)  # type: ignore[arg-type]  # it has what is asked for
 
 
 def network(env: DockingEnv) -> DuelingQNetwork:

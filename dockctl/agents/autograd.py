@@ -62,13 +62,13 @@ class AutogradDQN:
     Args:
         network: the online network in main memory.
         training: loss, clipping, optimizer and target copies.
+        device: where it computes.
     """
 
     def __init__(self, network: DuelingQNetwork, training: Training, device: torch.device) -> None:
         self.online, self.training, self.updates, self.device = network, training, 0, device
         self._learning, self._target = network.copy_on(device), network.copy_on(device)
-        flat, largest = self._learning.flat, training.largest_return
-        self._largest = math.inf if largest is None else largest * training.reward_scale
+        flat = self._learning.flat
         self._optimizer: torch.optim.Optimizer
         # Names of the moments in a checkpoint, and those that torch has for them.
         self._names = {"second": "square_avg"}
@@ -100,9 +100,10 @@ class AutogradDQN:
         batch, gradient = Batch.of(transitions, self.device), self._learning.flat.grad
         assert gradient is not None  # made with the network
         gradient.zero_()
-        q, target = q_of(batch, self._learning), td_target(batch, self._learning, self._target, self._largest)
+        q = q_of(batch, self._learning)
+        target = td_target(batch, self._learning, self._target, self.training.largest_target)
         loss = td_loss(q, target, self.training.huber_delta)
-        loss.backward()  # type: ignore[no-untyped-call]  # torch leaves it untyped
+        torch.autograd.backward(loss)
         norm = gradient.norm()
         clip = self.training.gradient_clip
         if clip is not None:

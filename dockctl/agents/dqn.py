@@ -67,8 +67,7 @@ class Loss(NamedTuple):
     @classmethod
     def of(cls, training: Training) -> Loss:
         weight, delta = (2.0, math.inf) if training.huber_delta is None else (1.0, training.huber_delta)
-        largest = training.largest_return
-        return cls(weight, delta, math.inf if largest is None else largest * training.reward_scale)
+        return cls(weight, delta, training.largest_target)
 
 
 class DoubleDQN:

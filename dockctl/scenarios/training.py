@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from typing import Annotated, Any, Literal, Self
 
 from pydantic import Field, model_validator
@@ -93,6 +94,11 @@ class Training(Model):
     exploring_starts: ExploringStarts | None = ExploringStarts()
     stop: StopRule | None = StopRule()
     evaluate_every_steps: Count = 10_000
+
+    @property
+    def largest_target(self) -> float:
+        """`largest_return` on the scale of the rewards that are learned from; infinite without one."""
+        return math.inf if self.largest_return is None else self.largest_return * self.reward_scale
 
     @model_validator(mode="before")
     @classmethod

@@ -121,8 +121,9 @@ def _lay(triangles: Floats, frame: Floats, bands: Bands, places: Ints, members: 
         (low_x, high_x), (low_y, high_y) = _extent(triangles[index], 3, 0), _extent(triangles[index], 3, 1)
         for iy in range(max(0, int((low_y - y0) / cell)), min(ny - 1, int((high_y - y0) / cell)) + 1):
             for ix in range(max(0, int((low_x - x0) / cell)), min(nx - 1, int((high_x - x0) / cell)) + 1):
-                for corner in range(9):
-                    polygon.flat[corner] = triangles[index].flat[corner]
+                for corner in range(3):
+                    for axis in range(3):
+                        polygon[corner, axis] = triangles[index, corner, axis]
                 corners = 3
                 left, lower = x0 + ix * cell, y0 + iy * cell
                 corners = _cut(polygon, scratch, corners, 0, 1.0, left - SLACK_M)

@@ -79,7 +79,7 @@ def test_loss_and_gradient_are_those_of_autograd(
 
     steps, bound = Batch.of(transitions, CPU), math.inf if largest is None else largest
     loss = td_loss(q_of(steps, online), td_target(steps, online, target, bound), huber_delta)
-    loss.backward()  # type: ignore[no-untyped-call]  # torch leaves it untyped
+    torch.autograd.backward(loss)
     assert online.flat.grad is not None
     metrics = dqn.update(transitions, 1e-4)
 
