@@ -20,8 +20,8 @@ import gymnasium
 import numpy as np
 
 import dockctl.envs  # noqa: F401  registers the environments
+from dockctl.compute.threads import usable_cores
 from dockctl.envs.vector import DockingVectorEnv
-from dockctl.runs.cores import usable_cores
 
 BOATS = (1, 16, 256, 4096)
 BOAT_STEPS = 4096  # of all boats together, timed in one round

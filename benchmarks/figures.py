@@ -9,8 +9,8 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.ticker import FuncFormatter, NullFormatter, NullLocator
 
+from dockctl.drawing import palette
 from dockctl.reports.style import key, sheet
-from dockctl.runs import palette
 
 OURS, PEER = palette.SINGLE, palette.SECOND_MEAN
 Json = dict[str, Any]

@@ -24,7 +24,7 @@ from numpy.typing import NDArray
 
 from dockctl.envs.single import DockingEnv
 from dockctl.scenarios.loader import load
-from dockctl.sim.lidar import LidarArray
+from dockctl.sim.lidar.array import LidarArray
 from dockctl.sim.simulator import build_worlds
 
 AZIMUTH_STEPS = (225, 450, 900, 1800, 3600, 7200)

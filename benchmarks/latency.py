@@ -16,11 +16,11 @@ import numpy as np
 import torch
 from numpy.typing import NDArray
 
-from dockctl.agents.network import DuelingQNetwork
+from dockctl.agents.dqn.network import DuelingQNetwork
 from dockctl.agents.policy import GreedyPolicy
-from dockctl.commands.timing import time_decisions
 from dockctl.envs.vector import DockingVectorEnv
-from dockctl.sim import lidar as lidar_module
+from dockctl.evaluation.latency import time_decisions
+from dockctl.sim.lidar import array as lidar_module
 
 FORWARDS = 2600
 WARM_UP = 100
@@ -48,7 +48,7 @@ def main() -> None:
     network = DuelingQNetwork(observation.shape[1], len(env.action_commands), training.hidden_sizes)
     policy = GreedyPolicy(network)
     report = bench.Report("latency", "Latency: one boat, one core")
-    forward = microseconds(lambda: policy(observation), FORWARDS)[WARM_UP:]
+    forward = microseconds(lambda: policy.act(observation, {}), FORWARDS)[WARM_UP:]
     decisions = time_decisions(env, policy, arguments.decisions)
     report.facts = {
         "decisions": len(decisions),

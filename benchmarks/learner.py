@@ -10,7 +10,7 @@ steer. What is compared:
 - sbx, the same on JAX, if it is installed (`pip install sbx-rl`; it stands on nightly builds, which nothing
   here can pin): its network has two hidden layers of one width, 205 here, which gives as many parameters as
   ours has. Compilation is not counted.
-- The same update by torch modules, autograd and torch's Adam: `dockctl.agents.autograd`.
+- The same update by torch modules, autograd and torch's Adam: `dockctl.agents.dqn.update`.
 - The arithmetic alone: multiplications and additions of an update, over the rate at which this core
   multiplies large matrices.
 
@@ -28,13 +28,12 @@ import numpy as np
 import torch
 from numpy.typing import NDArray
 
-from dockctl.agents import passes
-from dockctl.agents.autograd import AutogradDQN
-from dockctl.agents.dqn import DoubleDQN
-from dockctl.agents.learner import Learner
-from dockctl.agents.network import DuelingQNetwork
+from dockctl.agents.dqn.compiled import DoubleDQN, passes
+from dockctl.agents.dqn.learner import Learner
+from dockctl.agents.dqn.network import DuelingQNetwork
+from dockctl.agents.dqn.replay import Replay, Transitions
+from dockctl.agents.dqn.update import AutogradDQN
 from dockctl.agents.policy import GreedyPolicy
-from dockctl.agents.replay import Replay, Transitions
 from dockctl.envs.single import DockingEnv
 from dockctl.scenarios.training import Training
 
@@ -181,7 +180,7 @@ def forwards(env: DockingEnv, count: int) -> dict[str, bench.Case]:
         with torch.inference_mode():
             return net(torch.from_numpy(observation)).argmax(dim=1).numpy()
 
-    made = {OURS: policy, MODULES: by_modules}
+    made = {OURS: lambda rows: policy.act(rows, {}), MODULES: by_modules}
     if bench.installed("onnxruntime") and bench.installed("onnx"):
         made[ONNX] = exported(net)
     return {

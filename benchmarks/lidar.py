@@ -19,8 +19,8 @@ from numpy.typing import NDArray
 from trimesh.ray.ray_pyembree import RayMeshIntersector
 
 from dockctl.scenarios.loader import load
-from dockctl.sim import lidar as lidar_module
-from dockctl.sim.lidar import LidarArray
+from dockctl.sim.lidar import array as lidar_module
+from dockctl.sim.lidar.array import LidarArray
 from dockctl.sim.simulator import build_worlds
 
 Floats = NDArray[np.float64]

@@ -16,9 +16,9 @@ import numpy as np
 from lidar import embree_scanner
 from rich.progress import track
 
-from dockctl.runs.cores import usable_cores
+from dockctl.compute.threads import usable_cores
 from dockctl.scenarios.loader import load
-from dockctl.sim.lidar import prepare
+from dockctl.sim.lidar.array import prepare
 from dockctl.sim.simulator import build_worlds
 
 BASIN = ((4.5, -40.0, -np.pi), (38.5, 40.0, np.pi))

@@ -10,8 +10,8 @@ import typer
 from typer.core import TyperGroup
 
 from dockctl import __version__
-from dockctl.commands.interrupt import INTERRUPTED
 from dockctl.errors import DockctlError
+from dockctl.experiments.interrupt import INTERRUPTED
 
 COMMANDS = {
     "train": "train",

@@ -14,8 +14,7 @@ import pytest
 
 from dockctl import plugins
 from dockctl.errors import DockctlError, InputError
-from dockctl.plugins import PluginError
-from dockctl.registry import HARBORS, REWARD_TERMS, VESSELS, DuplicateNameError
+from dockctl.plugins import HARBORS, REWARD_TERMS, VESSELS, DuplicateNameError, PluginError
 from dockctl.scenarios import loader
 
 ROOT = Path(__file__).parent.parent
@@ -223,7 +222,7 @@ def test_a_local_file_may_bring_a_harbor(write: Write) -> None:
     write("canal.yaml", "extends: reference\nname: canal\n")
     path = write(
         "mine.py",
-        "from pathlib import Path\nfrom dockctl.registry import HARBORS\n"
+        "from pathlib import Path\nfrom dockctl.plugins import HARBORS\n"
         "HARBORS.register('canal', Path(__file__).parent / 'canal.yaml')\n",
     )
     scenario = write("x.yaml", "extends: s1\nharbor: canal\n")
@@ -258,7 +257,7 @@ def test_the_example_package_is_installed_and_used(tmp_path: Path) -> None:
     )
     script = """
 import sys
-from dockctl.registry import REWARD_TERMS
+from dockctl.plugins import REWARD_TERMS
 from dockctl.scenarios import catalog, loader
 catalog.fill()
 assert {"smooth_rudder", "smooth_propeller"} <= set(REWARD_TERMS.names())

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import pytest
 
-from dockctl.registry import DuplicateNameError, Registry, UnknownNameError, contributing
+from dockctl.plugins import DuplicateNameError, Registry, UnknownNameError, contributing
 
 
 def term(status: object, *, floor: float = 0.1, scale: float) -> None:

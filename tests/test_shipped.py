@@ -9,11 +9,11 @@ from pathlib import Path
 import pytest
 
 from dockctl.agents.checkpoint import POLICY
-from dockctl.commands.differences import difference
-from dockctl.commands.episodes import judging_starts, player
-from dockctl.commands.policies import find
-from dockctl.commands.shipping import CARD, training_starts
+from dockctl.evaluation.policies import find
+from dockctl.evaluation.starts import judging_starts, player
+from dockctl.experiments.export import CARD, training_starts
 from dockctl.runs.shipped import shipped
+from dockctl.scenarios.difference import difference
 from dockctl.scenarios.loader import load
 from dockctl.sim.simulator import build_worlds
 from tests.commands.conftest import dockctl

@@ -19,7 +19,7 @@ from safetensors.numpy import load as load_tensors
 from safetensors.numpy import save as save_tensors
 
 import dockctl
-from dockctl.agents.network import DuelingQNetwork
+from dockctl.agents.dqn.network import DuelingQNetwork
 from dockctl.errors import DockctlError, nearest
 from dockctl.runs.directory import RunDirectory
 from dockctl.runs.files import write_atomically

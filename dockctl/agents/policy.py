@@ -2,17 +2,34 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
-from typing import Any
+from collections.abc import Mapping
+from typing import Any, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
 
-from dockctl.agents import passes
-from dockctl.agents.network import DuelingQNetwork
+from dockctl.agents.dqn import passes
+from dockctl.agents.dqn.network import DuelingQNetwork
 
 Actions = NDArray[np.int64]
-Policy = Callable[[NDArray[Any]], Actions]
+Info = Mapping[str, Any]
+
+
+class Policy(Protocol):
+    """Chooses the actions of n boats; it may keep state from step to step."""
+
+    def reset(self, rows: NDArray[np.int64], info: Info) -> None:
+        """Forget the episodes of the boats `rows` (k,), which begin new ones; `info` is that of the reset."""
+        ...
+
+    def act(self, observation: NDArray[Any], info: Info) -> NDArray[Any]:
+        """Return an action for each boat.
+
+        Args:
+            observation: (n, observation_size).
+            info: of the same step, with n rows under each key.
+        """
+        ...
 
 
 class GreedyPolicy:
@@ -27,7 +44,11 @@ class GreedyPolicy:
         self.network = network
         self._layers = network.layers(network.flat.numpy())
 
-    def __call__(self, observation: NDArray[Any]) -> Actions:
+    def reset(self, rows: NDArray[np.int64], info: Info) -> None:
+        """Do nothing: the policy keeps no state."""
+
+    def act(self, observation: NDArray[Any], info: Info) -> Actions:
+        """Return the action of the highest value for each boat; see `Policy`."""
         rows = np.ascontiguousarray(observation, np.float32)
         if rows.shape[1:] != (self.network.observation_size,):
             expected = f"(n, {self.network.observation_size})"
@@ -46,4 +67,4 @@ class EpsilonGreedyPolicy:
         boats = len(observation)
         explore = self.rng.random(boats) < epsilon
         random_action = self.rng.integers(self.greedy.network.actions, size=boats)
-        return np.where(explore, random_action, self.greedy(observation))
+        return np.where(explore, random_action, self.greedy.act(observation, {}))

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass, field
 
-from dockctl.runs.statistics import RECENT
+from dockctl.analysis.statistics import RECENT
 from dockctl.scenarios.training import StopRule, Training
 
 REASONS = {

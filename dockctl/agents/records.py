@@ -8,8 +8,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from dockctl.agents.interface import Info
-from dockctl.agents.learner import UpdateMetrics
+from dockctl.agents.autoreset import Info
+from dockctl.agents.dqn.learner import UpdateMetrics
 from dockctl.runs.tables import Value
 
 

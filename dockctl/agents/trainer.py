@@ -14,8 +14,7 @@ from gymnasium.spaces import Box, Discrete
 from gymnasium.vector import VectorEnv
 from numpy.typing import NDArray
 
-from dockctl.agents import schedules
-from dockctl.agents.autograd import AutogradDQN
+from dockctl.agents.autoreset import Info, settled_info, settled_observation
 from dockctl.agents.checkpoint import (
     LEARNER,
     CheckpointError,
@@ -25,18 +24,19 @@ from dockctl.agents.checkpoint import (
     save_pair,
     save_policy,
 )
-from dockctl.agents.dqn import DoubleDQN
-from dockctl.agents.evaluator import Episode, score
-from dockctl.agents.interface import Info, settled_info, settled_observation
-from dockctl.agents.learner import Learner
-from dockctl.agents.network import DuelingQNetwork
+from dockctl.agents.dqn import schedules
+from dockctl.agents.dqn.compiled import DoubleDQN
+from dockctl.agents.dqn.learner import Learner
+from dockctl.agents.dqn.network import DuelingQNetwork
+from dockctl.agents.dqn.replay import NStep, Replay
+from dockctl.agents.dqn.update import AutogradDQN
 from dockctl.agents.policy import EpsilonGreedyPolicy, Policy
 from dockctl.agents.progress import Progress
 from dockctl.agents.records import EpisodeRecorder, UpdateRecorder
-from dockctl.agents.replay import NStep, Replay
-from dockctl.runs.cores import workers
+from dockctl.analysis.statistics import RECENT
+from dockctl.compute.threads import workers
+from dockctl.evaluation.rollout import Episode, score
 from dockctl.runs.directory import RunDirectory
-from dockctl.runs.statistics import RECENT
 from dockctl.runs.tables import EPISODES, EVALUATIONS, TIMING, UPDATES
 from dockctl.scenarios.interface import PolicyInterface
 from dockctl.scenarios.training import Training

@@ -35,6 +35,6 @@ def compare(
 
     Example: dockctl compare s1 s2 runs/s2/20250101-120000-seed1 --scenario s2 --episodes 200
     """
-    from dockctl.commands import comparison
+    from dockctl.evaluation import compare as comparison
 
     comparison.compare(policies, scenario, episodes, seed, json_, csv, out)

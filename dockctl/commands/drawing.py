@@ -11,7 +11,7 @@ from rich import box
 from rich.console import Console
 from rich.table import Table
 
-from dockctl.commands.say import say
+from dockctl.console import say
 from dockctl.errors import DockctlError
 from dockctl.reports.show import Scan, figures
 from dockctl.reports.style import house_style, save
@@ -19,9 +19,9 @@ from dockctl.reports.view3d import Body
 from dockctl.runs.directory import require_writable
 from dockctl.scenarios.base import Pose
 from dockctl.sim.checks import PoseCheck, load_checked
-from dockctl.sim.harbor import build_harbor, scene_of
-from dockctl.sim.hulls import hull_mesh
-from dockctl.sim.lidar import LidarArray
+from dockctl.sim.harbor.build import build_harbor, scene_of
+from dockctl.sim.hull import hull_mesh
+from dockctl.sim.lidar.array import LidarArray
 
 FARTHEST = 10_000
 """Metres or degrees; nobody moors a harbor that far from its origin."""

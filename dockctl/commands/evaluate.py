@@ -42,7 +42,7 @@ def evaluate(
 
     Example: dockctl evaluate --ckpt runs/s3/20250101-120000-seed0 --episodes 200 --min-success 0.9
     """
-    from dockctl.commands import evaluation
+    from dockctl.evaluation import evaluate as evaluation
 
     outputs = [path for path in (json_, csv) if path]
     result = evaluation.measure(ckpt, scenario, episodes, seed, outputs, set_ or [])

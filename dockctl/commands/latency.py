@@ -33,6 +33,6 @@ def latency(
 
     Example: dockctl latency --ckpt runs/s3/20250101-120000-seed0
     """
-    from dockctl.commands import timing
+    from dockctl.evaluation import latency as timing
 
     timing.latency(ckpt, scenario, decisions, out)

@@ -14,7 +14,7 @@ import typer
 from dockctl.errors import DockctlError
 
 if TYPE_CHECKING:
-    from dockctl.registry import Entry
+    from dockctl.plugins import Entry
 
 COLUMNS = ("name", "kind", "source", "parameters", "origin")
 

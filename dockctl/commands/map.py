@@ -39,6 +39,6 @@ def map_(
 
     Example: dockctl map --ckpt runs/s3/20250101-120000-seed0 --reach-m 6 --headings 0,20,-20
     """
-    from dockctl.commands import mapping
+    from dockctl.evaluation import success_map as mapping
 
     mapping.chart(ckpt, scenario, mapping.Grid.of(reach_m, step_m, headings), csv, out)

@@ -22,10 +22,10 @@ def plot(
 
     Example: dockctl plot runs/s3/20250101-120000-seed0
     """
-    from dockctl.reports.book import figures
-    from dockctl.reports.run import read_run
+    from dockctl.reports.figures import figures
     from dockctl.reports.style import house_style, save
     from dockctl.runs.directory import RunDirectory
+    from dockctl.runs.reader import read_run
 
     folder = RunDirectory.latest(RUNS).path if run is None else run
     if not os.path.isdir(folder):

@@ -26,6 +26,6 @@ def record(
 
     Example: dockctl record --ckpt runs/s3/20250101-120000-seed0 --scenario s3-opposite
     """
-    from dockctl.commands import recording
+    from dockctl.evaluation import record as recording
 
     recording.record(ckpt, scenario, pose or [], out)

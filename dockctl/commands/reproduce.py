@@ -7,7 +7,7 @@ from typing import Annotated
 
 import typer
 
-from dockctl.commands.interrupt import INTERRUPTED
+from dockctl.experiments.interrupt import INTERRUPTED
 
 FAILED = 1
 
@@ -40,8 +40,9 @@ def reproduce(
 
     Example: dockctl reproduce s1 s2 s3
     """
-    from dockctl.commands import publishing, reproduction
-    from dockctl.runs.cores import usable_cores
+    from dockctl.compute.threads import usable_cores
+    from dockctl.experiments import publishing
+    from dockctl.experiments import study as reproduction
 
     if pages:
         publishing.publish(study, names or [], out, results, docs, unfinished=unfinished)

@@ -35,6 +35,6 @@ def returns(
 
     Example: dockctl returns s3 --ckpt runs/s3/20250101-120000-seed0
     """
-    from dockctl.commands import returning
+    from dockctl.evaluation import returns as returning
 
     returning.compare(ckpt, scenario, returning.readings(units), csv, out)

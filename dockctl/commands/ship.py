@@ -28,6 +28,6 @@ def ship(
 
     Example: dockctl ship runs/s3/* --name s3
     """
-    from dockctl.commands import shipping
+    from dockctl.experiments import export as shipping
 
     shipping.ship(runs, name, out)

@@ -7,9 +7,9 @@ from typing import Annotated
 
 import typer
 
-from dockctl.commands.interrupt import INTERRUPTED
 from dockctl.commands.options import DEFAULT_SCENARIO, RUNS
 from dockctl.errors import DockctlError
+from dockctl.experiments.interrupt import INTERRUPTED
 
 
 def train(
@@ -41,7 +41,7 @@ def train(
     Example: dockctl train scenarios/s3.yaml --seed 1 --set training.boats=8
     """
     from dockctl.agents.device import device_named
-    from dockctl.commands import training
+    from dockctl.experiments import training
 
     device_named(device)
     if resume is None:

@@ -30,7 +30,7 @@ def validate(
     Example: dockctl validate scenarios/s3.yaml --set task.max_steps=600
     """
     from dockctl import plugins
-    from dockctl.registry import SCENARIOS
+    from dockctl.plugins import SCENARIOS
     from dockctl.scenarios import catalog
     from dockctl.sim.checks import load_checked
 

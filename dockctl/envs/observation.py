@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import ArrayLike
 
-from dockctl.registry import OBSERVATION_PARTS
+from dockctl.plugins import OBSERVATION_PARTS
 from dockctl.scenarios.base import Positive
 from dockctl.sim.goal import wrap
 from dockctl.sim.status import Floats, Ints

@@ -9,9 +9,9 @@ import numpy as np
 from numpy.typing import NDArray
 from PIL import Image, ImageColor, ImageDraw
 
-from dockctl.runs import palette
-from dockctl.runs.paint import boat_outline, strokes, water
-from dockctl.runs.scene import Scene
+from dockctl.drawing import palette
+from dockctl.drawing.plan import boat_outline, strokes, water
+from dockctl.drawing.scene import Scene
 
 Floats = NDArray[np.float64]
 Frame = NDArray[np.uint8]

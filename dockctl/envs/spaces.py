@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from dockctl.envs.observation import Columns, View
 from dockctl.errors import DockctlError
-from dockctl.registry import OBSERVATION_PARTS
+from dockctl.plugins import OBSERVATION_PARTS
 from dockctl.scenarios.schema import ActionGrid, ObservationPart
 from dockctl.sim.status import Floats
 

@@ -12,11 +12,11 @@ from matplotlib.colors import LinearSegmentedColormap, PowerNorm
 from matplotlib.patches import Circle, Polygon, Wedge
 from numpy.typing import NDArray
 
+from dockctl.drawing import palette
+from dockctl.drawing.plan import water
+from dockctl.drawing.scene import Scene
 from dockctl.reports.style import HALO
 from dockctl.reports.view3d import Camera, draw_water
-from dockctl.runs import palette
-from dockctl.runs.paint import water
-from dockctl.runs.scene import Scene
 
 Floats = NDArray[np.float64]
 Ints = NDArray[np.int64]

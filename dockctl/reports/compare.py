@@ -13,10 +13,10 @@ from matplotlib.lines import Line2D
 from matplotlib.patches import Patch
 from matplotlib.ticker import MaxNLocator, PercentFormatter
 
-from dockctl.reports.contrast import MEASURES, SUCCESS, Contrast, Measure, contrasts
+from dockctl.analysis.contrast import MEASURES, SUCCESS, Contrast, Measure, contrasts
+from dockctl.analysis.statistics import wilson_interval
+from dockctl.drawing import palette
 from dockctl.reports.style import HALO, sheet
-from dockctl.runs import palette
-from dockctl.runs.statistics import wilson_interval
 
 ROW_IN = 0.46
 UNCLEAR = "#8296A5"

@@ -8,8 +8,8 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.ticker import FuncFormatter, NullFormatter
 
+from dockctl.drawing import palette
 from dockctl.reports.style import HALO, sheet
-from dockctl.runs import palette
 
 THESIS_FORWARD_MS = 2.0
 """Forward pass of the thesis' network on an i5-8400 (section 4.3.3)."""

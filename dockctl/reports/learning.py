@@ -10,8 +10,8 @@ from matplotlib.axes import Axes
 from matplotlib.colors import to_rgba
 from matplotlib.ticker import PercentFormatter
 
+from dockctl.drawing import palette
 from dockctl.reports.style import key, thousands
-from dockctl.runs import palette
 
 TERM_COLORS = {
     "collision": palette.COLLISION,

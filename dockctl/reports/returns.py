@@ -9,9 +9,9 @@ import pandas as pd
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
+from dockctl.drawing import palette
 from dockctl.reports.learning import OTHER_TERMS, TERM_COLORS, term_columns
 from dockctl.reports.style import HALO, key, sheet, thousands
-from dockctl.runs import palette
 
 DOCKING, AT_START, AT_GATE = "dock", "loiter at the start", "loiter at the gate"
 READING_COLORS = (palette.MEAN, palette.SECOND_MEAN, palette.PURPLE, palette.GREEN)

@@ -12,11 +12,11 @@ from matplotlib.collections import PolyCollection
 from matplotlib.patches import Circle, FancyArrowPatch, FancyBboxPatch, Polygon, Rectangle
 from numpy.typing import NDArray
 
+from dockctl.drawing import palette
+from dockctl.drawing.plan import boat_outline, strokes, water
+from dockctl.drawing.scene import Scene
 from dockctl.reports.style import HALO, key
 from dockctl.reports.trajectory import Track, pose_label
-from dockctl.runs import palette
-from dockctl.runs.paint import boat_outline, strokes, water
-from dockctl.runs.scene import Scene
 from dockctl.scenarios.base import Pose
 from dockctl.scenarios.schema import Task
 

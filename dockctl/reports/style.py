@@ -17,7 +17,7 @@ from matplotlib.lines import Line2D
 from matplotlib.patheffects import withStroke
 from matplotlib.ticker import FuncFormatter
 
-from dockctl.runs import palette
+from dockctl.drawing import palette
 from dockctl.runs.files import writing
 
 DPI = 200

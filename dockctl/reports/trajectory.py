@@ -10,8 +10,8 @@ import numpy as np
 import pandas as pd
 from matplotlib.axes import Axes
 
+from dockctl.drawing import palette
 from dockctl.reports.style import HALO, key
-from dockctl.runs import palette
 from dockctl.scenarios.schema import Task, Tolerance
 
 

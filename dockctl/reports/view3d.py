@@ -13,7 +13,7 @@ from matplotlib.collections import PolyCollection
 from matplotlib.colors import to_rgb
 from numpy.typing import NDArray
 
-from dockctl.runs import palette
+from dockctl.drawing import palette
 
 Floats = NDArray[np.float64]
 

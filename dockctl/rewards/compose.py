@@ -8,7 +8,7 @@ import numpy as np
 
 import dockctl.rewards.terms  # noqa: F401 - registers the terms
 from dockctl.errors import DockctlError
-from dockctl.registry import REWARD_TERMS
+from dockctl.plugins import REWARD_TERMS
 from dockctl.scenarios.schema import Reward, WeightedTerm
 from dockctl.sim.status import Bools, Floats, StepStatus
 

@@ -13,7 +13,7 @@ from typing import Literal, get_args
 import numpy as np
 
 from dockctl.errors import DockctlError
-from dockctl.registry import REWARD_TERMS
+from dockctl.plugins import REWARD_TERMS
 from dockctl.scenarios.base import Number, Positive
 from dockctl.sim.status import Floats, StepStatus
 

@@ -8,7 +8,7 @@ from pathlib import Path
 
 from dockctl import plugins
 from dockctl.errors import DockctlError
-from dockctl.registry import HARBORS, SCENARIOS, VESSELS, Registry
+from dockctl.plugins import HARBORS, SCENARIOS, VESSELS, Registry
 
 SUFFIXES = (".yaml", ".yml")
 PACKAGE = Path(__file__).resolve().parent

@@ -14,14 +14,14 @@ from pydantic import ValidationError
 
 from dockctl import plugins
 from dockctl.errors import DockctlError, InputError, Problem
-from dockctl.registry import HARBORS, SCENARIOS, VESSELS, Registry
+from dockctl.plugins import HARBORS, SCENARIOS, VESSELS, Registry
 from dockctl.scenarios import catalog, translate
 from dockctl.scenarios.base import Model
 from dockctl.scenarios.harbor import HarborSpec
 from dockctl.scenarios.parameters import function_problems
 from dockctl.scenarios.schema import Scenario
 from dockctl.scenarios.vessel import Vessel
-from dockctl.scenarios.yamltree import Node, Place, PlainDumper, described, read_file, read_text, refusal
+from dockctl.scenarios.yaml_tree import Node, Place, PlainDumper, described, read_file, read_text, refusal
 
 OWN_KEYS = ("name", "title", "description")
 """Keys that tell about one file and are not inherited by those that extend it."""

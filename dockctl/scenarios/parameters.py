@@ -11,9 +11,9 @@ from pydantic import TypeAdapter, ValidationError
 from pydantic.errors import PydanticSchemaGenerationError
 
 from dockctl.errors import DockctlError, Problem
-from dockctl.registry import OBSERVATION_PARTS, REWARD_TERMS, Entry, Function, Registry
+from dockctl.plugins import OBSERVATION_PARTS, REWARD_TERMS, Entry, Function, Registry
 from dockctl.scenarios.translate import locate, message, unknown_key
-from dockctl.scenarios.yamltree import Node
+from dockctl.scenarios.yaml_tree import Node
 
 
 def function_problems(tree: Node) -> Iterator[Problem]:

@@ -13,7 +13,7 @@ from dockctl.errors import DockctlError, InputError, nearest
 from dockctl.scenarios import translate
 from dockctl.scenarios.base import Count, Model, Name
 from dockctl.scenarios.catalog import SUFFIXES, packaged, shown
-from dockctl.scenarios.yamltree import read_file
+from dockctl.scenarios.yaml_tree import read_file
 
 Probe = Literal["map", "latency", "returns"]
 

@@ -8,11 +8,13 @@ from dataclasses import dataclass
 from typing import Any, get_args
 
 from pydantic import BaseModel, ValidationError
+from pydantic.fields import FieldInfo
 from pydantic_core import ErrorDetails, PydanticUndefined
 
 from dockctl.errors import Problem, nearest
-from dockctl.registry import HARBORS, VESSELS
-from dockctl.scenarios.yamltree import Node, Place, described
+from dockctl.plugins import HARBORS, VESSELS
+from dockctl.scenarios.kinds import Kind, Kinds
+from dockctl.scenarios.yaml_tree import Node, Place, described
 
 Step = str | int
 
@@ -99,7 +101,7 @@ def problems(error: ValidationError, tree: Node, model: type[BaseModel]) -> Iter
         if detail["type"] == "too_short" and any(_lies_in(other["loc"], detail["loc"]) for other in details):
             continue  # pydantic does not count the items that have errors of their own
         spot = locate(tree, detail["loc"])
-        models = _models_at(model, detail["loc"][:-1])
+        models = _models_at(model, tree, detail["loc"][:-1])
         if detail["type"] == "extra_forbidden":
             known = [name for owner in models for name in owner.model_fields]
             yield spot.problem(unknown_key(spot.path.rpartition(".")[2], known), at_key=True)
@@ -107,7 +109,7 @@ def problems(error: ValidationError, tree: Node, model: type[BaseModel]) -> Iter
             yield spot.problem(_missing(str(detail["loc"][-1]), models))
         elif detail["type"] == "union_tag_not_found":
             tag = detail["ctx"]["discriminator"].strip("'")
-            models = _models_at(model, detail["loc"])
+            models = _models_at(model, tree, detail["loc"])
             choices = [choice for owner in models for choice in _choices(owner, tag)]
             yield spot.problem(f"the key '{tag}' is missing (one of: {', '.join(choices)})")
         else:
@@ -172,18 +174,29 @@ def _example(annotation: Any) -> str:
     return shape if annotation is models[0] or isinstance(annotation, types.UnionType) else f"[{shape}]"
 
 
-def _models_at(model: type[BaseModel], steps: Sequence[Step]) -> list[type[BaseModel]]:
+def _models_at(model: type[BaseModel], tree: Node, steps: Sequence[Step]) -> list[type[BaseModel]]:
     """Return the models that may stand at a location."""
     models = [model]
-    for step in steps:
+    for depth, step in enumerate(steps, start=1):
         if isinstance(step, int):
             continue
         fields = [owner.model_fields[step] for owner in models if step in owner.model_fields]
         if fields:
-            models = [inner for info in fields for inner in _models_in(info.annotation)]
-        else:  # the tag of a union
+            node = locate(tree, steps[:depth]).node
+            models = [inner for info in fields for inner in _models_of(info, node)]
+        elif not any(issubclass(owner, Kind) for owner in models):  # the tag of a union
             models = [owner for owner in models if any(step in _choices(owner, tag) for tag in TAGS)]
     return models
+
+
+def _models_of(info: FieldInfo, node: Node | None) -> list[type[BaseModel]]:
+    """Return the models that a field may hold; `node` is its value, which may select one by its `kind`."""
+    kinds = next((mark for mark in info.metadata if isinstance(mark, Kinds)), None)
+    if kinds is None:
+        return _models_in(info.annotation)
+    selected = node.get("kind") if node else None
+    selected_model = kinds.model(selected.plain() if selected else None)
+    return [] if selected_model is None else [selected_model]
 
 
 def _choices(model: type[BaseModel], field: str) -> tuple[Any, ...]:

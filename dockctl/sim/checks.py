@@ -9,15 +9,15 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
+from dockctl.drawing.plan import boat_outline
 from dockctl.errors import InputError
-from dockctl.runs.paint import boat_outline
 from dockctl.scenarios.base import Pose
 from dockctl.scenarios.berths import layouts
 from dockctl.scenarios.loader import LoadedScenario, load
 from dockctl.scenarios.schema import Scenario
 from dockctl.sim.collision import CollisionChecker, collision_checker
-from dockctl.sim.harbor import Harbor, build_harbor
-from dockctl.sim.hulls import hull_outline
+from dockctl.sim.harbor.build import Harbor, build_harbor
+from dockctl.sim.hull import hull_outline
 from dockctl.sim.sites import free_sites, own_site
 
 Floats = NDArray[np.float64]

@@ -9,7 +9,7 @@ import numpy as np
 
 from dockctl.scenarios.vessel import Hull
 from dockctl.sim.goal import wrap
-from dockctl.sim.hulls import hull_mesh
+from dockctl.sim.hull import hull_mesh
 from dockctl.sim.status import Floats
 
 

@@ -12,8 +12,8 @@ import trimesh
 from numpy.typing import NDArray
 
 from dockctl.scenarios.vessel import Hull
-from dockctl.sim.harbor import Harbor
-from dockctl.sim.hulls import hull_mesh
+from dockctl.sim.harbor.build import Harbor
+from dockctl.sim.hull import hull_mesh
 
 Floats = NDArray[np.float64]
 Bools = NDArray[np.bool_]

@@ -11,15 +11,15 @@ from typing import Any, Protocol, TypeVar, cast
 import numpy as np
 from numpy.typing import NDArray
 
-from dockctl.runs.scene import Scene
+from dockctl.drawing.scene import Scene
 from dockctl.scenarios.berths import layouts
 from dockctl.scenarios.schema import Scenario
 from dockctl.scenarios.sensors import Lidar
 from dockctl.scenarios.vessel import Hull
 from dockctl.sim.collision import collision_checker
 from dockctl.sim.goal import TO_FINAL, measure, reached
-from dockctl.sim.harbor import Harbor, build_harbor, scene_of
-from dockctl.sim.lidar import LidarArray, prepare
+from dockctl.sim.harbor.build import Harbor, build_harbor, scene_of
+from dockctl.sim.lidar.array import LidarArray, prepare
 from dockctl.sim.starts import Start
 from dockctl.sim.status import Bools, Floats, Ints, StepStatus
 from dockctl.sim.vessel import VesselModel

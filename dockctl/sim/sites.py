@@ -14,7 +14,7 @@ from dockctl.scenarios.berths import BerthKind, BerthPlace, layouts
 from dockctl.scenarios.harbor import Marina
 from dockctl.scenarios.schema import Scenario, Task
 from dockctl.sim.goal import TO_FINAL, TO_INTERMEDIATE, measure, wrap
-from dockctl.sim.harbor import berth_pose
+from dockctl.sim.harbor.build import berth_pose
 from dockctl.sim.status import Bools, Floats
 
 SAME_POSE = 1e-3

@@ -13,7 +13,7 @@ from typing import Any
 
 import numpy as np
 
-from dockctl.runs.compiler import compiled
+from dockctl.compute.jit import compiled
 from dockctl.scenarios.vessel import Vessel
 from dockctl.sim.status import Floats
 

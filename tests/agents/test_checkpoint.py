@@ -19,7 +19,7 @@ from dockctl.agents.checkpoint import (
     require_shape,
     save_policy,
 )
-from dockctl.agents.network import DuelingQNetwork
+from dockctl.agents.dqn.network import DuelingQNetwork
 from dockctl.runs.files import new_folder
 from dockctl.scenarios.interface import PolicyInterface
 from dockctl.scenarios.loader import load

@@ -11,12 +11,12 @@ import numpy as np
 import pytest
 
 from dockctl.agents.checkpoint import CheckpointError, load_policy
-from dockctl.agents.evaluator import play
+from dockctl.agents.dqn.schedules import updates_due
 from dockctl.agents.policy import GreedyPolicy
 from dockctl.agents.progress import Progress
-from dockctl.agents.schedules import updates_due
 from dockctl.agents.trainer import Trainer
-from dockctl.runs.cores import usable_cores, workers
+from dockctl.compute.threads import usable_cores, workers
+from dockctl.evaluation.rollout import play
 from dockctl.runs.directory import RunDirectory
 from dockctl.scenarios.training import StopRule, Training
 from tests.agents.toy import ToyDocking, starts_at

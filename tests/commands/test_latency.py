@@ -12,7 +12,7 @@ import pandas as pd
 import pytest
 from numpy.typing import NDArray
 
-from dockctl.commands.timing import verdict
+from dockctl.evaluation.latency import verdict
 from dockctl.reports.latency import PARTS
 from tests.commands.conftest import Outcome, dockctl, forget_interface
 
@@ -78,15 +78,19 @@ def test_a_missing_checkpoint_is_refused(tmp_path: Path) -> None:
 
 
 def test_the_timed_observation_is_the_environment_s_own(monkeypatch: pytest.MonkeyPatch) -> None:
-    from dockctl.commands.timing import time_decisions
     from dockctl.envs.vector import DockingVectorEnv
+    from dockctl.evaluation.latency import time_decisions
 
     env = DockingVectorEnv("s1", 1)
     timed: list[NDArray[np.float32]] = []
 
-    def policy(observation: NDArray[np.float32]) -> NDArray[np.int64]:
-        timed.append(observation)
-        return np.array([40])
+    class Ahead:
+        def reset(self, rows: NDArray[np.int64], info: Any) -> None:
+            pass
+
+        def act(self, observation: NDArray[np.float32], info: Any) -> NDArray[np.int64]:
+            timed.append(observation)
+            return np.array([40])
 
     seen = [env.reset(seed=0, options={"poses": np.array([[20.0, 2.0, np.radians(160)]])})[0]]
     step = env.step
@@ -97,7 +101,7 @@ def test_the_timed_observation_is_the_environment_s_own(monkeypatch: pytest.Monk
         return result
 
     monkeypatch.setattr(env, "step", seeing)
-    time_decisions(env, policy, 10)
+    time_decisions(env, Ahead(), 10)
     count = min(len(timed), len(seen)) - 1  # the last step may begin another episode
     assert count >= 29
     for one, other in zip(timed[:count], seen[:count], strict=True):

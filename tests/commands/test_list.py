@@ -11,7 +11,7 @@ from dockctl import plugins
 from dockctl.cli import app
 from dockctl.commands import list as command
 from dockctl.errors import DockctlError
-from dockctl.registry import REWARD_TERMS, VESSELS
+from dockctl.plugins import REWARD_TERMS, VESSELS
 from dockctl.scenarios import catalog
 
 GENTLE = Path(__file__).parent.parent.parent / "examples/local-term/gentle.py"

@@ -9,11 +9,11 @@ import numpy as np
 import pandas as pd
 import pytest
 
-from dockctl.commands.mapping import Grid
+from dockctl.evaluation.success_map import Grid
 from dockctl.runs.tables import MAP
 from dockctl.scenarios.loader import load
 from dockctl.sim.collision import CollisionChecker
-from dockctl.sim.harbor import build_harbor
+from dockctl.sim.harbor.build import build_harbor
 from tests.commands.conftest import dockctl
 
 

@@ -6,7 +6,7 @@ from pathlib import Path
 
 import pytest
 
-from dockctl.reports.run import read_run
+from dockctl.runs.reader import read_run
 from dockctl.scenarios.base import Pose
 from tests.commands.conftest import dockctl
 

@@ -16,10 +16,10 @@ import pytest
 from rich.console import Console
 
 import dockctl as package
-from dockctl.commands import crew
-from dockctl.commands.crew import Crew, Progress
-from dockctl.commands.jobs import Job, Stage, jobs_of, nearest_failures
-from dockctl.commands.reproduction import Display
+from dockctl.experiments import runner as crew
+from dockctl.experiments.jobs import Job, Stage, jobs_of, nearest_failures
+from dockctl.experiments.runner import Crew, Progress
+from dockctl.experiments.study import Display
 from dockctl.scenarios.files import naming
 from dockctl.scenarios.loader import dump
 from dockctl.scenarios.study import Experiment, Study, load_study

@@ -10,8 +10,8 @@ import numpy as np
 import pandas as pd
 import pytest
 
-from dockctl.commands.returning import Behavior, Water, discounted, judge, loiter_at_gate, readings
 from dockctl.errors import DockctlError
+from dockctl.evaluation.returns import Behavior, Water, discounted, judge, loiter_at_gate, readings
 from dockctl.reports.returns import AT_GATE, AT_START, DOCKING, break_even
 from dockctl.scenarios.loader import load
 from dockctl.scenarios.schema import Scenario

@@ -10,8 +10,8 @@ from pathlib import Path
 import pytest
 
 from dockctl.agents.checkpoint import load_policy
-from dockctl.commands import shipping
-from dockctl.commands.policies import Trained
+from dockctl.evaluation.policies import Trained
+from dockctl.experiments import export as shipping
 from tests.commands.conftest import Outcome, dockctl, forget_interface
 
 MakeRun = Callable[..., Path]

@@ -9,8 +9,8 @@ import pytest
 
 from dockctl.reports.show import Scan
 from dockctl.scenarios.loader import load
-from dockctl.sim.harbor import build_harbor
-from dockctl.sim.lidar import LidarArray
+from dockctl.sim.harbor.build import build_harbor
+from dockctl.sim.lidar.array import LidarArray
 from tests.commands.conftest import dockctl
 
 DRAWINGS = ("harbor", "marina-3d", "point-cloud", "sectors")

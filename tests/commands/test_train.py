@@ -15,10 +15,10 @@ import pytest
 from rich.console import Console
 
 from dockctl.agents.progress import Progress
-from dockctl.commands import training
-from dockctl.commands.display import TrainingDisplay
+from dockctl.drawing.scene import Scene
+from dockctl.experiments import training
+from dockctl.experiments.live import TrainingDisplay
 from dockctl.runs.lock import alone
-from dockctl.runs.scene import Scene
 from dockctl.runs.tables import EPISODES, EVALUATIONS, TRAJECTORIES, UPDATES
 from dockctl.scenarios.loader import load
 from dockctl.scenarios.training import Training
@@ -268,7 +268,7 @@ def test_a_terminal_gets_a_panel() -> None:
 
 def test_elsewhere_there_are_plain_lines(monkeypatch: pytest.MonkeyPatch) -> None:
     seconds = iter(range(0, 100, 10))
-    monkeypatch.setattr("dockctl.commands.display.time.monotonic", lambda: next(seconds))
+    monkeypatch.setattr("dockctl.experiments.live.time.monotonic", lambda: next(seconds))
     console = Console(file=io.StringIO(), width=80)
     with TrainingDisplay(Training(), "s1", console) as display:
         first = progress()

@@ -8,8 +8,8 @@ from dataclasses import replace
 import numpy as np
 from PIL import ImageColor
 
+from dockctl.drawing import palette
 from dockctl.envs.render import Canvas, draw_frame
-from dockctl.runs import palette
 from tests.reports import synthetic
 
 SCENE = synthetic.marina()

@@ -10,7 +10,7 @@ import numpy as np
 import pandas as pd
 import yaml
 
-from dockctl.runs.scene import Polygon, Scene
+from dockctl.drawing.scene import Polygon, Scene
 
 PERIOD_S = 0.5
 FINAL = {"x_m": 36.0, "y_m": 0.0, "heading_deg": 180.0}

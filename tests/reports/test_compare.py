@@ -8,10 +8,10 @@ import numpy as np
 import pandas as pd
 import pytest
 
+from dockctl.analysis.contrast import MEASURES, SUCCESS, contrasts
+from dockctl.analysis.paired import mean_difference, success_difference
 from dockctl.reports.compare import compare_figure
-from dockctl.reports.contrast import MEASURES, SUCCESS, contrasts
 from dockctl.reports.style import house_style, save
-from dockctl.runs.paired import mean_difference, success_difference
 
 DOCKED = {
     "random": {"old": [1, 1, 1, 0, 0, 1], "new": [1, 0, 1, 1, 1, 1]},

@@ -10,10 +10,10 @@ import pytest
 from matplotlib.axes import Axes
 from matplotlib.colors import to_hex
 
+from dockctl.drawing import palette
 from dockctl.reports import learning
-from dockctl.reports.book import Learning
+from dockctl.reports.figures import Learning
 from dockctl.reports.style import house_style, panel
-from dockctl.runs import palette
 from tests.reports import synthetic
 
 

@@ -13,11 +13,11 @@ from hypothesis import given
 from hypothesis import strategies as st
 from matplotlib.patches import Circle
 
+from dockctl.drawing.plan import OPEN_SEA_M, boat_outline, strokes, water
+from dockctl.drawing.scene import Scene
 from dockctl.reports import scene
 from dockctl.reports.style import house_style, panel
 from dockctl.reports.trajectory import Track, tracks_of
-from dockctl.runs.paint import OPEN_SEA_M, boat_outline, strokes, water
-from dockctl.runs.scene import Scene
 from dockctl.scenarios.schema import Task
 from tests.reports import synthetic
 

@@ -9,11 +9,11 @@ import pandas as pd
 import pytest
 from matplotlib.axes import Axes
 
+from dockctl.drawing import palette
 from dockctl.reports import trajectory
-from dockctl.reports.book import Motion
+from dockctl.reports.figures import Motion
 from dockctl.reports.style import house_style, panel
 from dockctl.reports.trajectory import tracks_of
-from dockctl.runs import palette
 from dockctl.scenarios.schema import Task
 from tests.reports import synthetic
 

@@ -12,7 +12,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from dockctl.errors import DockctlError
-from dockctl.registry import REWARD_TERMS
+from dockctl.plugins import REWARD_TERMS
 from dockctl.rewards.compose import RewardFunction
 from dockctl.rewards.terms import reward_term
 from dockctl.scenarios.loader import load

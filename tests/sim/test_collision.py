@@ -14,10 +14,10 @@ from hypothesis import strategies as st
 from dockctl.scenarios.harbor import MeshFile, MeshHarbor
 from dockctl.scenarios.vessel import Hull
 from dockctl.sim.collision import CollisionChecker
-from dockctl.sim.harbor import Part, assemble, build_harbor
-from dockctl.sim.hulls import hull_mesh, hull_outline
-from dockctl.sim.solids import Solid, box, prism
-from tests.sim.harbors import reference_harbor
+from dockctl.sim.harbor.build import Part, assemble, build_harbor
+from dockctl.sim.harbor.solids import Solid, box, prism
+from dockctl.sim.hull import hull_mesh, hull_outline
+from tests.sim.harbor.harbors import reference_harbor
 
 HULL = Hull()
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from dockctl.runs.scene import Scene
+from dockctl.drawing.scene import Scene
 from dockctl.sim.simulator import World
 
 Floats = NDArray[np.float64]

@@ -6,7 +6,6 @@ from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 
 from dockctl.reports.latency import THESIS_FORWARD_MS
-from dockctl.reports.map import ASKEW_DEG, THESIS_M, free_starts, radius_words, turned_within
 from dockctl.reports.pages.elsewhere import MARINA, WHOSE
 from dockctl.reports.pages.kept import Kept, Kepts
 from dockctl.reports.pages.markdown import NOT_RUN, share, spread
@@ -15,6 +14,7 @@ from dockctl.reports.pages.page import middle, seeds_docked
 from dockctl.reports.pages.thesis import HOURS_A_SCENARIO, SECONDS_A_STEP
 from dockctl.reports.pages.time import milliseconds_a_step
 from dockctl.reports.returns import break_even, unit_words
+from dockctl.reports.success_map import ASKEW_DEG, THESIS_M, free_starts, radius_words, turned_within
 
 SCENARIOS = ("s1", "s2", "s3")
 

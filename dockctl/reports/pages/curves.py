@@ -10,13 +10,13 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.ticker import MaxNLocator, PercentFormatter
 
+from dockctl.analysis.statistics import RECENT
+from dockctl.drawing import palette
 from dockctl.reports import learning
 from dockctl.reports.learning import from_the_start, smooth
 from dockctl.reports.pages.kept import Kept
 from dockctl.reports.pages.statistics import POINTS, interquartile_mean, interval, on_a_grid
 from dockctl.reports.style import key, sheet, thousands
-from dockctl.runs import palette
-from dockctl.runs.statistics import RECENT
 
 WINDOW = 50
 """Episodes that a curve is the mean of."""

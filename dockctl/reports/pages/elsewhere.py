@@ -7,7 +7,8 @@ from collections.abc import Mapping, Sequence
 import pandas as pd
 from matplotlib.figure import Figure
 
-from dockctl.reports.map import ASKEW_DEG, THESIS_M, free_starts, map_figure, radius_words, turned_within
+from dockctl.analysis.statistics import wilson_interval
+from dockctl.experiments.archive import FAILURES
 from dockctl.reports.pages import courses, curves
 from dockctl.reports.pages.kept import Course, Kept, Kepts
 from dockctl.reports.pages.markdown import NOT_RUN, listed, picture, share, table
@@ -22,9 +23,15 @@ from dockctl.reports.pages.page import (
     text_of,
 )
 from dockctl.reports.pages.thesis import COURSES
+from dockctl.reports.success_map import (
+    ASKEW_DEG,
+    THESIS_M,
+    free_starts,
+    map_figure,
+    radius_words,
+    turned_within,
+)
 from dockctl.reports.trajectory import docked
-from dockctl.runs.keep import FAILURES
-from dockctl.runs.statistics import wilson_interval
 from dockctl.runs.tables import START_KINDS
 from dockctl.scenarios.study import Experiment, Study
 

@@ -14,17 +14,17 @@ import numpy as np
 import pandas as pd
 import yaml
 
+from dockctl.analysis.statistics import RECENT
+from dockctl.drawing.scene import Scene
 from dockctl.errors import DockctlError
+from dockctl.experiments.archive import ELSEWHERE
 from dockctl.reports import trajectory
 from dockctl.reports.latency import PARTS
 from dockctl.reports.learning import from_the_start
-from dockctl.reports.map import ASKEW_DEG, free_starts, reach_of, success_radius, turned_within
-from dockctl.reports.map import COLUMNS as MAP_COLUMNS
-from dockctl.reports.run import Run, read_run, read_table
+from dockctl.reports.success_map import ASKEW_DEG, free_starts, reach_of, success_radius, turned_within
+from dockctl.reports.success_map import COLUMNS as MAP_COLUMNS
 from dockctl.runs.directory import PROVENANCE, SCENARIO
-from dockctl.runs.keep import ELSEWHERE
-from dockctl.runs.scene import Scene
-from dockctl.runs.statistics import RECENT
+from dockctl.runs.reader import Run, read_run, read_table
 from dockctl.scenarios.schema import Task
 from dockctl.scenarios.study import Experiment, Study
 

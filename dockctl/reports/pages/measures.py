@@ -6,11 +6,11 @@ from collections.abc import Callable, Sequence
 
 import numpy as np
 
+from dockctl.analysis.statistics import RECENT
 from dockctl.reports.learning import from_the_start
 from dockctl.reports.pages.kept import Kept
 from dockctl.reports.pages.markdown import listed, spread
 from dockctl.reports.trajectory import Track, docked
-from dockctl.runs.statistics import RECENT
 from dockctl.scenarios.schema import Task
 
 TOP_SHARE = 0.9

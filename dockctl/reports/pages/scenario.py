@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 from matplotlib.figure import Figure
 
-from dockctl.reports.book import overview
+from dockctl.reports.figures import overview
 from dockctl.reports.pages import courses, curves
 from dockctl.reports.pages.kept import Course, Kept, Kepts
 from dockctl.reports.pages.markdown import picture, table

@@ -10,11 +10,11 @@ import numpy as np
 import pandas as pd
 import pytest
 
-from dockctl.commands.jobs import jobs_of
+from dockctl.experiments.archive import keep
+from dockctl.experiments.jobs import jobs_of
 from dockctl.reports.pages.book import FIGURES, pages_of, write_pages
 from dockctl.reports.pages.kept import read_results
 from dockctl.reports.pages.page import Page
-from dockctl.runs.keep import keep
 from dockctl.scenarios.loader import dump, load
 from dockctl.scenarios.study import load_study
 from tests.reports.synthetic import write_run

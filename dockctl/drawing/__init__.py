@@ -1,0 +1,1 @@
+"""The harbor and the boat in plan view: data and colors, shared by figures and rendered frames."""

@@ -1,0 +1,1 @@
+"""Everything that runs a policy, and the Python API for it."""

@@ -1,0 +1,1 @@
+"""Trainings and studies from start to run folder: start, resume, export, archive."""

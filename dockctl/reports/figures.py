@@ -1,0 +1,166 @@
+"""All the figures of a run, by file name."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator, Sequence
+
+import numpy as np
+import pandas as pd
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+
+from dockctl.analysis.statistics import RECENT
+from dockctl.drawing.scene import Scene
+from dockctl.reports import learning, scene, trajectory
+from dockctl.reports.style import panel, sheet
+from dockctl.reports.trajectory import Track
+from dockctl.runs.reader import Run
+from dockctl.scenarios.schema import Task
+
+Learning = Callable[[Axes, pd.DataFrame], None]
+Motion = Callable[[Axes, Sequence[Track], Task], None]
+
+TRAINING: dict[str, tuple[str, Learning]] = {
+    "training-reward": ("Total reward of every training episode", learning.draw_reward),
+    "training-duration": ("How long every training episode lasted", learning.draw_duration),
+    "training-epsilon": ("Exploration during training", learning.draw_epsilon),
+    "training-phase": ("How far the training episodes got", learning.draw_phase),
+    "training-outcomes": ("How the training episodes ended", learning.draw_outcomes),
+    "training-reward-terms": ("What the reward was made of", learning.draw_terms),
+}
+DOCKING: dict[str, tuple[str, Motion]] = {
+    "docking-distance": ("Distance to the goal", trajectory.draw_distance),
+    "docking-heading-error": ("Heading error against the goal", trajectory.draw_heading_error),
+    "docking-velocity": ("Surge and sway", trajectory.draw_velocity),
+    "docking-yaw-rate": ("Yaw rate", trajectory.draw_yaw_rate),
+}
+CONTROLS: dict[str, tuple[str, Motion]] = {
+    "docking-propeller": ("Propeller force", trajectory.draw_propeller),
+    "docking-rudder": ("Rudder angle", trajectory.draw_rudder),
+}
+
+
+def figures(run: Run) -> Iterator[tuple[str, Figure]]:
+    """Yield the name and the figure of everything that the tables of a run tell."""
+    if run.episodes is not None:
+        yield from training_figures(run, run.episodes)
+    if run.evaluations is not None:
+        yield "training-evaluations", evaluation_figure(run, run.evaluations)
+    if run.trajectories is not None:
+        tracks = trajectory.tracks_of(run.trajectories)
+        yield "docking-poses", pose_figure(run, tracks)
+        yield from docking_figures(run, tracks)
+        if run.episodes is not None:
+            yield "overview", overview(run, run.episodes, tracks)
+
+
+def training_figures(run: Run, episodes: pd.DataFrame) -> Iterator[tuple[str, Figure]]:
+    """Yield the figures of the episodes: Figs. 4.1-4.3 and 4.23, outcomes and reward terms."""
+    for name, (title, draw) in TRAINING.items():
+        if draw is learning.draw_phase and run.task.intermediate is None:
+            continue
+        if draw is learning.draw_terms and not learning.term_columns(episodes):
+            continue
+        figure, ax = panel(title, f"{run.caption}, {len(episodes):,} episodes")
+        draw(ax, episodes)
+        yield name, figure
+
+
+def evaluation_figure(run: Run, evaluations: pd.DataFrame) -> Figure:
+    """How the greedy policy ended from every test pose, over the training."""
+    rows = evaluations["pose"].nunique()
+    figure, ax = panel("The greedy policy at every evaluation", run.caption, (7.6, 2.3 + 0.3 * rows))
+    at_berths = run.task.berths is not None  # judged from random starts there, not from the test poses
+    names = [] if at_berths else [scene.pose_names([pose]) for pose in run.tests]
+    learning.draw_evaluations(ax, evaluations, names)
+    return figure
+
+
+def pose_figure(run: Run, tracks: Sequence[Track]) -> Figure:
+    """Paths of the greedy policy over the harbor (Fig. 4.4)."""
+    plan, view = _plan_and_view(run, tracks)
+    height = 6.9 * (view[3] - view[1]) / (view[2] - view[0]) + (1.45 if len(tracks) > 1 else 1.2)
+    interval = scene.outline_interval(tracks)
+    title = (
+        "How the best policy docks"
+        if all(trajectory.docked(track, run.task) for track in tracks)
+        else "Where the best policy goes"
+    )
+    figure, ax = panel(title, f"{run.caption}, one outline every {interval:g} s", (7.8, height))
+    scene.draw_harbor(ax, plan, view)
+    scene.draw_paths(ax, plan, tracks, run.task)
+    scene.draw_compass(ax, view)
+    return figure
+
+
+def docking_figures(run: Run, tracks: Sequence[Track]) -> Iterator[tuple[str, Figure]]:
+    """Yield distance, heading, velocities and controls over time (Figs. 4.5-4.10)."""
+    for name, (title, draw) in DOCKING.items():
+        figure, ax = panel(f"{title} while docking", run.caption)
+        draw(ax, tracks, run.task)
+        trajectory.mark_phases(ax, tracks)
+        yield name, figure
+    for name, (title, draw) in CONTROLS.items():
+        size = (7.6, 4.3) if len(tracks) == 1 else (7.6, 1.2 + 1.25 * len(tracks))
+        figure = sheet(f"{title} while docking", run.caption, size)
+        axes = np.atleast_1d(figure.subplots(len(tracks), sharex=True, sharey=True))
+        for ax, track in zip(axes, tracks, strict=True):
+            draw(ax, [track], run.task)
+            trajectory.mark_phases(ax, [track], names=len(tracks) == 1)
+            if len(tracks) > 1:
+                ax.set_title(
+                    track.label, loc="left", fontsize=8.5, color=track.color, fontweight="bold", pad=3
+                )
+                ax.set_ylabel("")
+                ax.label_outer()
+        if len(tracks) > 1:
+            axes[0].set_xlim(0, 1.015 * max(track.table["time_s"].iloc[-1] for track in tracks))
+            unit = {"docking-propeller": "Propeller force P [N]", "docking-rudder": "Rudder angle φ [°]"}[
+                name
+            ]
+            figure.supylabel(unit, fontsize=9.5)
+        yield name, figure
+
+
+def overview(run: Run, episodes: pd.DataFrame, tracks: Sequence[Track]) -> Figure:
+    """One page: the paths, how the policy learned, and what it does on its way."""
+    docked = sum(trajectory.docked(track, run.task) for track in tracks)
+    last = episodes.tail(RECENT)
+    share = float((last["outcome"] == "docked").mean())
+    figure = sheet(
+        f"Scenario {run.scenario} at a glance",
+        f"seed {run.seed}, {len(episodes):,} training episodes, {share:.0%} of the last {len(last)} docked; "
+        f"the best policy docks from {docked} of {len(tracks)} test pose{'s' * (len(tracks) > 1)}",
+        (12.4, 8.4),
+    )
+    grid = figure.add_gridspec(2, 2, height_ratios=(2.1, 1.0), width_ratios=(1.15, 1.0))
+    left, right, lower = (figure.add_subfigure(cell) for cell in (grid[0, 0], grid[0, 1], grid[1, :]))
+    plan, view = _plan_and_view(run, tracks, aspect=(1.3, 1.3))
+    paths = left.add_subplot()
+    scene.draw_harbor(paths, plan, view)
+    scene.draw_paths(paths, plan, tracks, run.task)
+    scene.draw_compass(paths, view)
+    for ax, learned in zip(right.subplots(2), (learning.draw_reward, learning.draw_outcomes), strict=True):
+        learned(ax, episodes)
+    motions = (
+        trajectory.draw_distance,
+        trajectory.draw_heading_error,
+        trajectory.draw_velocity,
+        trajectory.draw_propeller,
+    )
+    for ax, draw in zip(lower.subplots(1, len(motions)), motions, strict=True):
+        draw(ax, tracks, run.task)
+        trajectory.mark_phases(ax, tracks, names=False)
+        if (legend := ax.get_legend()) and (len(tracks) > 1 or draw is not trajectory.draw_velocity):
+            legend.remove()  # the paths above carry the same colors
+    return figure
+
+
+def _plan_and_view(
+    run: Run, tracks: Sequence[Track], aspect: tuple[float, float] = (0.85, 1.75)
+) -> tuple[Scene, scene.Bounds]:
+    """The harbor, with water wherever the boat went, and the part of it that holds paths and poses."""
+    paths = [track.table[["x_m", "y_m"]].to_numpy(float) for track in tracks]
+    points = np.concatenate([*paths, scene.task_points(run.task)])
+    plan = scene.embracing(run.scene, points)
+    return plan, scene.close_view(plan, points, aspect=aspect)

@@ -1,0 +1,107 @@
+"""Sections of a scenario whose meaning is selected by a registered name under the key `kind`.
+
+    actions: {kind: continuous}
+
+A registered value is a `Kind`: a model whose fields are the keys of the section, validated before anything
+runs, and whose methods build what the section describes.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Any, TypeVar
+
+from pydantic import GetCoreSchemaHandler, GetJsonSchemaHandler, SerializationInfo
+from pydantic_core import CoreSchema, PydanticKnownError, core_schema
+
+from dockctl import plugins
+from dockctl.errors import DockctlError
+from dockctl.plugins import Registry
+from dockctl.scenarios.base import Model
+
+K = TypeVar("K", bound="type[Kind]")
+
+
+class Kind(Model):
+    """A section selected by `kind`.
+
+    A subclass names itself, ``kind: Literal["grid"] = "grid"``, adds its keys as fields, and has methods that
+    build what it describes.
+    """
+
+    kind: str
+
+
+def register(registry: Registry[type[Any]], *, group: str = "", source: str = "") -> Callable[[K], K]:
+    """Return a decorator that registers a subclass of `Kind` under the default of its field `kind`.
+
+    Args:
+        group: what sort of thing it is, for listings.
+        source: equation, table, paper or data sheet.
+
+    Raises:
+        DuplicateNameError: the name is taken.
+    """
+
+    def add(model: K) -> K:
+        registry.register(model.__pydantic_fields__["kind"].default, model, kind=group, source=source)
+        return model
+
+    return add
+
+
+class Kinds:
+    """Marks a field that holds a model of a registry.
+
+    Args:
+        registry: the models by name.
+        default: the kind of a section that does not name one.
+    """
+
+    def __init__(self, registry: Registry[type[Any]], default: str | None = None) -> None:
+        self.registry, self.default = registry, default
+
+    def model(self, kind: object) -> type[Kind] | None:
+        """Return the registered model called `kind`, the default's for None; None where there is none."""
+        name = self.default if kind is None else kind
+        try:
+            return self.registry.get(str(name)).value
+        except DockctlError:
+            return None
+
+    def make_default(self) -> Kind:
+        """Return the default kind with its default values."""
+        return self._validate({})
+
+    def __get_pydantic_core_schema__(self, source: Any, handler: GetCoreSchemaHandler) -> CoreSchema:
+        return core_schema.no_info_plain_validator_function(
+            self._validate,
+            serialization=core_schema.plain_serializer_function_ser_schema(_dump, info_arg=True),
+        )
+
+    def __get_pydantic_json_schema__(
+        self, schema: CoreSchema, handler: GetJsonSchemaHandler
+    ) -> dict[str, Any]:
+        models = [entry.value.model_json_schema() for entry in self.registry]
+        return {"anyOf": models}
+
+    def _validate(self, given: Any) -> Kind:
+        if isinstance(given, Kind):
+            return given
+        if isinstance(given, str):
+            given = {"kind": given}
+        if not isinstance(given, dict):
+            raise PydanticKnownError("model_type", {"class_name": "mapping"})
+        name = given.get("kind", self.default)
+        if not isinstance(name, str):
+            raise ValueError(f"kind: missing; name one of: {', '.join(sorted(self.registry.names()))}")
+        plugins.load_builtins()
+        try:
+            model: type[Kind] = self.registry.get(name).value
+        except DockctlError as error:
+            raise ValueError(f"kind: {error}") from None
+        return model.model_validate({**given, "kind": name})
+
+
+def _dump(value: Kind, info: SerializationInfo) -> dict[str, Any]:
+    return value.model_dump(mode=info.mode)

@@ -1,0 +1,1 @@
+"""The harbor as closed solids, from a description or from mesh files."""

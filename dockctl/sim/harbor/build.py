@@ -1,0 +1,307 @@
+"""The harbor as closed solids: quays, finger piers on piles, moored vessels, and mesh files."""
+
+from __future__ import annotations
+
+import hashlib
+import math
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+from functools import cached_property, lru_cache
+from pathlib import Path
+from typing import Literal
+
+import numpy as np
+import trimesh
+from numpy.typing import NDArray
+
+from dockctl.drawing.scene import Polygon, Scene
+from dockctl.errors import DockctlError, InputError, Problem
+from dockctl.scenarios.berths import BerthPlace
+from dockctl.scenarios.harbor import Basin, EndRow, HarborSpec, Marina, Side, SideRow
+from dockctl.scenarios.vessel import Hull
+from dockctl.sim.harbor.fleet import MooredModel, moored_model
+from dockctl.sim.harbor.mesh_files import load_bodies
+from dockctl.sim.harbor.outlines import outlines
+from dockctl.sim.harbor.solids import Solid, box, together, tube
+from dockctl.sim.hull import hull_outline
+
+Floats = NDArray[np.float64]
+PartKind = Literal["quay", "finger", "pile", "vessel", "mesh"]
+Corners = tuple[tuple[float, float], tuple[float, float]]
+
+QUAY_HEIGHT_M = 1.0
+QUAY_WIDTH_M = 12.0
+COPING_WIDTH_M = 0.6
+FINGER_HEIGHT_M = 0.5
+DEPTH_M = 1.0
+"""How far quays and piles reach below the water; nothing there is seen, but hulls have a draft."""
+ELBOW_ROOM_M = 0.3
+"""Least water on both sides of a moored vessel together."""
+BERTH_POSE_GAP_M = 2.5
+"""From the quay to a docked boat's centre of gravity; (36, 0, 180 deg) at the reference's east quay."""
+INTO_BASIN_DEG: dict[Side, int] = {"east": 180, "west": 0, "north": 270, "south": 90}
+"""Heading of a boat with its stern to the quay."""
+
+
+@dataclass(frozen=True, eq=False)
+class Part:
+    """One thing that can be hit; `solids` are its closed pieces, in the world frame [m]."""
+
+    name: str
+    kind: PartKind
+    solids: tuple[Solid, ...]
+
+    @cached_property
+    def mesh(self) -> trimesh.Trimesh:
+        """All the solids in one mesh."""
+        return together(self.solids)
+
+
+@dataclass(frozen=True, eq=False)
+class Berth:
+    """A place for a boat; `pose` is x, y [m], heading [rad] of one that is docked, its stern to the quay."""
+
+    name: str
+    side: Side
+    pose: tuple[float, float, float]
+    occupied: bool
+
+
+@dataclass(frozen=True, eq=False)
+class Harbor:
+    """Everything that stands still.
+
+    Attributes:
+        triangles: (m, 3, 3) corners in the world frame [m], facing outwards.
+        part_of_triangle: (m,) index into `parts`.
+        basin: the water between the quays, ``(x_min, y_min, x_max, y_max)`` [m]; None for mesh files.
+        content_hash: SHA-256 over the triangles and the kinds of their parts.
+    """
+
+    name: str
+    parts: tuple[Part, ...]
+    triangles: Floats
+    part_of_triangle: NDArray[np.int64]
+    berths: tuple[Berth, ...]
+    basin: tuple[float, float, float, float] | None
+    content_hash: str
+
+    @cached_property
+    def bounds(self) -> tuple[float, float, float, float]:
+        """The basin, or all the solids where there is none, ``(x_min, y_min, x_max, y_max)`` [m]."""
+        if self.basin is not None:
+            return self.basin
+        corners = self.triangles[:, :, :2].reshape(-1, 2)
+        (x_min, y_min), (x_max, y_max) = corners.min(axis=0), corners.max(axis=0)
+        return float(x_min), float(y_min), float(x_max), float(y_max)
+
+
+def scene_of(harbor: Harbor, hull: Hull) -> Scene:
+    """Return harbor and own boat from above, in painting order."""
+    polygons = (
+        Polygon(solid.kind, part.name, xy, height)
+        for part in harbor.parts
+        for solid in part.solids
+        for xy, height in outlines(solid.mesh)
+    )
+    return Scene(harbor.name, tuple(polygons), hull_outline(hull), harbor.bounds)
+
+
+def build_harbor(spec: HarborSpec, base_dir: Path) -> Harbor:
+    """Return the harbor of `spec`, built once; paths of mesh files are relative to `base_dir`.
+
+    Raises:
+        InputError: mesh files are missing, unreadable, empty or broken; it names them all.
+        DockctlError: no model of the fleet fits a berth that is taken.
+    """
+    # Without mesh files the folder does not matter, and one harbor serves the scenarios of all folders.
+    return _build(spec, base_dir if spec.meshes else Path())
+
+
+@lru_cache(maxsize=16)
+def _build(spec: HarborSpec, base_dir: Path) -> Harbor:
+    parts: list[Part] = []
+    berths: list[Berth] = []
+    basin = None
+    if isinstance(spec, Marina):
+        water = spec.basin
+        basin = (water.x_min_m, water.y_min_m, water.x_max_m, water.y_max_m)
+        parts += _quays(spec)
+        for row in spec.rows:
+            parts += _fingers(row, water)
+        berths = list(_berths(spec))
+        parts += _moored(spec, berths)
+    problems: list[Problem] = []
+    for index, file in enumerate(spec.meshes):
+        try:
+            bodies = load_bodies(file, base_dir, f"harbor.meshes.{index}.path")
+        except InputError as error:
+            problems += error.problems
+        else:
+            parts.append(Part(Path(file.path).name, "mesh", tuple(Solid("mesh", body) for body in bodies)))
+    if problems:
+        raise InputError(problems)
+    return assemble(spec.name, parts, berths, basin)
+
+
+def assemble(
+    name: str,
+    parts: Sequence[Part],
+    berths: Sequence[Berth] = (),
+    basin: tuple[float, float, float, float] | None = None,
+) -> Harbor:
+    """Put a harbor together from its parts."""
+    triangles = np.concatenate([part.mesh.vertices[part.mesh.faces] for part in parts]).astype(np.float64)
+    counts = [len(part.mesh.faces) for part in parts]
+    digest = hashlib.sha256(triangles.tobytes())
+    digest.update(repr([(part.kind, count) for part, count in zip(parts, counts, strict=True)]).encode())
+    return Harbor(
+        name=name,
+        parts=tuple(parts),
+        triangles=triangles,
+        part_of_triangle=np.repeat(np.arange(len(parts)), counts),
+        berths=tuple(berths),
+        basin=basin,
+        content_hash=digest.hexdigest(),
+    )
+
+
+def _quays(spec: Marina) -> Iterator[Part]:
+    """Four quays around the water, with their copings and furniture; north and south close the ends."""
+    water = spec.basin
+    x0, x1, y0, y1 = water.x_min_m, water.x_max_m, water.y_min_m, water.y_max_m
+    w, c = QUAY_WIDTH_M, COPING_WIDTH_M
+    footprints: dict[Side, tuple[Corners, Corners]] = {  # the quay, and the coping along its edge
+        "east": (((x1, y0 - w), (x1 + w, y1 + w)), ((x1, y0), (x1 + c, y1))),
+        "west": (((x0 - w, y0 - w), (x0, y1 + w)), ((x0 - c, y0), (x0, y1))),
+        "north": (((x0, y1), (x1, y1 + w)), ((x0, y1), (x1, y1 + c))),
+        "south": (((x0, y0 - w), (x1, y0)), ((x0, y0 - c), (x1, y0))),
+    }
+    for side, ((low, high), (edge_low, edge_high)) in footprints.items():
+        land = Solid("quay", box((*low, -DEPTH_M), (*high, QUAY_HEIGHT_M)))
+        coping = Solid("quay", box((*edge_low, QUAY_HEIGHT_M - 0.1), (*edge_high, QUAY_HEIGHT_M + 0.06)))
+        furniture = [solid for row in spec.rows if row.side == side for solid in _furniture(row, water)]
+        yield Part(f"{side} quay", "quay", (land, coping, *furniture))
+
+
+def _furniture(row: SideRow | EndRow, basin: Basin) -> Iterator[Solid]:
+    """A supply post on the quay at every finger, and a bollard at every berth."""
+    z = QUAY_HEIGHT_M
+    post = Solid("roof", box((-1.15, -0.14, z), (-0.85, 0.14, z + 1.1)))
+    bollard = [(-0.3, 0.0, z), (-0.3, 0.0, z + 0.3), (-0.3, 0.0, z + 0.42)]
+    for at in row.fingers:
+        yield Place.of(row.side, basin, at).put(post)
+    for at in row.berths:
+        yield Place.of(row.side, basin, at).put(Solid("engine", tube(bollard, (0.1, 0.1, 0.16), sides=8)))
+
+
+def _fingers(row: SideRow | EndRow, basin: Basin) -> Iterator[Part]:
+    """Decks on piles, and a mooring pile with a pointed cap at the head of each."""
+    length, half = row.finger_length_m, row.finger_width_m / 2
+    for at in row.fingers:
+        place = Place.of(row.side, basin, at)
+        where = f"{row.side} {row.axis}={at:g}"
+        deck = Solid("finger", box((0.0, -half, FINGER_HEIGHT_M - 0.3), (length, half, FINGER_HEIGHT_M)))
+        cleats = [
+            Solid("rail", box((x, y - 0.04, FINGER_HEIGHT_M), (x + 0.3, y + 0.04, FINGER_HEIGHT_M + 0.1)))
+            for x in (0.3 * length, 0.78 * length)
+            for y in (half - 0.12, 0.12 - half)
+        ]
+        yield Part(f"finger pier {where}", "finger", tuple(map(place.put, (deck, *cleats))))
+        piles = [pile(x, y, 1.3) for x in (0.12 * length, 0.55 * length) for y in (half - 0.14, 0.14 - half)]
+        piles.append(pile(length - 0.2, 0.0, 1.9, radius=0.17))
+        yield Part(f"piles of the finger pier {where}", "pile", tuple(map(place.put, piles)))
+
+
+def pile(x: float, y: float, height: float, radius: float = 0.13) -> Solid:
+    """Return a round pile with a pointed cap; it begins below the water [m]."""
+    heights = (-DEPTH_M, height - 0.15, height)
+    return Solid("pile", tube([(x, y, z) for z in heights], (radius, radius, 0.2 * radius), sides=12))
+
+
+def _berths(spec: Marina) -> Iterator[Berth]:
+    for row in spec.rows:
+        for at in row.berths:
+            pose = berth_pose(spec, BerthPlace(row.side, at))
+            yield Berth(f"{row.side} berth {row.axis}={at:g}", row.side, pose, at not in row.free)
+
+
+def berth_pose(spec: Marina, place: BerthPlace) -> tuple[float, float, float]:
+    """Return x, y [m] and heading [rad] of a boat that is docked at a berth, its stern to the quay."""
+    return Place.of(place.side, spec.basin, place.at_m, gap=BERTH_POSE_GAP_M).pose
+
+
+def _moored(spec: Marina, berths: Sequence[Berth]) -> Iterator[Part]:
+    """One vessel a berth, in the order of the berths; a vessel is drawn for a free berth too,
+    so that freeing one leaves the others where they are."""
+    rng = np.random.Generator(np.random.PCG64(spec.fleet.seed))
+    slots = [(row, at) for row in spec.rows for at in row.berths]
+    deck: list[str] = []
+    for (row, at), berth in zip(slots, berths, strict=True):
+        room = _room(row, at, spec.basin) - ELBOW_ROOM_M
+        model = _draw(deck, spec.fleet.models, room, rng)
+        if not berth.occupied:
+            continue
+        if model is None:
+            narrowest = min(moored_model(name).beam for name in spec.fleet.models)
+            raise DockctlError(
+                f"harbor '{spec.name}': the {berth.name} leaves {room:.2f} m for a vessel, "
+                f"and the narrowest model of the fleet is {narrowest:.2f} m wide; widen it or free it"
+            )
+        place = Place.of(row.side, spec.basin, at, gap=spec.fleet.stern_gap_m)
+        yield Part(f"moored {model.noun}, {berth.name}", "vessel", tuple(map(place.put, model.solids)))
+
+
+def _draw(deck: list[str], names: Sequence[str], room: float, rng: np.random.Generator) -> MooredModel | None:
+    """Take the first model of the shuffled deck that is at most `room` wide [m]; when none is, add a deck."""
+    for _ in range(2):
+        for name in deck:
+            if moored_model(name).beam <= room:
+                deck.remove(name)
+                return moored_model(name)
+        deck += [names[i] for i in np.argsort(rng.random(len(names)))]
+    return None
+
+
+def _room(row: SideRow | EndRow, at: float, basin: Basin) -> float:
+    """Width of a berth's own water: to the fingers, the quays, and half-way to the neighbors [m]."""
+    low, high = (basin.y_min_m, basin.y_max_m) if row.axis == "y" else (basin.x_min_m, basin.x_max_m)
+    to_fingers = [abs(at - finger) - row.finger_width_m / 2 for finger in row.fingers]
+    to_neighbors = [abs(at - berth) / 2 for berth in row.berths if berth != at]
+    return 2 * min([at - low, high - at, *to_fingers, *to_neighbors])
+
+
+@dataclass(frozen=True)
+class Place:
+    """A frame at the quay's edge: x leads into the basin, y to port of a boat that lies stern to."""
+
+    x: float
+    y: float
+    cosine: int
+    sine: int
+
+    @classmethod
+    def of(cls, side: Side, basin: Basin, at: float, gap: float = 0.0) -> Place:
+        """Stand `gap` metres off the quay `side`, at the coordinate `at` along it."""
+        heading = math.radians(INTO_BASIN_DEG[side])
+        cosine, sine = round(math.cos(heading)), round(math.sin(heading))  # exact quarter turns
+        x, y = {
+            "east": (basin.x_max_m, at),
+            "west": (basin.x_min_m, at),
+            "north": (at, basin.y_max_m),
+            "south": (at, basin.y_min_m),
+        }[side]
+        return cls(x + gap * cosine, y + gap * sine, cosine, sine)
+
+    @property
+    def pose(self) -> tuple[float, float, float]:
+        """Origin, and heading into the basin in (-pi, pi] [rad]."""
+        return self.x, self.y, math.atan2(self.sine, self.cosine)
+
+    def put(self, solid: Solid) -> Solid:
+        """Move a solid from this frame to the world."""
+        turn = np.array(
+            [[self.cosine, -self.sine, 0], [self.sine, self.cosine, 0], [0, 0, 1]], dtype=np.float64
+        )
+        vertices = solid.mesh.vertices @ turn.T + (self.x, self.y, 0.0)
+        return Solid(solid.kind, trimesh.Trimesh(vertices, solid.mesh.faces, process=False))

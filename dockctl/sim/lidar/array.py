@@ -1,0 +1,220 @@
+"""Four VLP-16 LiDARs over the boat, and the eight ranges that the policy sees of them.
+
+Thesis section 3.1.2, Tables 3.2 and 3.3, eqs. 3.1-3.8, Fig. 3.9.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterable
+from dataclasses import dataclass
+from functools import cached_property, lru_cache
+from pathlib import Path
+from types import ModuleType
+
+import numpy as np
+from numpy.typing import NDArray
+
+from dockctl.compute.cache import Arrays, cached
+from dockctl.compute.threads import usable_cores, workers
+from dockctl.scenarios.sensors import Lidar, LidarMount
+from dockctl.sim.lidar import height_grid, scan
+from dockctl.sim.lidar.height_grid import HeightGrid
+from dockctl.sim.lidar.raycast import BoundingVolumes, closest_hits
+from dockctl.sim.lidar.scan import Levels, ShellTable, needed_radii, sector_of, sector_ranges
+
+Floats = NDArray[np.float64]
+Ints = NDArray[np.int32]
+Tables = tuple[ShellTable, HeightGrid, Levels]
+
+
+def rotation(mount: LidarMount) -> Floats:
+    """Return the (3, 3) rotation from the LiDAR's frame to the body frame, Rz Ry Rx (eq. 3.2)."""
+    roll, pitch, yaw = map(math.radians, (mount.roll_deg, mount.pitch_deg, mount.yaw_deg))
+    ca, sa, cb, sb, cc, sc = *_cos_sin(roll), *_cos_sin(pitch), *_cos_sin(yaw)
+    about_x = np.array([[1, 0, 0], [0, ca, -sa], [0, sa, ca]])
+    about_y = np.array([[cb, 0, sb], [0, 1, 0], [-sb, 0, cb]])
+    about_z = np.array([[cc, -sc, 0], [sc, cc, 0], [0, 0, 1]])
+    return np.asarray(about_z @ about_y @ about_x, np.float64)
+
+
+def _cos_sin(angle: float) -> tuple[float, float]:
+    return math.cos(angle), math.sin(angle)
+
+
+@dataclass(frozen=True, eq=False)
+class Rays:
+    """All the rays of one scan in the body frame, firing after firing within a channel.
+
+    Attributes:
+        origins, directions: (k, 3) [m] and unit vectors.
+        reach: (k,) where a ray ends [m]: at the sensor's range or at the water, which returns nothing.
+        channel: (k,) index of the laser, counted through over all the LiDARs.
+    """
+
+    origins: Floats
+    directions: Floats
+    reach: Floats
+    channel: Ints
+
+    @classmethod
+    def of(cls, spec: Lidar) -> Rays:
+        """Lay out the rays of `spec`: mounts x channels x azimuth steps."""
+        elevation = np.radians(np.linspace(spec.lowest_channel_deg, spec.highest_channel_deg, spec.channels))
+        azimuth = np.arange(spec.azimuth_steps) * (2 * np.pi / spec.azimuth_steps)
+        e, a = (grid.ravel() for grid in np.meshgrid(elevation, azimuth, indexing="ij"))
+        beams = np.stack([np.cos(e) * np.cos(a), np.cos(e) * np.sin(a), np.sin(e)], axis=1)
+        mounts = spec.mounts
+        origins = np.repeat([[m.x_m, m.y_m, m.z_m] for m in mounts], len(beams), axis=0)
+        directions = np.concatenate([beams @ rotation(m).T for m in mounts])
+        falling = directions[:, 2] < 0
+        to_water = np.divide(
+            origins[:, 2], -directions[:, 2], out=np.full(len(falling), np.inf), where=falling
+        )
+        count = np.arange(len(directions), dtype=np.int32)
+        return cls(
+            origins=np.ascontiguousarray(origins, np.float64),
+            directions=np.ascontiguousarray(directions),
+            reach=np.minimum(spec.range_m, to_water),
+            channel=count // spec.azimuth_steps,
+        )
+
+
+@dataclass(frozen=True, eq=False)
+class LidarArray:
+    """The boat's LiDARs in one harbor.
+
+    Args:
+        spec: the sensors.
+        triangles: (m, 3, 3) the harbor's surface in the world frame [m].
+    """
+
+    spec: Lidar
+    triangles: Floats
+
+    @cached_property
+    def rays(self) -> Rays:
+        return Rays.of(self.spec)
+
+    @cached_property
+    def _volumes(self) -> BoundingVolumes:
+        return BoundingVolumes.over(self.triangles)
+
+    @cached_property
+    def _tables(self) -> Tables:
+        """What the compiled scan takes: rays by shells, the harbor's grid, and its level for each cell."""
+        return self._build_tables()
+
+    def _build_tables(self) -> Tables:
+        table = _shells(self.spec)
+        radius = needed_radii(table).max()
+        harbor = [self.triangles.tobytes(), radius.tobytes(), _source(height_grid)]
+        grid = HeightGrid(**cached("harbor grid", harbor, lambda: self._build_grid(radius)))
+        return table, grid, Levels.of(table, grid)
+
+    def _build_grid(self, largest_radius_m: float) -> Arrays:
+        return HeightGrid.over(self.triangles, largest_radius_m)._asdict()
+
+    def sector_ranges(self, eta: Floats) -> Floats:
+        """Scan from n poses and return the nearest return of each sector: exact, by branch and bound.
+
+        Args:
+            eta: (n, 3) x, y [m] and heading [rad].
+
+        Returns:
+            (n, sectors) horizontal distance from the body's origin [m]; the range where nothing returns.
+        """
+        poses = np.ascontiguousarray(eta, np.float64).reshape(-1, 3)
+        out = np.empty((len(poses), self.spec.sectors))
+        tables = self._tables
+
+        def fill(rows: slice) -> None:
+            sector_ranges(*tables, self.spec.range_m, poses[rows], np.empty(len(tables[0].bins)), out[rows])
+
+        blocks = _blocks(len(poses))
+        if len(blocks) == 1:
+            fill(blocks[0])
+        else:
+            list(workers().map(fill, blocks))
+        return out
+
+    def sector_ranges_by_full_scan(self, eta: Floats) -> Floats:
+        """Do what `sector_ranges` does by tracing every ray: the oracle.
+
+        Args:
+            eta: (n, 3) x, y [m] and heading [rad].
+
+        Returns:
+            (n, sectors) [m].
+        """
+        out = np.full((len(eta), self.spec.sectors), self.spec.range_m)
+        for row, pose in enumerate(eta):
+            for x, y in self.points(pose)[:, :2]:
+                sector = sector_of(x, y, self.spec.sectors)
+                out[row, sector] = min(out[row, sector], math.sqrt(x * x + y * y))
+        return out
+
+    def points(self, pose: Floats) -> Floats:
+        """Scan from one pose (3,): the (k, 3) returns in the body frame [m]."""
+        hits = self._trace(pose)
+        seen = np.isfinite(hits)
+        return self.rays.origins[seen] + hits[seen, None] * self.rays.directions[seen]
+
+    def _trace(self, pose: Floats) -> Floats:
+        """Return the (k,) distance of every ray's closest hit from one pose [m], infinity for a miss."""
+        x, y, heading = (float(value) for value in pose)
+        c, s = math.cos(heading), math.sin(heading)
+        origins = _turned(self.rays.origins, c, s)
+        origins[:, 0] += x
+        origins[:, 1] += y
+        volumes = self._volumes
+        return closest_hits(
+            volumes.boxes,
+            volumes.children,
+            volumes.triangles,
+            origins,
+            _turned(self.rays.directions, c, s),
+            self.rays.reach,
+        )
+
+
+def prepare(sensors: Iterable[object]) -> None:
+    """Build the tables of those that are `LidarArray` now, side by side, not each at its first scan."""
+    lidars = [sensor for sensor in sensors if isinstance(sensor, LidarArray)]
+    for lidar in lidars[:1]:
+        lidar.sector_ranges(np.zeros((1, 3)))  # compiles, and builds what they all share
+    waiting = [lidar for lidar in lidars[1:] if "_tables" not in vars(lidar)]
+    for lidar, tables in zip(waiting, workers().map(LidarArray._build_tables, waiting), strict=True):
+        vars(lidar)["_tables"] = tables  # Python 3.11 lets one thread at a time into a cached property
+
+
+@lru_cache(maxsize=4)
+def _shells(spec: Lidar) -> ShellTable:
+    """Return the rays by shells, which all the harbors share."""
+
+    def build() -> Arrays:
+        rays = Rays.of(spec)
+        beams = rays.origins, rays.directions, rays.reach, rays.channel
+        return ShellTable.of(*beams, spec.sectors, spec.range_m)._asdict()
+
+    ingredients = [spec.model_dump_json().encode(), _source(scan, height_grid)]
+    return ShellTable(**cached("LiDAR rays", ingredients, build))
+
+
+def _source(*modules: ModuleType) -> bytes:
+    """Return the code of modules, on which the tables that they make depend."""
+    return b"".join(Path(str(module.__file__)).read_bytes() for module in modules)
+
+
+def _turned(vectors: Floats, c: float, s: float) -> Floats:
+    """Rotate (k, 3) vectors about z by the angle with cosine c and sine s."""
+    x, y, z = vectors.T
+    return np.stack([c * x - s * y, s * x + c * y, z], axis=1)
+
+
+def _blocks(rows: int) -> list[slice]:
+    """Cut rows into blocks for the threads: a few for each, since some poses take longer than others."""
+    if usable_cores() == 1:
+        return [slice(rows)]
+    size = max(1, -(-rows // (4 * usable_cores())))
+    return [slice(first, first + size) for first in range(0, rows, size)]

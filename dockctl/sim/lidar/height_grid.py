@@ -1,0 +1,361 @@
+"""A grid over the harbor's plan: at which heights anything stands in each cell, and which triangles do.
+
+The grid serves the fast LiDAR scan. It answers three questions, all on the safe side: at which heights is
+anything within a radius of a point, how far is the nearest thing, and which triangles can a ray meet in a
+cell. Heights are told in bands, one bit each: a ray may pass between a deck and a boom, or under a stay.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from dockctl.compute.jit import compiled
+from dockctl.sim.lidar.raycast import MISS, compiled_bare, corner_and_edges, hit_triangle
+
+Floats = NDArray[np.float64]
+Singles = NDArray[np.float32]
+Ints = NDArray[np.int32]
+Bands = NDArray[np.int64]
+Members = NDArray[np.void]
+Line = tuple[float, float, float, float, float, float]
+
+FINEST_CELL_M = 0.1
+MOST_CELLS = 4_000_000
+# Radii of the levels, in cells: these, then 4, 5, 6 times 2, 4, 8 ... on cells as much larger.
+FINE_REACHES = (1, 2, 3, 4, 5, 6)
+COARSE_REACHES = (4, 5, 6)
+DISTANCE_STRIDE = 2
+SLACK_M = 1e-5  # outweighs every rounding, in float32 too
+
+MEMBER = np.dtype([("triangle", np.int32), ("low", np.uint8), ("high", np.uint8)])
+
+
+@compiled(inline="always")
+def band_at(z: float) -> int:
+    """Return the band of a height [m]: 40 of 0.1 m, 21 of 0.5 m, one for all above; under 0 the lowest."""
+    if z < 4.0:
+        return int(max(z, 0.0) * 10.0)
+    return min(40 + int((z - 4.0) * 2.0), 61)
+
+
+@compiled(inline="always")
+def bits(low: int, high: int) -> int:
+    """Return the bits of the bands from `low` to `high`."""
+    return (2 << high) - (1 << low)
+
+
+class HeightGrid(NamedTuple):
+    """Bands of height on a grid of square cells; rows run along y.
+
+    Few sets of bands occur, so a cell holds the place of its own in `palette`, an eighth of the memory.
+
+    Attributes:
+        frame: (3,) x and y of the lower corner, and the cell's side [m].
+        radii: (levels,) [m]; the first is 0.
+        level_shape: (levels, 4) offset into `levels`, nx, ny and stride in cells of each level.
+        levels: level after level: the bands within the level's radius of anywhere in a cell, in `palette`.
+        palette: (sets,) bits of the bands in which anything stands; the first is 0.
+        starts, members: triangles of cell ``iy * nx + ix`` are ``members[starts[cell]:starts[cell + 1]]``,
+            with the lowest and the highest band in which they pass there.
+        triangles: (m, 9) as `hit_triangle` takes them.
+        distances: from anywhere in a block of cells to the nearest that is not empty, at least [m].
+    """
+
+    frame: Floats
+    radii: Floats
+    level_shape: Ints
+    levels: NDArray[np.unsignedinteger[Any]]
+    palette: Bands
+    starts: Ints
+    members: Members
+    triangles: Floats
+    distances: Singles
+
+    @classmethod
+    def over(cls, triangles: Floats, largest_radius_m: float) -> HeightGrid:
+        """Build the grid over (m, 3, 3) triangles [m], with levels up to at least `largest_radius_m`."""
+        above = triangles[triangles[:, :, 2].max(axis=1, initial=-math.inf) >= 0.0]
+        corners = above.reshape(-1, 3)[:, :2] if len(above) else np.zeros((1, 2))
+        margin = largest_radius_m + 1.0
+        low, high = corners.min(axis=0) - margin, corners.max(axis=0) + margin
+        cell = max(FINEST_CELL_M, math.sqrt(float(np.prod(high - low)) / MOST_CELLS))
+        nx, ny = (math.ceil(side / cell) for side in high - low)
+        frame = np.array([low[0], low[1], cell])
+        counts = np.zeros(nx * ny + 1, np.int32)
+        bands = np.zeros((ny, nx), np.int64)
+        _lay(above, frame, bands, counts, np.empty(0, MEMBER))
+        starts = np.concatenate([[0], np.cumsum(counts[:-1])]).astype(np.int32)
+        members = np.empty(starts[-1], MEMBER)
+        _lay(above, frame, bands, starts[:-1].copy(), members)
+        radii, shapes, levels = _dilate_levels(bands, cell, largest_radius_m)
+        palette = np.unique(levels)
+        place_type = np.uint16 if len(palette) <= 1 << 16 else np.uint32
+        return cls(
+            frame=frame,
+            radii=radii,
+            level_shape=shapes,
+            levels=np.searchsorted(palette, levels).astype(place_type),
+            palette=palette,
+            starts=starts,
+            members=members,
+            triangles=corner_and_edges(above),
+            distances=_distances(_block_union(bands, DISTANCE_STRIDE), cell * DISTANCE_STRIDE),
+        )
+
+
+@compiled()
+def _lay(triangles: Floats, frame: Floats, bands: Bands, places: Ints, members: Members) -> None:
+    """Enter each triangle in the cells that its plan touches, with the bands in which it passes there.
+
+    Triangles are only counted in `places` where `members` is empty, otherwise filled in from there on. What
+    is under water in a cell is left out: rays end at the water.
+    """
+    ny, nx = bands.shape
+    x0, y0, cell = frame
+    polygon, scratch = np.empty((8, 3)), np.empty((8, 3))
+    for index in range(len(triangles)):
+        (low_x, high_x), (low_y, high_y) = _extent(triangles[index], 3, 0), _extent(triangles[index], 3, 1)
+        for iy in range(max(0, int((low_y - y0) / cell)), min(ny - 1, int((high_y - y0) / cell)) + 1):
+            for ix in range(max(0, int((low_x - x0) / cell)), min(nx - 1, int((high_x - x0) / cell)) + 1):
+                for corner in range(3):
+                    for axis in range(3):
+                        polygon[corner, axis] = triangles[index, corner, axis]
+                corners = 3
+                left, lower = x0 + ix * cell, y0 + iy * cell
+                corners = _cut(polygon, scratch, corners, 0, 1.0, left - SLACK_M)
+                corners = _cut(scratch, polygon, corners, 0, -1.0, -(left + cell + SLACK_M))
+                corners = _cut(polygon, scratch, corners, 1, 1.0, lower - SLACK_M)
+                corners = _cut(scratch, polygon, corners, 1, -1.0, -(lower + cell + SLACK_M))
+                low_z, high_z = _extent(polygon, corners, 2)
+                if high_z < 0.0:
+                    continue
+                low, high = band_at(low_z), band_at(high_z)
+                place = iy * nx + ix
+                if len(members) > 0:
+                    member = members[places[place]]
+                    member.triangle, member.low, member.high = index, low, high
+                places[place] += 1
+                bands[iy, ix] |= bits(low, high)
+
+
+@compiled()
+def _extent(points: Floats, count: int, axis: int) -> tuple[float, float]:
+    """Return the lowest and the highest coordinate of the first points, with some slack [m]."""
+    low, high = math.inf, -math.inf
+    for i in range(count):
+        low, high = min(low, points[i, axis]), max(high, points[i, axis])
+    return low - SLACK_M, high + SLACK_M
+
+
+@compiled()
+def _cut(polygon: Floats, out: Floats, corners: int, axis: int, sign: float, bound: float) -> int:
+    """Cut a convex polygon by ``sign * p[axis] >= bound`` into `out`, and return the corners left.
+
+    Sutherland and Hodgman, "Reentrant polygon clipping", 1974.
+    """
+    kept = 0
+    for i in range(corners):
+        j = (i + 1) % corners
+        a, b = sign * polygon[i, axis] - bound, sign * polygon[j, axis] - bound
+        if a >= 0.0:
+            for k in range(3):
+                out[kept, k] = polygon[i, k]
+            kept += 1
+        if (a >= 0.0) != (b >= 0.0):
+            for k in range(3):
+                out[kept, k] = polygon[i, k] + (polygon[j, k] - polygon[i, k]) * (a / (a - b))
+            kept += 1
+    return kept
+
+
+def _dilate_levels(bands: Bands, cell: float, largest_radius_m: float) -> tuple[Floats, Ints, Bands]:
+    """Return `radii`, `level_shape` and the levels' bands end to end; the first level is `bands` itself."""
+    radii, shapes, parts = [0.0], [(0, bands.shape[1], bands.shape[0], 1)], [bands.ravel()]
+    stride, offset = 1, bands.size
+    while radii[-1] < largest_radius_m:
+        blocks = _block_union(bands, stride)
+        for reach in FINE_REACHES if stride == 1 else COARSE_REACHES:
+            level = _dilated(blocks, reach)
+            radii.append(reach * stride * cell)
+            shapes.append((offset, level.shape[1], level.shape[0], stride))
+            parts.append(level.ravel())
+            offset += level.size
+        stride *= 2
+    return np.array(radii), np.array(shapes, np.int32), np.concatenate(parts)
+
+
+def _block_union(bands: Bands, stride: int) -> Bands:
+    """Return the bands of each block of `stride` by `stride` cells."""
+    ny, nx = bands.shape
+    padded = np.pad(bands, ((0, -ny % stride), (0, -nx % stride)))
+    blocks = padded.reshape(padded.shape[0] // stride, stride, padded.shape[1] // stride, stride)
+    return np.asarray(np.bitwise_or.reduce(np.bitwise_or.reduce(blocks, axis=3), axis=1), np.int64)
+
+
+@compiled()
+def _dilated(bands: Bands, reach: int) -> Bands:
+    """Return the bands within `reach` cells of anywhere in each cell."""
+    ny, nx = bands.shape
+    out = np.zeros_like(bands)
+    for iy in range(ny):
+        for up in range(-reach, reach + 1):
+            if not 0 <= iy + up < ny:
+                continue
+            across = math.ceil(math.sqrt(reach**2 - max(abs(up) - 1, 0) ** 2))
+            for ix in range(nx):
+                if bands[iy, ix] != 0:
+                    for near in range(max(0, ix - across), min(nx, ix + across + 1)):
+                        out[iy + up, near] |= bands[iy, ix]
+    return out
+
+
+@compiled()
+def _distances(bands: Bands, cell: float) -> Singles:
+    """Return a lower bound of the distance to the nearest cell that is not empty.
+
+    Exact squared distances between cell centres by lower envelopes of parabolas (Felzenszwalb and
+    Huttenlocher, "Distance transforms of sampled functions", 2012), less a cell's diagonal.
+    """
+    ny, nx = bands.shape
+    far = 1e12
+    squared = np.empty((ny, nx))
+    for iy in range(ny):
+        for ix in range(nx):
+            squared[iy, ix] = 0.0 if bands[iy, ix] > 0 else far
+    longest = max(nx, ny)
+    vertex = np.empty(longest, np.int64)
+    border = np.empty(longest + 1)
+    for axis in range(2):
+        lines, length = (nx, ny) if axis == 0 else (ny, nx)
+        for line in range(lines):
+            f = squared[:, line].copy() if axis == 0 else squared[line].copy()
+            last = 0
+            vertex[0] = 0
+            border[0], border[1] = -far, far
+            for q in range(1, length):
+                while True:
+                    p = vertex[last]
+                    meet = ((f[q] + q * q) - (f[p] + p * p)) / (2.0 * (q - p))
+                    if meet > border[last] or last == 0:
+                        break
+                    last -= 1
+                if meet > border[last]:
+                    last += 1
+                vertex[last] = q
+                border[last] = meet if last > 0 else -far
+                border[last + 1] = far
+            nearest = 0
+            for q in range(length):
+                while border[nearest + 1] < q:
+                    nearest += 1
+                value = (q - vertex[nearest]) ** 2 + f[vertex[nearest]]
+                if axis == 0:
+                    squared[q, line] = value
+                else:
+                    squared[line, q] = value
+    out = np.empty((ny, nx), np.float32)
+    for iy in range(ny):
+        for ix in range(nx):
+            out[iy, ix] = max(math.sqrt(squared[iy, ix]) * cell - math.sqrt(2.0) * cell - SLACK_M, 0.0)
+    return out
+
+
+@compiled(inline="always")
+def bands_near(grid: HeightGrid, level: int, x: float, y: float) -> int:
+    """Return the bands of height in which anything stands within the level's radius of (x, y)."""
+    offset, nx, ny, stride = grid.level_shape[level]
+    ix = math.floor((x - grid.frame[0]) / (grid.frame[2] * stride))
+    iy = math.floor((y - grid.frame[1]) / (grid.frame[2] * stride))
+    if ix < 0 or iy < 0 or ix >= nx or iy >= ny:
+        return 0  # the grid's margin is wider than every radius
+    return int(grid.palette[grid.levels[offset + iy * nx + ix]])
+
+
+@compiled(inline="always")
+def distance_at(grid: HeightGrid, x: float, y: float) -> float:
+    """Return a lower bound of the distance from (x, y) to anything [m]."""
+    ny, nx = grid.distances.shape
+    left, lower, cell = grid.frame[0], grid.frame[1], grid.frame[2] * DISTANCE_STRIDE
+    ix, iy = math.floor((x - left) / cell), math.floor((y - lower) / cell)
+    if ix < 0 or iy < 0 or ix >= nx or iy >= ny:
+        beyond_x = max(left - x, x - left - nx * cell, 0.0)
+        beyond_y = max(lower - y, y - lower - ny * cell, 0.0)
+        return math.sqrt(beyond_x * beyond_x + beyond_y * beyond_y)
+    return float(grid.distances[iy, ix])
+
+
+@compiled_bare
+def first_hit(grid: HeightGrid, line: Line, begin: float, end: float) -> float:
+    """Walk a ray between two of its parameters, cell by cell, to its closest hit there or infinity.
+
+    As in Amanatides and Woo, "A fast voxel traversal algorithm for ray tracing", 1987; a cell that the ray
+    passes above or below all that stands there is skipped. A hit on a triangle of a visited cell also counts
+    just past `end`.
+
+    Args:
+        grid: the harbor.
+        line: x, y, z of the ray's origin [m] and of its direction, in the world frame.
+        begin, end: ray parameters.
+    """
+    ox, oy, oz, dx, dy, dz = line
+    levels, palette, starts = grid.levels, grid.palette, grid.starts
+    members, triangles = grid.members, grid.triangles
+    nx, ny = grid.level_shape[0, 1], grid.level_shape[0, 2]
+    left, lower, cell = grid.frame
+    px, py, vx, vy = (ox - left) / cell, (oy - lower) / cell, dx / cell, dy / cell  # in cells
+    if not (_inside(px + begin * vx, nx) and _inside(px + end * vx, nx)):
+        begin, end = _within(px, vx, nx, begin, end)
+    if not (_inside(py + begin * vy, ny) and _inside(py + end * vy, ny)):
+        begin, end = _within(py, vy, ny, begin, end)
+    if begin > end:
+        return MISS
+    ix = min(max(math.floor(px + begin * vx), 0), nx - 1)
+    iy = min(max(math.floor(py + begin * vy), 0), ny - 1)
+    step_x, step_y = (1 if vx > 0.0 else -1), (1 if vy > 0.0 else -1)
+    per_x, per_y = (1.0 / vx if vx != 0.0 else MISS), (1.0 / vy if vy != 0.0 else MISS)
+    across_x, across_y = abs(per_x), abs(per_y)
+    next_x = (ix + (vx > 0.0) - px) * per_x if vx != 0.0 else MISS
+    next_y = (iy + (vy > 0.0) - py) * per_y if vy != 0.0 else MISS
+    best = MISS
+    entry = begin
+    while True:
+        leave = min(next_x, next_y)
+        here, there = oz + dz * entry, oz + dz * min(leave, end)
+        low, high = band_at(min(here, there)), band_at(max(here, there))
+        place = iy * nx + ix
+        if palette[levels[place]] & bits(low, high):
+            for slot in range(starts[place], starts[place + 1]):
+                member = members[slot]
+                if member.low <= high and member.high >= low:
+                    t = hit_triangle(triangles[member.triangle], ox, oy, oz, dx, dy, dz)
+                    if t < best:
+                        best = t
+        if best <= leave or leave >= end:
+            return best
+        entry = leave
+        if next_x < next_y:
+            ix += step_x
+            next_x += across_x
+        else:
+            iy += step_y
+            next_y += across_y
+        if ix < 0 or iy < 0 or ix >= nx or iy >= ny:
+            return best
+
+
+@compiled(inline="always")
+def _inside(p: float, cells: int) -> bool:
+    return 0.0 <= p < cells
+
+
+@compiled_bare
+def _within(p: float, v: float, cells: int, begin: float, end: float) -> tuple[float, float]:
+    """Return the part of ``begin .. end`` in which ``p + t v`` lies in the grid; begin > end for none."""
+    if v == 0.0:
+        return MISS, end
+    a, b = -p / v, (cells - p) / v
+    return max(begin, min(a, b)), min(end, max(a, b))

@@ -1,0 +1,365 @@
+"""The fast LiDAR scan: an exact branch and bound over rings of water around the boat.
+
+Only the nearest return of each sector matters, so the scan looks outwards from the boat, ring by ring (shells
+of growing radius cut into narrow bins of azimuth), and stops in a sector once its nearest return is nearer
+than the ring. A table in the body frame, made once for a set of sensors, tells which rays cross a cell of the
+rings and in which bands of height; rays that pass above or below all of the harbor near a cell are left
+out there, and so are stretches of open water. The rays that remain are walked through the fine grid of the
+harbor; a ray that hits something nearer than the sector's best is walked again from its origin, because
+something else may stop it first.
+
+A hit is found by the same `hit_triangle` as in the plain tracer: the ranges equal the oracle's bit for bit.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from dockctl.compute.jit import compiled
+from dockctl.sim.lidar.height_grid import (
+    SLACK_M,
+    HeightGrid,
+    Line,
+    band_at,
+    bands_near,
+    bits,
+    distance_at,
+    first_hit,
+)
+from dockctl.sim.lidar.raycast import MISS, compiled_bare
+
+Floats = NDArray[np.float64]
+Ints = NDArray[np.int32]
+Runs = NDArray[np.void]
+Pose = tuple[float, float, float, float]  # x, y [m], cosine and sine of the heading
+
+BINS_PER_SECTOR = 32
+SHELL_GROWTH = 1.03
+CORE_CELL_M = 0.25
+CORE_STEP_M = 0.05
+# From the middle of a core's cell to the rays that are entered there by a point every step.
+CORE_REACH_M = CORE_CELL_M / math.sqrt(2) + CORE_STEP_M
+
+
+RUN = np.dtype([("first", np.int32), ("length", np.uint16), ("low", np.uint8), ("high", np.uint8)])
+
+
+@compiled()
+def sector_of(x: float, y: float, sectors: int) -> int:
+    """Return in which of the equal sectors of azimuth over [-pi, pi] the body-frame point (x, y) lies."""
+    return min(int((math.atan2(y, x) + math.pi) / (2 * math.pi) * sectors), sectors - 1)
+
+
+class ShellTable(NamedTuple):
+    """Which rays cross which cell of the rings, in the body frame.
+
+    Shell k lies between ``radii[k]`` and ``radii[k + 1]``; within ``radii[0]`` lies the core, around all the
+    sensors, where rays need not run outwards. Cell ``k * bins + bin`` has the runs
+    ``starts[cell]:starts[cell + 1]``; a run is a row of neighbouring rays, and the bands of height in which
+    they pass there. The core's cells are squares, and come after those of the shells.
+
+    Attributes:
+        origins: (sensors, 3) where rays begin [m].
+        sensor: (k,) which of the origins a ray has.
+        rays: (k, 4) direction and reach [m].
+        radii: (shells + 1,) [m].
+        bins: (bins, 2) cosine and sine of the middle azimuth of each bin.
+        half_diagonals: (shells,) from a cell's middle to its farthest corner [m].
+        starts, runs: the runs: first ray, number of rays, lowest and highest band.
+        core: (cells, 2) middles of the core's cells [m].
+    """
+
+    origins: Floats
+    sensor: NDArray[np.uint8]
+    rays: Floats
+    radii: Floats
+    bins: Floats
+    half_diagonals: Floats
+    starts: Ints
+    runs: Runs
+    core: Floats
+
+    @classmethod
+    def of(
+        cls, origins: Floats, directions: Floats, reach: Floats, channel: Ints, sectors: int, range_m: float
+    ) -> ShellTable:
+        """Make the table for (k, 3) rays, their (k,) reach [m] and the (k,) channel that each belongs to."""
+        inner = 1.05 * float(np.hypot(origins[:, 0], origins[:, 1]).max()) + 0.05
+        shells = max(1, math.ceil(math.log(range_m / inner, SHELL_GROWTH)) + 1)
+        radii: Floats = inner * np.float64(SHELL_GROWTH) ** np.arange(shells + 1)
+        count = sectors * BINS_PER_SECTOR
+        middles = (np.arange(count) + 0.5) * (2 * np.pi / count) - np.pi
+        middle_radius, half_angle = (radii[:-1] + radii[1:]) / 2, np.pi / count
+        corner = np.stack([radii[1:] * math.cos(half_angle), radii[1:] * math.sin(half_angle)])
+        half_diagonals = np.hypot(corner[0] - middle_radius, corner[1]) + SLACK_M
+        places, sensor = np.unique(origins, axis=0, return_inverse=True)
+        rays = np.column_stack([directions, reach])
+        side = math.ceil(inner / CORE_CELL_M)
+        middle = (np.arange(2 * side) + 0.5 - side) * CORE_CELL_M
+        core = np.stack(np.meshgrid(middle, middle), axis=-1).reshape(-1, 2)
+        counts = np.zeros(shells * count + len(core) + 1, np.int32)
+        _gather(origins, rays, channel, radii, count, side, counts, np.empty(0, RUN))
+        starts = np.concatenate([[0], np.cumsum(counts[:-1])]).astype(np.int32)
+        runs = np.zeros(starts[-1], RUN)
+        _gather(origins, rays, channel, radii, count, side, starts[:-1].copy(), runs)
+        return cls(
+            origins=places,
+            sensor=sensor.astype(np.uint8),
+            rays=rays,
+            radii=radii,
+            bins=np.column_stack([np.cos(middles), np.sin(middles)]),
+            half_diagonals=half_diagonals,
+            starts=starts,
+            runs=runs,
+            core=core,
+        )
+
+
+class Levels(NamedTuple):
+    """Which level of a `HeightGrid` covers the whole core, one cell of the core, and a cell of each shell."""
+
+    whole_core: int
+    core_cell: int
+    shell_cells: Ints
+
+    @classmethod
+    def of(cls, table: ShellTable, grid: HeightGrid) -> Levels:
+        radii = needed_radii(table)
+        levels = np.searchsorted(grid.radii, radii).astype(np.int32)
+        return cls(int(levels[0]), int(levels[1]), levels[2:])
+
+
+def needed_radii(table: ShellTable) -> Floats:
+    """Return the radii within which a grid is asked what stands: the core's, its cells', the shells' [m]."""
+    return np.concatenate([[table.radii[0], CORE_REACH_M], table.half_diagonals])
+
+
+@compiled()
+def _gather(
+    origins: Floats,
+    rays: Floats,
+    channel: Ints,
+    radii: Floats,
+    bins: int,
+    core_side: int,
+    places: Ints,
+    runs: Runs,
+) -> None:
+    """Enter every ray in the cells that it crosses, growing runs of neighbours.
+
+    Runs are only counted in `places` where `runs` is empty; otherwise they are filled in from there on.
+    """
+    shells = len(radii) - 1
+    last = np.full(len(places), -2, np.int32)  # the last ray entered in a cell
+    width = 2 * math.pi / bins
+    for ray in range(len(rays)):
+        origin, (dx, dy, dz, reach) = origins[ray], rays[ray]
+        ox, oy, oz = origin
+        joined = ray > 0 and channel[ray - 1] == channel[ray]
+        t = min(_leaves(origin, rays[ray], radii[0]), reach)
+        steps = math.ceil(t / CORE_STEP_M) + 1
+        for step in range(steps):
+            here, there = t * step / steps, t * (step + 1) / steps
+            middle = (here + there) / 2
+            ix = min(int((ox + middle * dx) / CORE_CELL_M + core_side), 2 * core_side - 1)
+            iy = min(int((oy + middle * dy) / CORE_CELL_M + core_side), 2 * core_side - 1)
+            cell = shells * bins + iy * 2 * core_side + ix
+            _enter(ray, cell, joined, oz + dz * here, oz + dz * there, last, places, runs)
+        theta = math.atan2(oy + t * dy, ox + t * dx)
+        for shell in range(shells):
+            if t >= reach:
+                break
+            t_out = min(_leaves(origin, rays[ray], radii[shell + 1]), reach)
+            theta_out = math.atan2(oy + t_out * dy, ox + t_out * dx)
+            low, high = _turn(theta, theta_out)
+            for index in range(math.floor((low + math.pi) / width), math.floor((high + math.pi) / width) + 1):
+                cell = shell * bins + index % bins
+                _enter(ray, cell, joined, oz + dz * t, oz + dz * t_out, last, places, runs)
+            t, theta = t_out, theta_out
+
+
+@compiled()
+def _turn(begin: float, end: float) -> tuple[float, float]:
+    """Return the azimuths, low and high and with some slack, between two on the shorter way round."""
+    turn = end - begin
+    turn -= 2 * math.pi * math.floor(turn / (2 * math.pi) + 0.5)
+    return min(begin, begin + turn) - 1e-7, max(begin, begin + turn) + 1e-7
+
+
+@compiled()
+def _enter(
+    ray: int, cell: int, joined: bool, z: float, z_out: float, last: Ints, places: Ints, runs: Runs
+) -> None:
+    """Enter one ray in one cell, through which it passes from `z` to `z_out` [m].
+
+    It lengthens the cell's last run if `joined` to that run's last ray.
+    """
+    same, joins = last[cell] == ray, joined and last[cell] == ray - 1
+    last[cell] = ray
+    if not (same or joins):
+        places[cell] += 1
+    if len(runs) == 0:
+        return
+    low, high = band_at(min(z, z_out) - SLACK_M), band_at(max(z, z_out) + SLACK_M)
+    run = runs[places[cell] - 1]
+    if not (same or joins):
+        run.first, run.low, run.high = ray, low, high
+    if not same:
+        run.length += 1
+    run.low, run.high = min(run.low, low), max(run.high, high)
+
+
+@compiled(inline="always")
+def _leaves(origin: Floats, ray: Floats, radius: float) -> float:
+    """Return the ray parameter where a ray that begins within `radius` leaves that circle."""
+    h2 = ray[0] * ray[0] + ray[1] * ray[1]
+    if h2 < 1e-12:
+        return MISS
+    b = origin[0] * ray[0] + origin[1] * ray[1]
+    c = origin[0] * origin[0] + origin[1] * origin[1]
+    return float((math.sqrt(b * b - h2 * (c - radius * radius)) - b) / h2)
+
+
+@compiled_bare
+def sector_ranges(
+    table: ShellTable,
+    grid: HeightGrid,
+    levels: Levels,
+    range_m: float,
+    poses: Floats,
+    skip_below: Floats,
+    out: Floats,
+) -> None:
+    """Fill `out` (n, sectors) with the nearest return of each sector [m] from the poses (n, 3).
+
+    `skip_below` (bins,) is scratch space: the radius below which a bin is known to be empty [m].
+    """
+    # Named once, so that the compiler need not read them from the tuple again in the inner loops.
+    radii, middles = table.radii, table.bins
+    sectors, shells = out.shape[1], len(radii) - 1
+    bins = len(middles) // sectors
+    widening = 1.0 + math.pi / len(middles)  # a bin's half width grows with the radius
+    for row in range(len(poses)):
+        x, y = poses[row, 0], poses[row, 1]
+        c, s = math.cos(poses[row, 2]), math.sin(poses[row, 2])
+        pose, best = (x, y, c, s), out[row]
+        best[:] = range_m
+        skip_below[:] = 0.0
+        if bands_near(grid, levels.whole_core, x, y) != 0:
+            _search_core(table, grid, levels.core_cell, pose, best)
+        for shell in range(shells):
+            inner, outer = radii[shell], radii[shell + 1]
+            middle = (inner + outer) / 2
+            looking = False
+            for sector in range(sectors):
+                if best[sector] <= inner:
+                    continue
+                looking = True
+                for index in range(sector * bins, (sector + 1) * bins):
+                    if skip_below[index] >= outer:
+                        continue
+                    across, along = middle * middles[index, 0], middle * middles[index, 1]
+                    wx, wy = x + (c * across - s * along), y + (s * across + c * along)
+                    near = bands_near(grid, levels.shell_cells[shell], wx, wy)
+                    if near == 0:
+                        skip_below[index] = (distance_at(grid, wx, wy) + middle) / widening
+                    elif best[sector] > inner:
+                        cell = shell * len(middles) + index
+                        _visit(table, grid, cell, near, inner, min(outer, best[sector]), pose, best)
+            if not looking:
+                break
+
+
+@compiled_bare
+def _search_core(table: ShellTable, grid: HeightGrid, level: int, pose: Pose, best: Floats) -> None:
+    """Visit the cells of the core near which anything stands."""
+    x, y, c, s = pose
+    shell_cells = len(table.bins) * (len(table.radii) - 1)
+    for index in range(len(table.core)):
+        ahead, aside = table.core[index, 0], table.core[index, 1]
+        near = bands_near(grid, level, x + (c * ahead - s * aside), y + (s * ahead + c * aside))
+        if near != 0:
+            _visit(table, grid, shell_cells + index, near, 0.0, table.radii[0], pose, best)
+
+
+@compiled_bare
+def _visit(
+    table: ShellTable,
+    grid: HeightGrid,
+    cell: int,
+    near: int,
+    inner: float,
+    outer: float,
+    pose: Pose,
+    best: Floats,
+) -> None:
+    """Walk the rays of a cell that pass the bands `near`, between two radii, and note what they hit."""
+    runs, rays, core = table.runs, table.rays, table.radii[0]
+    for slot in range(table.starts[cell], table.starts[cell + 1]):
+        run = runs[slot]
+        if bits(run.low, run.high) & near == 0:
+            continue
+        origin = table.origins[table.sensor[run.first]]
+        for index in range(run.first, run.first + run.length):
+            ray = rays[index]
+            begin = _leaves(origin, ray, inner) - 1e-7 if inner > 0.0 else 0.0
+            end = min(_leaves(origin, ray, outer) + 1e-7, ray[3])
+            if begin > end:
+                continue
+            line = _in_world(origin, ray, pose)
+            t = first_hit(grid, line, begin, end)
+            if t > ray[3]:
+                continue
+            rho, sector = _polar(origin, ray, t, len(best))
+            if rho >= best[sector]:
+                continue
+            clear = _clear_up_to(origin, ray, core, t, best) if inner > 0.0 else inner
+            if clear < inner:  # something else may stop the ray before
+                begin = _leaves(origin, ray, clear) - 1e-7 if clear > 0.0 else 0.0
+                t = first_hit(grid, line, begin, t)
+                rho, sector = _polar(origin, ray, t, len(best))
+            best[sector] = min(best[sector], rho)
+
+
+@compiled_bare
+def _clear_up_to(origin: Floats, ray: Floats, core: float, t: float, best: Floats) -> float:
+    """Return the radius up to which a ray is known to hit nothing before its parameter t [m].
+
+    Earlier shells have walked it through each sector as far as that sector's nearest return so far, and a hit
+    would have become such a return. Within the core it may pass through any sector.
+    """
+    for sector in range(len(best)):
+        if best[sector] <= core:
+            return 0.0
+    t_core = _leaves(origin, ray, core)
+    theta = math.atan2(origin[1] + t_core * ray[1], origin[0] + t_core * ray[0])
+    low, high = _turn(theta, math.atan2(origin[1] + t * ray[1], origin[0] + t * ray[0]))
+    width = 2 * math.pi / len(best)
+    clear = MISS
+    for sector in range(math.floor((low + math.pi) / width), math.floor((high + math.pi) / width) + 1):
+        clear = min(clear, best[sector % len(best)])
+    return clear
+
+
+@compiled(inline="always")
+def _in_world(origin: Floats, ray: Floats, pose: Pose) -> Line:
+    x, y, c, s = pose
+    return (
+        x + (c * origin[0] - s * origin[1]),
+        y + (s * origin[0] + c * origin[1]),
+        origin[2],
+        c * ray[0] - s * ray[1],
+        s * ray[0] + c * ray[1],
+        ray[2],
+    )
+
+
+@compiled()
+def _polar(origin: Floats, ray: Floats, t: float, sectors: int) -> tuple[float, int]:
+    """Return the radius [m] and the sector of a ray's point."""
+    px, py = origin[0] + t * ray[0], origin[1] + t * ray[1]
+    return math.sqrt(px * px + py * py), sector_of(px, py, sectors)

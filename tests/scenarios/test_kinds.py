@@ -1,0 +1,88 @@
+"""A section selected by `kind` is checked by the registered model, and problems have their place."""
+
+from __future__ import annotations
+
+from typing import Annotated, Any, Literal
+
+import pytest
+from pydantic import Field, ValidationError
+
+from dockctl.errors import Problem
+from dockctl.plugins import Registry
+from dockctl.scenarios import translate
+from dockctl.scenarios.base import Model, Number, Positive
+from dockctl.scenarios.kinds import Kind, Kinds, register
+from dockctl.scenarios.yaml_tree import read_text
+
+SHAPES: Registry[type[Any]] = Registry("shape")
+
+
+@register(SHAPES, source="a test")
+class Circle(Kind):
+    kind: Literal["circle"] = "circle"
+    radius_m: Positive = 2.0
+
+
+@register(SHAPES)
+class Path(Kind):
+    kind: Literal["path"] = "path"
+    x_m: tuple[Number, ...]
+
+
+SHAPE = Kinds(SHAPES, default="circle")
+
+
+class Drawing(Model):
+    shape: Annotated[Kind, SHAPE] = Field(default_factory=SHAPE.make_default)
+
+
+def problem(text: str) -> Problem:
+    tree = read_text(text, "drawing.yaml")
+    with pytest.raises(ValidationError) as caught:
+        Drawing.model_validate(tree.plain())
+    (found,) = translate.problems(caught.value, tree, Drawing)
+    return found
+
+
+def test_the_default_kind_needs_no_key() -> None:
+    assert Drawing().shape == Circle()
+    assert Drawing.model_validate({"shape": {"radius_m": 3}}).shape == Circle(radius_m=3)
+
+
+def test_a_kind_can_be_given_by_its_name_alone() -> None:
+    assert Drawing.model_validate({"shape": "circle"}).shape == Circle()
+
+
+def test_the_kind_selects_the_model() -> None:
+    assert Drawing.model_validate({"shape": {"kind": "path", "x_m": [1, 2]}}).shape == Path(x_m=(1, 2))
+
+
+def test_a_dump_loads_as_an_equal_section() -> None:
+    drawing = Drawing(shape=Path(x_m=(1, 2)))
+    assert Drawing.model_validate(drawing.model_dump(mode="json")) == drawing
+
+
+@pytest.mark.parametrize(
+    ("text", "field", "column"),
+    [
+        ("shape: {radius_m: -1}", "shape.radius_m", 19),
+        ("shape: {kind: cicle}", "shape.kind", 15),
+        ("shape: {radius: 1}", "shape.radius", 9),
+        ("shape: 3", "shape", 8),
+        ("shape: {kind: path, x_m: [1, a]}", "shape.x_m.1", 30),
+        ("shape: {kind: path}", "shape.x_m", 1),
+    ],
+)
+def test_a_problem_has_its_place(text: str, field: str, column: int) -> None:
+    found = problem(text)
+    assert (found.line, found.column, found.field) == (1, column, field)
+
+
+def test_an_unknown_kind_is_answered_with_the_nearest() -> None:
+    assert "did you mean 'circle'" in problem("shape: {kind: cicle}").message
+
+
+def test_an_unknown_key_is_answered_with_the_keys_of_that_kind() -> None:
+    message = problem("shape: {kind: path, x_m: [1], y_m: 2}").message
+    assert "x_m" in message
+    assert "radius_m" not in message

@@ -1,0 +1,355 @@
+"""The reference marina against its description, other layouts, mesh files, and the drawing from above."""
+
+from __future__ import annotations
+
+import json
+import re
+import subprocess
+import sys
+from itertools import pairwise
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+import trimesh
+from pydantic import TypeAdapter, ValidationError
+
+from dockctl.drawing.scene import KINDS, Scene
+from dockctl.errors import DockctlError, InputError
+from dockctl.scenarios.base import Pose
+from dockctl.scenarios.harbor import HarborSpec, Marina, MeshFile, MeshHarbor
+from dockctl.scenarios.vessel import Hull
+from dockctl.sim.checks import PoseCheck
+from dockctl.sim.collision import CollisionChecker
+from dockctl.sim.harbor.build import Harbor, Part, assemble, build_harbor, scene_of
+from dockctl.sim.harbor.solids import Solid, box
+from dockctl.sim.hull import hull_outline
+from tests.sim.harbor.harbors import reference_harbor, reference_spec
+
+HULL = Hull()
+EAST_FINGERS = [-2.5 + 9 * k for k in range(-3, 4)]
+WEST_FINGERS = [0.5 + 9 * k for k in range(-3, 4)]
+EAST_BERTHS = sorted([9 * k for k in range(-3, 4)] + [4 + 9 * k for k in range(-3, 4)])
+WEST_BERTHS = sorted([-2 + 9 * k for k in range(-3, 4)] + [-6 + 9 * k for k in range(-3, 4)])
+
+
+def marina(**changes: Any) -> Marina:
+    data = {**reference_spec().model_dump(), **changes}
+    spec = TypeAdapter(HarborSpec).validate_python(data)
+    assert isinstance(spec, Marina)
+    return spec
+
+
+def parts(harbor: Harbor, kind: str) -> list[Part]:
+    return [part for part in harbor.parts if part.kind == kind]
+
+
+@pytest.fixture(scope="module")
+def harbor() -> Harbor:
+    return reference_harbor()
+
+
+# The reference marina
+
+
+def test_berths_lie_two_by_two_between_the_fingers(harbor: Harbor) -> None:
+    for side, x, heading, ys in (("east", 36.0, np.pi, EAST_BERTHS), ("west", 7.0, 0.0, WEST_BERTHS)):
+        poses = [berth.pose for berth in harbor.berths if berth.side == side]
+        np.testing.assert_allclose(poses, [(x, y, heading) for y in ys], atol=1e-12)
+
+
+def test_only_the_two_target_berths_are_free(harbor: Harbor) -> None:
+    assert [berth.name for berth in harbor.berths if not berth.occupied] == [
+        "east berth y=0",
+        "west berth y=-2",
+    ]
+    moored = {part.name.split(", ")[1] for part in parts(harbor, "vessel")}
+    assert moored == {berth.name for berth in harbor.berths if berth.occupied}
+
+
+def test_fingers_are_a_metre_wide_and_eight_long(harbor: Harbor) -> None:
+    decks = [part.solids[0].mesh.bounds for part in parts(harbor, "finger")]
+    expected = [(30.5, y - 0.5, 38.5, y + 0.5) for y in EAST_FINGERS]
+    expected += [(4.5, y - 0.5, 12.5, y + 0.5) for y in WEST_FINGERS]
+    np.testing.assert_allclose([(*low[:2], *high[:2]) for low, high in decks], expected)
+    assert all(high[2] == 0.5 for _, high in decks)
+
+
+def test_fingers_stand_on_round_piles_within_their_footprint(harbor: Harbor) -> None:
+    for deck, piles in zip(parts(harbor, "finger"), parts(harbor, "pile"), strict=True):
+        (low, high), (foot, head) = deck.solids[0].mesh.bounds, piles.mesh.bounds
+        assert (foot[:2] >= low[:2]).all()
+        assert (head[:2] <= high[:2]).all()
+        assert foot[2] < 0
+        assert 1.5 <= head[2] <= 2.0
+
+
+def test_quays_close_the_basin_and_leave_it_free(harbor: Harbor) -> None:
+    assert harbor.basin == (4.5, -40.0, 38.5, 40.0)
+    for part in parts(harbor, "quay"):
+        for solid in part.solids:
+            low, high = solid.mesh.bounds
+            assert high[0] <= 4.5 or low[0] >= 38.5 or high[1] <= -40 or low[1] >= 40
+    around = [(x, y) for x in (4.4, 38.6) for y in (-40.1, 0, 40.1)] + [(20, -40.1), (20, 40.1)]
+    boat = CollisionChecker(harbor, HULL)
+    assert boat.blocked(np.array([(*xy, 0.3) for xy in around])).all()
+
+
+def test_vessels_lie_in_the_middle_of_their_berths_with_the_stern_off_the_quay(harbor: Harbor) -> None:
+    berths = {berth.name: berth for berth in harbor.berths}
+    for part in parts(harbor, "vessel"):
+        berth = berths[part.name.split(", ")[1]]
+        low, high = part.mesh.bounds
+        stern = 38.5 - high[0] if berth.side == "east" else low[0] - 4.5
+        assert stern == pytest.approx(0.7)
+        assert (low[1] + high[1]) / 2 == pytest.approx(berth.pose[1], abs=1e-3)
+        assert high[1] - low[1] <= 3.4
+
+
+def test_all_the_classes_are_there_and_each_solid_is_closed(harbor: Harbor) -> None:
+    nouns = {part.name.split(", ")[0] for part in parts(harbor, "vessel")}
+    classes = ("open boat", "sailing boat", "motor yacht", "inflatable boat", "catamaran")
+    assert nouns == {f"moored {noun}" for noun in classes}
+    assert all(solid.mesh.is_watertight for part in harbor.parts for solid in part.solids)
+
+
+def test_triangles_belong_to_their_parts(harbor: Harbor) -> None:
+    assert 30_000 < len(harbor.triangles) <= 60_500
+    assert harbor.triangles.dtype == np.float64
+    for index, part in enumerate(harbor.parts):
+        mine = harbor.triangles[harbor.part_of_triangle == index]
+        np.testing.assert_array_equal(mine, part.mesh.vertices[part.mesh.faces])
+
+
+POSES = [  # Table 3.6, section 4.1, Tables 4.2-4.4
+    *((20, y, psi) for y, psi in ((2, 150), (2, 160), (0, 180), (-2, 200), (3, 150), (1, 170), (-1, 190))),
+    *((36, 0, 180), (23, -10, 90), (18, 3, 150), (21, -11, 90), (25, 0, 50), (7, -2, 0)),
+]
+
+
+@pytest.mark.parametrize("pose", POSES)
+def test_poses_of_the_thesis_are_free(harbor: Harbor, pose: tuple[float, float, float]) -> None:
+    check = PoseCheck(CollisionChecker(harbor, HULL), harbor.basin, hull_outline(HULL))
+    assert check.flaw(Pose(x_m=pose[0], y_m=pose[1], heading_deg=pose[2])) == ""
+
+
+@pytest.mark.parametrize(
+    "way",
+    [
+        [(20, 2, 160), (36, 0, 180)],
+        [(23, -10, 90), (18, 3, 150), (36, 0, 180)],
+        [(21, -11, 90), (25, 0, 50), (14, -2, 0), (7, -2, 0)],
+    ],
+)
+def test_ways_of_the_thesis_are_free(harbor: Harbor, way: list[tuple[float, float, float]]) -> None:
+    legs = [np.linspace(a, b, 100) for a, b in pairwise(way)]
+    eta = np.concatenate(legs) * (1, 1, np.pi / 180)
+    boat = CollisionChecker(harbor, HULL)
+    assert not boat.blocked(eta).any()
+    assert boat.clearance(eta[::20]).min() > 0.3
+
+
+def test_triangles_are_the_same_in_another_process(harbor: Harbor) -> None:
+    code = "from tests.sim.harbor.harbors import reference_harbor; print(reference_harbor().content_hash)"
+    root = Path(__file__).parents[3]
+    other = subprocess.run([sys.executable, "-c", code], cwd=root, capture_output=True, text=True, check=True)
+    assert other.stdout.strip() == harbor.content_hash
+
+
+def test_hash_tells_fleets_and_kinds_apart(harbor: Harbor) -> None:
+    other = build_harbor(marina(fleet={"seed": 8}), Path())
+    assert other.content_hash != harbor.content_hash
+    cube = Solid("quay", box((0, 0, 0), (1, 1, 1)))
+    hashes = {assemble("x", [Part("x", kind, (cube,))]).content_hash for kind in ("quay", "pile")}
+    assert len(hashes) == 2
+
+
+# Other layouts
+
+
+def test_freeing_a_berth_leaves_the_other_vessels_where_they_are(harbor: Harbor) -> None:
+    rows = reference_spec().model_dump()["rows"]
+    rows[0]["free_y_m"] = (4.0, 9.0)
+    moved = {part.name: part for part in parts(build_harbor(marina(rows=rows), Path()), "vessel")}
+    before = {part.name: part for part in parts(harbor, "vessel")}
+    assert {name.split(", ")[1] for name in before.keys() - moved.keys()} == {
+        "east berth y=4",
+        "east berth y=9",
+    }
+    assert {name.split(", ")[1] for name in moved.keys() - before.keys()} == {"east berth y=0"}
+    for name in before.keys() & moved.keys():
+        np.testing.assert_array_equal(before[name].mesh.vertices, moved[name].mesh.vertices)
+
+
+def test_fleet_of_chosen_models() -> None:
+    fleet = build_harbor(marina(fleet={"models": ("inflatable", "catamaran")}), Path())
+    names = [part.name.split(", ")[0] for part in parts(fleet, "vessel")]
+    assert set(names) == {"moored inflatable boat", "moored catamaran"}
+    assert abs(names.count("moored catamaran") - len(names) / 2) <= 1
+
+
+def test_rows_on_all_four_sides_point_into_the_basin() -> None:
+    basin = {"x_min_m": 0.0, "x_max_m": 60.0, "y_min_m": 0.0, "y_max_m": 50.0}
+    rows = [
+        {"side": "east", "finger_y_m": (25.0,), "berth_y_m": (22.0, 28.0), "free_y_m": (22.0,)},
+        {"side": "west", "berth_y_m": (25.0,), "free_y_m": (25.0,)},
+        {"side": "north", "finger_x_m": (30.0,), "berth_x_m": (27.0, 33.0), "free_x_m": (27.0,)},
+        {"side": "south", "berth_x_m": (30.0,), "free_x_m": (30.0,), "finger_x_m": (27.0, 33.0)},
+    ]
+    harbor = build_harbor(marina(basin=basin, rows=rows), Path())
+    poses = {berth.name: berth.pose for berth in harbor.berths if not berth.occupied}
+    assert poses == {
+        "east berth y=22": pytest.approx((57.5, 22, np.pi)),
+        "west berth y=25": pytest.approx((2.5, 25, 0)),
+        "north berth x=27": pytest.approx((27, 47.5, -np.pi / 2)),
+        "south berth x=30": pytest.approx((30, 2.5, np.pi / 2)),
+    }
+    boat = CollisionChecker(harbor, HULL)
+    for berth in harbor.berths:
+        assert boat.blocked(np.array([berth.pose]))[0] == berth.occupied
+    (north,) = [part for part in parts(harbor, "vessel") if "north" in part.name]
+    assert north.mesh.bounds[1, 1] == pytest.approx(50 - 0.7)
+    assert north.mesh.bounds[:, 0].mean() == pytest.approx(33, abs=1e-3)
+
+
+def test_narrow_berths_get_narrow_vessels() -> None:
+    rows = [{"side": "east", "finger_y_m": (-1.6, 1.6), "berth_y_m": (0.0,)}]
+    (vessel,) = parts(build_harbor(marina(rows=rows), Path()), "vessel")
+    assert vessel.mesh.extents[1] <= 2.2 - 0.3
+
+
+def test_berth_too_narrow_for_every_vessel_is_refused() -> None:
+    rows = [{"side": "east", "finger_y_m": (-1.0, 1.0), "berth_y_m": (0.0,)}]
+    with pytest.raises(DockctlError, match=r"east berth y=0 leaves 0\.70 m .* narrowest .* 1\.76 m wide"):
+        build_harbor(marina(rows=rows), Path())
+    freed = build_harbor(marina(rows=[{**rows[0], "free_y_m": (0.0,)}]), Path())
+    assert parts(freed, "vessel") == []
+
+
+def test_free_berth_that_is_none_is_refused() -> None:
+    rows = [{"side": "east", "berth_y_m": (0.0, 4.0), "free_y_m": (3.0,)}]
+    with pytest.raises(ValidationError, match="no berth at 3; the nearest one is at 4"):
+        marina(rows=rows)
+
+
+def test_basin_without_water_is_refused() -> None:
+    with pytest.raises(ValidationError, match=r"x_min_m \(5\) must be less than x_max_m \(5\)"):
+        marina(basin={"x_min_m": 5.0, "x_max_m": 5.0, "y_min_m": 0.0, "y_max_m": 1.0})
+
+
+# Poses in words
+
+
+@pytest.mark.parametrize(
+    ("pose", "words"),
+    [
+        ((36, 4, 180), "blocked by the moored .*, east berth y=4; the nearest free place with this heading"),
+        ((45, 0, 0), "blocked by the east quay; the nearest free place"),
+        ((200, 0, 0), "outside of the basin; the basin is x 4.5 to 38.5 m, y -40 to 40 m"),
+    ],
+)
+def test_blocked_poses_are_told_with_a_remedy(
+    harbor: Harbor, pose: tuple[float, float, float], words: str
+) -> None:
+    check = PoseCheck(CollisionChecker(harbor, HULL), harbor.basin, hull_outline(HULL))
+    flaw = check.flaw(Pose(x_m=pose[0], y_m=pose[1], heading_deg=pose[2]))
+    assert flaw.startswith(f"the boat at ({pose[0]}, {pose[1]}, {pose[2]}°) is ")
+    assert re.search(words, flaw)
+
+
+# Mesh files
+
+
+def meshes(*names: str, **options: Any) -> MeshHarbor:
+    return MeshHarbor(kind="meshes", meshes=tuple(MeshFile(path=name, **options) for name in names))
+
+
+@pytest.mark.parametrize("suffix", ["glb", "obj", "stl", "ply"])
+def test_mesh_formats_give_the_same_closed_bodies(tmp_path: Path, suffix: str) -> None:
+    two = trimesh.util.concatenate([box((0, 0, -1), (4, 2, 1)), box((10, 10, -1), (11, 11, 3))])
+    two.export(tmp_path / f"pier.{suffix}")
+    (part,) = build_harbor(meshes(f"pier.{suffix}"), tmp_path).parts
+    assert [solid.mesh.volume for solid in part.solids] == pytest.approx([16.0, 4.0])
+    assert all(solid.mesh.is_watertight for solid in part.solids)
+
+
+def test_meshes_are_turned_scaled_and_shifted(tmp_path: Path) -> None:
+    box((1000, 0, -3000), (2000, 500, -1000)).export(tmp_path / "up.obj")  # y up, millimetres
+    spec = meshes("up.obj", up="y", scale=0.001, shift_m=(5.0, 0.0, -0.2))
+    (part,) = build_harbor(spec, tmp_path).parts
+    np.testing.assert_allclose(part.mesh.bounds, [(6, 1, -0.2), (7, 3, 0.3)], atol=1e-9)
+    assert part.mesh.volume > 0
+
+
+def test_meshes_beside_a_marina(harbor: Harbor, tmp_path: Path) -> None:
+    box((20, 20, -1), (22, 22, 2)).export(tmp_path / "rock.stl")
+    more = build_harbor(marina(meshes=({"path": "rock.stl"},)), tmp_path)
+    assert len(more.triangles) == len(harbor.triangles) + 12
+    assert CollisionChecker(more, HULL).collided_part(np.array([21.0, 21.0, 0.0])) == "rock.stl"
+
+
+BROKEN: dict[str, tuple[bytes, str]] = {
+    "empty.stl": (b"", "is an empty file"),
+    "harbor.step": (b"ISO-10303-21;", "is not a mesh file that we read; allowed are .glb, .obj, .stl, .ply"),
+    "nan.obj": (b"v 0 0 0\nv 1 nan 0\nv 0 1 0\nf 1 2 3\n", "has 1 of 3 corners that are not finite numbers"),
+    "points.obj": (b"v 0 0 0\nv 1 0 0\n", "holds no triangles"),
+    "flat.obj": (b"v 0 0 0\nv 1 0 0\nv 2 0 0\nf 1 2 3\n", "has only triangles without area"),
+    "index.obj": (b"v 0 0 0\nv 1 0 0\nf 1 2 9\n", "is damaged or is no OBJ file"),
+    "text.glb": (b"not a binary glTF file", "is damaged or is no GLB file"),
+    "short.ply": (b"ply\nformat ascii 1.0\nelement vertex 3\n", "is damaged or is no PLY file"),
+}
+
+
+@pytest.mark.parametrize("name", BROKEN)
+def test_broken_mesh_files_are_told(tmp_path: Path, name: str) -> None:
+    content, words = BROKEN[name]
+    (tmp_path / name).write_bytes(content)
+    with pytest.raises(InputError) as caught:
+        build_harbor(meshes(name), tmp_path)
+    assert str(caught.value).startswith(f"{tmp_path / name}: harbor.meshes.0.path: {words}")
+
+
+def test_all_the_broken_mesh_files_are_told_at_once(tmp_path: Path) -> None:
+    with pytest.raises(InputError) as caught:
+        build_harbor(meshes("no.obj", "either.stl"), tmp_path)
+    assert [problem.field for problem in caught.value.problems] == [
+        "harbor.meshes.0.path",
+        "harbor.meshes.1.path",
+    ]
+
+
+def test_missing_mesh_files_and_folders_are_told(tmp_path: Path) -> None:
+    (tmp_path / "folder.obj").mkdir()
+    with pytest.raises(InputError, match=r"nowhere\.glb: harbor\.meshes\.0\.path: mesh file not found"):
+        build_harbor(meshes("nowhere.glb"), tmp_path)
+    with pytest.raises(InputError, match=r"folder\.obj: harbor\.meshes\.0\.path: is a directory"):
+        build_harbor(meshes("folder.obj"), tmp_path)
+
+
+# From above
+
+
+def test_scene_survives_json(harbor: Harbor) -> None:
+    scene = scene_of(harbor, HULL)
+    again = Scene.from_json(json.loads(json.dumps(scene.to_json())))
+    assert (again.name, again.bounds) == (scene.name, scene.bounds)
+    assert len(again.polygons) == len(scene.polygons)
+    for one, other in zip(scene.polygons, again.polygons, strict=True):
+        assert (one.kind, one.name) == (other.kind, other.name)
+        np.testing.assert_allclose(one.xy, other.xy, atol=6e-4)
+        assert one.height_m == pytest.approx(other.height_m, abs=6e-4)
+    np.testing.assert_allclose(again.hull, hull_outline(HULL), atol=6e-4)
+
+
+def test_scene_shows_every_part_in_known_kinds(harbor: Harbor) -> None:
+    scene = scene_of(harbor, HULL)
+    assert {polygon.kind for polygon in scene.polygons} == set(KINDS) - {"mesh"}
+    assert {polygon.name for polygon in scene.polygons} == {part.name for part in harbor.parts}
+
+
+def test_scene_of_a_vessel_covers_it_from_stern_to_bow(harbor: Harbor) -> None:
+    scene = scene_of(harbor, HULL)
+    for part in parts(harbor, "vessel"):
+        xy = np.concatenate([polygon.xy for polygon in scene.polygons if polygon.name == part.name])
+        np.testing.assert_allclose([xy.min(axis=0), xy.max(axis=0)], part.mesh.bounds[:, :2], atol=0.12)
