@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Sequence
 from pathlib import Path
 
@@ -13,6 +12,7 @@ from rich.table import Table
 
 from dockctl.console import say
 from dockctl.errors import DockctlError
+from dockctl.geometry import pose_array
 from dockctl.reports.show import Scan, figures
 from dockctl.reports.style import house_style, save
 from dockctl.reports.view3d import Body
@@ -39,7 +39,7 @@ def show(source: str, pose: str | None, out: Path | None, plugin_files: Sequence
     where = scenario.task.initial[0] if pose is None else pose_of(pose)
     if flaw := PoseCheck.of(scenario, harbor).flaw(where):
         raise DockctlError(f"--pose {pose}: {flaw}")
-    place = np.array([where.x_m, where.y_m, math.radians(where.heading_deg)])
+    place = pose_array(where)
     folder = out or Path("figures") / scenario.name
     require_writable(folder)
     lidar = LidarArray(scenario.sensors.lidar, harbor.triangles)

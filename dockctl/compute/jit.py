@@ -10,6 +10,8 @@ from typing import Any, TypeVar, cast
 
 from numba import njit
 
+from dockctl import geometry
+
 Function = TypeVar("Function", bound=Callable[..., object])
 
 
@@ -36,6 +38,7 @@ def compiled(**options: Any) -> Callable[[Function], Function]:
 
 @cache
 def _digest(folder: Path) -> str:
-    """Hash the files of a folder in which functions are compiled."""
+    """Hash the sources that compiled functions in a folder may call: the folder and the geometry."""
     sources = [path.read_bytes() for path in sorted(folder.glob("*.py"))]
-    return hashlib.sha256(b"".join(source for source in sources if b"@compiled" in source)).hexdigest()[:12]
+    called = [source for source in sources if b"@compiled" in source]
+    return hashlib.sha256(b"".join([*called, Path(geometry.__file__).read_bytes()])).hexdigest()[:12]

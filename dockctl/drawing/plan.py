@@ -55,9 +55,3 @@ def water(scene: Scene) -> tuple[float, float, float, float]:
         return scene.bounds
     x_min, y_min, x_max, y_max = scene.bounds
     return x_min - OPEN_SEA_M, y_min - OPEN_SEA_M, x_max + OPEN_SEA_M, y_max + OPEN_SEA_M
-
-
-def boat_outline(hull: Floats, pose: Floats) -> Floats:
-    """Move an outline (k, 2) from the body frame to a pose (x [m], y [m], heading [rad])."""
-    cos, sin = np.cos(pose[2]), np.sin(pose[2])
-    return np.asarray(hull @ np.array([[cos, sin], [-sin, cos]]) + pose[:2])

@@ -13,9 +13,9 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import ArrayLike
 
+from dockctl.geometry import wrap
 from dockctl.plugins import OBSERVATION_PARTS
 from dockctl.scenarios.base import Positive
-from dockctl.sim.goal import wrap
 from dockctl.sim.status import Floats, Ints
 
 if TYPE_CHECKING:  # the simulator is heavy, and checking a scenario's parts does without it

@@ -14,11 +14,12 @@ from dockctl.errors import DockctlError
 from dockctl.evaluation.policies import find
 from dockctl.evaluation.starts import player, pose_check, shown_starts, trajectories_csv
 from dockctl.experiments.archive import ELSEWHERE
+from dockctl.geometry import pose_array
 from dockctl.runs.directory import SCENARIO, require_replaceable
 from dockctl.runs.files import new_folder
 from dockctl.scenarios.loader import dump
 from dockctl.sim.simulator import build_worlds
-from dockctl.sim.sites import own_site, pose_array
+from dockctl.sim.sites import own_site
 from dockctl.sim.starts import given_start
 
 SCENE, TRAJECTORIES = "scene.json", "trajectories.csv"

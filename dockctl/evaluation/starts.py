@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
+from dockctl.geometry import pose_array
 from dockctl.runs.tables import TRAJECTORIES, Value, all_columns, to_csv
 
 if TYPE_CHECKING:
@@ -29,7 +30,7 @@ def judging_starts(scenario: Scenario, worlds: Sequence[World]) -> list[Start]:
     They are the test poses, or the initial poses where none are given; where the task has berths, random
     starts at the trained ones, by way of intermediate poses as in training.
     """
-    from dockctl.sim.sites import free_sites, own_site, pose_array
+    from dockctl.sim.sites import free_sites, own_site
     from dockctl.sim.starts import given_start, random_starts
 
     task, evaluation = scenario.task, scenario.evaluation

@@ -15,11 +15,11 @@ from numpy.typing import NDArray
 from dockctl.drawing import palette
 from dockctl.drawing.plan import water
 from dockctl.drawing.scene import Scene
+from dockctl.geometry import sector_index
 from dockctl.reports.style import HALO
 from dockctl.reports.view3d import Camera, draw_water
 
 Floats = NDArray[np.float64]
-Ints = NDArray[np.int64]
 
 HEIGHTS = LinearSegmentedColormap.from_list(
     "heights", ["#3E9FD6", "#6FD3C4", "#D7E58A", "#F8C152", "#F2705B"]
@@ -83,7 +83,7 @@ def draw_sectors(ax: Axes, points: Floats, ranges_m: Floats, hull: Floats, range
         range_m: the LiDAR's range.
     """
     count = len(ranges_m)
-    rho, theta = np.hypot(points[:, 0], points[:, 1]), np.arctan2(points[:, 1], points[:, 0])
+    rho = np.hypot(points[:, 0], points[:, 1])
     view = view_radius(ranges_m, range_m)
     edges = np.linspace(-180.0, 180.0, count + 1)
     for i in range(count):
@@ -97,7 +97,7 @@ def draw_sectors(ax: Axes, points: Floats, ranges_m: Floats, hull: Floats, range
     ax.plot(
         *on_page(points), ".", ms=1.6, mew=0, color=palette.INK_SOFT, alpha=0.55, rasterized=True, zorder=2
     )
-    sector = sector_of(theta, count)
+    sector = np.array([sector_index(x, y, count) for x, y, _ in points.tolist()])
     for i, nearest in enumerate(ranges_m):
         middle = np.radians((edges[i] + edges[i + 1]) / 2)
         inside = np.flatnonzero(sector == i)
@@ -145,11 +145,6 @@ def draw_sectors(ax: Axes, points: Floats, ranges_m: Floats, hull: Floats, range
     ax.set_ylabel("x in the body frame, forward [m]")
     ax.grid(False)
     ax.spines[:].set_visible(True)
-
-
-def sector_of(theta: Floats, count: int) -> Ints:
-    """Index of the sector that holds an angle in (-pi, pi] when the circle is cut into `count` equal ones."""
-    return np.clip(np.floor((theta + np.pi) / (2 * np.pi) * count), 0, count - 1).astype(np.int64)
 
 
 def on_page(points: Floats) -> tuple[Floats, Floats]:

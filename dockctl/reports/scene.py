@@ -13,8 +13,9 @@ from matplotlib.patches import Circle, FancyArrowPatch, FancyBboxPatch, Polygon,
 from numpy.typing import NDArray
 
 from dockctl.drawing import palette
-from dockctl.drawing.plan import boat_outline, strokes, water
+from dockctl.drawing.plan import strokes, water
 from dockctl.drawing.scene import Scene
+from dockctl.geometry import place_outline, pose_array
 from dockctl.reports.style import HALO, key
 from dockctl.reports.trajectory import Track, pose_label
 from dockctl.scenarios.base import Pose
@@ -101,7 +102,7 @@ def draw_boat(
     lw: float = 1.1,
 ) -> None:
     """Outline of the own boat at a pose (x [m], y [m], heading [rad]), filled to the given opacity."""
-    outline = boat_outline(hull, pose)
+    outline = place_outline(hull, pose)
     if fill:
         ax.add_patch(Polygon(outline, fc=color, ec="none", alpha=fill, zorder=4))
     ax.add_patch(
@@ -146,7 +147,7 @@ def draw_goals(ax: Axes, hull: Floats, task: Task, *, named: bool = True) -> Non
     if task.intermediate is not None:
         goals.append(("intermediate pose", task.intermediate, task.intermediate_tolerance))
     for name, pose, tolerance in goals:
-        place = as_array(pose)
+        place = pose_array(pose)
         circle = {"radius": tolerance.distance_m, "lw": 0.9, "zorder": 3}
         ax.add_patch(Circle((pose.x_m, pose.y_m), fc=palette.GOAL, ec="none", alpha=0.16, **circle))
         ax.add_patch(Circle((pose.x_m, pose.y_m), fc="none", ec=palette.GOAL, ls=(0, (1, 1.6)), **circle))
@@ -167,7 +168,7 @@ def label(
     apart_m: float = 0.0,
 ) -> None:
     """Write a name above or below a boat, at least `apart_m` from its centre."""
-    ys = np.array([*boat_outline(hull, pose)[:, 1], pose[1] - apart_m, pose[1] + apart_m])
+    ys = np.array([*place_outline(hull, pose)[:, 1], pose[1] - apart_m, pose[1] + apart_m])
     ax.annotate(
         text,
         (pose[0], ys.min() if below else ys.max()),
@@ -233,19 +234,16 @@ def draw_poses(ax: Axes, scene: Scene, task: Task, tests: Sequence[Pose], *, nam
     others = [pose for pose in tests if (pose.x_m, pose.y_m, pose.heading_deg) not in starts]
     for poses, color, fill in ((others, palette.PURPLE, 0.10), (task.initial, palette.BLUE, 0.40)):
         for pose in poses:
-            draw_boat(ax, scene.hull, as_array(pose), color, fill=fill)
-            draw_heading(ax, scene.hull, as_array(pose), color)
+            draw_boat(ax, scene.hull, pose_array(pose), color, fill=fill)
+            draw_heading(ax, scene.hull, pose_array(pose), color)
     if not named:
         return
-    lowest = as_array(min(task.initial, key=lambda pose: pose.y_m))
+    lowest = pose_array(min(task.initial, key=lambda pose: pose.y_m))
     label(ax, scene.hull, lowest, "start" if len(task.initial) == 1 else "starts", palette.BLUE, below=True)
     if others:
-        label(ax, scene.hull, as_array(max(others, key=lambda pose: pose.y_m)), "test poses", palette.PURPLE)
-
-
-def as_array(pose: Pose) -> Floats:
-    """A pose as x [m], y [m], heading [rad]."""
-    return np.array([pose.x_m, pose.y_m, math.radians(pose.heading_deg)])
+        label(
+            ax, scene.hull, pose_array(max(others, key=lambda pose: pose.y_m)), "test poses", palette.PURPLE
+        )
 
 
 def whole_view(scene: Scene) -> Bounds:

@@ -9,8 +9,8 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from dockctl.drawing.plan import boat_outline
 from dockctl.errors import InputError
+from dockctl.geometry import place_outline, pose_array
 from dockctl.scenarios.base import Pose
 from dockctl.scenarios.berths import layouts
 from dockctl.scenarios.loader import LoadedScenario, load
@@ -99,7 +99,7 @@ class PoseCheck:
 
     def flaw(self, pose: Pose) -> str:
         """Return what is wrong with a pose and what would be right, or an empty string."""
-        eta = np.array([pose.x_m, pose.y_m, math.radians(pose.heading_deg)])
+        eta = pose_array(pose)
         part = self._checker.collided_part(eta)
         if part is None and self._afloat(eta):
             return ""
@@ -111,7 +111,7 @@ class PoseCheck:
         """Whether the whole outline lies over the basin; mesh harbors have no known basin."""
         if self._basin is None:
             return True
-        points = boat_outline(self._outline, eta)
+        points = place_outline(self._outline, eta)
         return bool(((points > self._basin[:2]) & (points < self._basin[2:])).all())
 
     def _remedy(self, eta: Floats) -> str:

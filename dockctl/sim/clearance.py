@@ -7,8 +7,8 @@ from functools import cache
 
 import numpy as np
 
+from dockctl.geometry import wrap
 from dockctl.scenarios.vessel import Hull
-from dockctl.sim.goal import wrap
 from dockctl.sim.hull import hull_mesh
 from dockctl.sim.status import Floats
 

@@ -4,16 +4,11 @@ from __future__ import annotations
 
 import numpy as np
 
+from dockctl.geometry import wrap
 from dockctl.scenarios.schema import Task, Tolerance
 from dockctl.sim.status import Bools, Floats, Ints
 
 TO_INTERMEDIATE, TO_FINAL = 0, 1
-
-
-def wrap(angle: Floats) -> Floats:
-    """Return the angle [rad] wrapped to (-pi, pi]; an angle inside is returned to the last bit."""
-    turned = angle - 2 * np.pi * np.round(angle / (2 * np.pi))
-    return np.where(turned <= -np.pi, np.pi, np.minimum(turned, np.pi))
 
 
 def measure(eta: Floats, goal: Floats) -> tuple[Floats, Floats]:

@@ -9,11 +9,11 @@ from typing import get_args
 import numpy as np
 
 from dockctl.errors import InputError, Problem
-from dockctl.scenarios.base import Pose
+from dockctl.geometry import pose_array, transfer_poses
 from dockctl.scenarios.berths import BerthKind, BerthPlace, layouts
 from dockctl.scenarios.harbor import Marina
 from dockctl.scenarios.schema import Scenario, Task
-from dockctl.sim.goal import TO_FINAL, TO_INTERMEDIATE, measure, wrap
+from dockctl.sim.goal import TO_FINAL, TO_INTERMEDIATE, measure
 from dockctl.sim.harbor.build import berth_pose
 from dockctl.sim.status import Bools, Floats
 
@@ -40,11 +40,6 @@ class Site:
     harbor: int = 0
     kind: str = ""
     berth: str = ""
-
-
-def pose_array(pose: Pose) -> Floats:
-    """Return x, y [m] and heading [rad], (3,)."""
-    return np.array([pose.x_m, pose.y_m, np.radians(pose.heading_deg)])
 
 
 def _written(task: Task) -> Site:
@@ -121,28 +116,7 @@ def _carried(
 ) -> Site:
     final = own.goals[1]
     berth = f"{place.side} {place.at_m:g}{' mirrored' if mirrored else ''}"
-    initial, goals = (carry(poses, final, np.array(to), mirrored) for poses in (own.initial, own.goals))
+    initial, goals = (
+        transfer_poses(poses, final, np.array(to), mirrored) for poses in (own.initial, own.goals)
+    )
     return Site(initial, goals, own.first_phase, harbor, kind, berth)
-
-
-def carry(poses: Floats, origin: Floats, to: Floats, mirrored: bool) -> Floats:
-    """Move poses rigidly, as `origin` is moved to `to`.
-
-    Args:
-        poses: (k, 3) x, y [m] and heading [rad].
-        origin, to: (3,) poses.
-        mirrored: reflect the poses in the line along `origin` first, port to starboard.
-
-    Returns:
-        (k, 3), headings in (-pi, pi].
-    """
-    forward, port = _turn(poses[:, 0] - origin[0], poses[:, 1] - origin[1], -origin[2])
-    side = -1.0 if mirrored else 1.0
-    x, y = _turn(forward, side * port, to[2])
-    heading = wrap(to[2] + side * (poses[:, 2] - origin[2]))
-    return np.column_stack([to[0] + x, to[1] + y, heading])
-
-
-def _turn(x: Floats, y: Floats, angle: float) -> tuple[Floats, Floats]:
-    cosine, sine = np.cos(angle), np.sin(angle)
-    return cosine * x - sine * y, sine * x + cosine * y

@@ -7,9 +7,10 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from dockctl.geometry import wrap
 from dockctl.scenarios.schema import Scenario, Task
 from dockctl.scenarios.training import ExploringStarts
-from dockctl.sim.goal import TO_FINAL, TO_INTERMEDIATE, wrap
+from dockctl.sim.goal import TO_FINAL, TO_INTERMEDIATE
 from dockctl.sim.sites import Site
 from dockctl.sim.status import Bools, Floats
 

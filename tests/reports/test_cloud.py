@@ -17,13 +17,6 @@ from tests.reports import synthetic
 CAMERA = Camera((-10.0, 0.0, 5.0), (0.0, 0.0, 0.0))
 
 
-@given(st.floats(-math.pi, math.pi), st.sampled_from([1, 4, 8, 12]))
-def test_sectors_are_equal_and_begin_astern(theta: float, count: int) -> None:
-    sector = int(cloud.sector_of(np.array([theta]), count)[0])
-    edges = np.linspace(-math.pi, math.pi, count + 1)
-    assert edges[sector] - 1e-12 <= theta <= edges[sector + 1] + 1e-12
-
-
 def test_the_nearest_point_of_each_sector_is_marked_with_its_distance() -> None:
     points = np.array([[3.0, 1.0, 0.5], [6.0, 2.0, 0.5], [-4.0, -1.0, 1.0], [2.0, -7.0, 2.0]])
     ranges = np.full(8, 100.0)

@@ -13,8 +13,9 @@ from hypothesis import given
 from hypothesis import strategies as st
 from matplotlib.patches import Circle
 
-from dockctl.drawing.plan import OPEN_SEA_M, boat_outline, strokes, water
+from dockctl.drawing.plan import OPEN_SEA_M, strokes, water
 from dockctl.drawing.scene import Scene
+from dockctl.geometry import place_outline
 from dockctl.reports import scene
 from dockctl.reports.style import house_style, panel
 from dockctl.reports.trajectory import Track, tracks_of
@@ -36,7 +37,7 @@ def timed(seconds: float) -> Track:
 
 
 def test_a_boat_is_turned_and_moved() -> None:
-    outline = boat_outline(np.array([[1.5, 0.0], [0.0, 0.5]]), np.array([20.0, 2.0, math.pi / 2]))
+    outline = place_outline(np.array([[1.5, 0.0], [0.0, 0.5]]), np.array([20.0, 2.0, math.pi / 2]))
     assert outline == pytest.approx(np.array([[20.0, 3.5], [19.5, 2.0]]))
 
 
@@ -92,7 +93,7 @@ def test_paths_and_outlines_follow_the_table() -> None:
     table = tracks[0].table
     path = np.asarray(ax.lines[0].get_xydata())
     assert np.array_equal(path, table[["x_m", "y_m"]])
-    starts = boat_outline(PLAN.hull, np.array([23.0, -10.0, math.pi / 2]))
+    starts = place_outline(PLAN.hull, np.array([23.0, -10.0, math.pi / 2]))
     outlines = [
         np.asarray(patch.get_xy())
         for patch in ax.patches
@@ -102,7 +103,7 @@ def test_paths_and_outlines_follow_the_table() -> None:
     every = table[np.isclose(table["time_s"] % 10, 0)]
     for _, row in every.iterrows():
         place = np.array([row["x_m"], row["y_m"], math.radians(row["heading_deg"])])
-        assert any(xy[:-1] == pytest.approx(boat_outline(PLAN.hull, place)) for xy in outlines)
+        assert any(xy[:-1] == pytest.approx(place_outline(PLAN.hull, place)) for xy in outlines)
 
 
 def test_tolerances_are_circles_around_the_goals() -> None:

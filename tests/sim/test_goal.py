@@ -1,4 +1,4 @@
-"""Wrapping, and the edges of the tolerances to the last bit."""
+"""Distances, and the edges of the tolerances to the last bit."""
 
 from __future__ import annotations
 
@@ -6,11 +6,9 @@ import math
 
 import numpy as np
 import pytest
-from hypothesis import example, given
-from hypothesis import strategies as st
 
 from dockctl.scenarios.loader import load
-from dockctl.sim.goal import final_reached, intermediate_reached, measure, reached, wrap
+from dockctl.sim.goal import final_reached, intermediate_reached, measure, reached
 
 TASK = load("s3").scenario.task
 PI = math.pi
@@ -22,31 +20,6 @@ def just_below(value: float) -> float:
 
 def just_above(value: float) -> float:
     return float(np.nextafter(value, math.inf))
-
-
-@given(angle=st.floats(-1000, 1000))
-@example(angle=PI)
-@example(angle=-PI)
-@example(angle=just_above(PI))
-@example(angle=just_below(-PI))
-@example(angle=just_above(-PI))
-@example(angle=3 * PI)
-@example(angle=-3 * PI)
-@example(angle=-1e-320)
-def test_wrap_stays_in_the_half_open_turn_and_keeps_the_direction(angle: float) -> None:
-    wrapped = float(wrap(np.array([angle]))[0])
-    assert -PI < wrapped <= PI
-    assert math.cos(wrapped) == pytest.approx(math.cos(angle), abs=1e-12)
-    assert math.sin(wrapped) == pytest.approx(math.sin(angle), abs=1e-12)
-
-
-@given(angle=st.floats(-PI, PI, exclude_min=True))
-def test_wrap_leaves_angles_inside_alone(angle: float) -> None:
-    assert wrap(np.array([angle]))[0] == angle
-
-
-def test_minus_half_a_turn_is_plus_half_a_turn() -> None:
-    assert wrap(np.array([-PI, PI])).tolist() == [PI, PI]
 
 
 def test_distance_and_heading_error_by_hand() -> None:

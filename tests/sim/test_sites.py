@@ -6,7 +6,6 @@ import math
 
 import numpy as np
 import pytest
-from hypothesis import given
 from hypothesis import strategies as st
 
 from dockctl.errors import InputError
@@ -14,8 +13,7 @@ from dockctl.scenarios.berths import BerthPlace, layouts
 from dockctl.scenarios.harbor import Marina
 from dockctl.scenarios.loader import load
 from dockctl.sim.checks import check_poses
-from dockctl.sim.goal import measure, wrap
-from dockctl.sim.sites import carry, free_sites, own_site, sites
+from dockctl.sim.sites import free_sites, own_site, sites
 from dockctl.sim.starts import StartSampler, random_starts
 from tests.sim.worlds import Wall
 
@@ -23,21 +21,6 @@ S3, MARINA = load("s3").scenario, load("marina").scenario
 OPEN = [Wall(math.inf).blocked] * 5
 coordinate, angle = st.floats(-50, 50), st.floats(-math.pi, math.pi)
 poses = st.tuples(coordinate, coordinate, angle).map(np.array)
-
-
-@given(first=poses, second=poses, origin=poses, to=poses, mirrored=st.booleans())
-def test_carrying_keeps_distances_and_turns_and_mirroring_swaps_the_sides(
-    first: np.ndarray, second: np.ndarray, origin: np.ndarray, to: np.ndarray, mirrored: bool
-) -> None:
-    before = np.stack([first, second])
-    after = carry(before, origin, to, mirrored)
-    assert np.hypot(*(after[0] - after[1])[:2]) == pytest.approx(np.hypot(*(first - second)[:2]), abs=1e-9)
-    turned = wrap(np.array([second[2] - first[2], after[1, 2] - after[0, 2]]))
-    assert math.cos(turned[0]) == pytest.approx(math.cos(turned[1]), abs=1e-9)
-    assert math.sin(turned[0]) == pytest.approx(math.sin(turned[1]) * (-1 if mirrored else 1), abs=1e-9)
-    assert measure(carry(origin[None], origin, to, mirrored), to[None])[0] == pytest.approx(0, abs=1e-9)
-    back = carry(after, to, origin, mirrored)
-    assert back[:, :2] == pytest.approx(before[:, :2], abs=1e-9)
 
 
 def test_a_task_carried_to_its_own_berth_stays_and_its_mirror_image_is_the_other_side() -> None:

@@ -20,6 +20,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dockctl.compute.jit import compiled
+from dockctl.geometry import sector_index
 from dockctl.sim.lidar.height_grid import (
     SLACK_M,
     HeightGrid,
@@ -48,10 +49,7 @@ CORE_REACH_M = CORE_CELL_M / math.sqrt(2) + CORE_STEP_M
 RUN = np.dtype([("first", np.int32), ("length", np.uint16), ("low", np.uint8), ("high", np.uint8)])
 
 
-@compiled()
-def sector_of(x: float, y: float, sectors: int) -> int:
-    """Return in which of the equal sectors of azimuth over [-pi, pi] the body-frame point (x, y) lies."""
-    return min(int((math.atan2(y, x) + math.pi) / (2 * math.pi) * sectors), sectors - 1)
+sector_of = compiled()(sector_index)
 
 
 class ShellTable(NamedTuple):

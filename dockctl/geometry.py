@@ -1,0 +1,75 @@
+"""Planar geometry that several packages share: angles, poses, outlines, sectors.
+
+A pose is x, y [m] and heading [rad], counter-clockwise from the x axis. The body frame has x forward and y to
+port.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import Protocol
+
+import numpy as np
+from numpy.typing import NDArray
+
+Floats = NDArray[np.float64]
+
+
+class DegreePose(Protocol):
+    """A pose as scenarios write it, with the heading in degrees."""
+
+    @property
+    def x_m(self) -> float: ...
+    @property
+    def y_m(self) -> float: ...
+    @property
+    def heading_deg(self) -> float: ...
+
+
+def pose_array(pose: DegreePose) -> Floats:
+    """Return x, y [m] and heading [rad], (3,)."""
+    return np.array([pose.x_m, pose.y_m, math.radians(pose.heading_deg)])
+
+
+def wrap(angle: Floats) -> Floats:
+    """Return the angle [rad] wrapped to (-pi, pi]; an angle inside is returned to the last bit."""
+    turned = angle - 2 * np.pi * np.round(angle / (2 * np.pi))
+    return np.where(turned <= -np.pi, np.pi, np.minimum(turned, np.pi))
+
+
+def rotate(x: Floats, y: Floats, angle: float) -> tuple[Floats, Floats]:
+    """Return the coordinates of points rotated about the origin by `angle` [rad]."""
+    cosine, sine = np.cos(angle), np.sin(angle)
+    return cosine * x - sine * y, sine * x + cosine * y
+
+
+def place_outline(outline: Floats, pose: Floats) -> Floats:
+    """Transform an outline (k, 2) from the body frame to the world frame of a pose (3,) [m, m, rad]."""
+    cosine, sine = np.cos(pose[2]), np.sin(pose[2])
+    return np.asarray(outline @ np.array([[cosine, sine], [-sine, cosine]]) + pose[:2])
+
+
+def transfer_poses(poses: Floats, origin: Floats, to: Floats, mirrored: bool) -> Floats:
+    """Move poses by the rigid motion that takes `origin` to `to`.
+
+    Args:
+        poses: (k, 3) x, y [m] and heading [rad].
+        origin, to: (3,) poses.
+        mirrored: reflect the poses in the line along `origin` first, port to starboard.
+
+    Returns:
+        (k, 3), headings in (-pi, pi].
+    """
+    forward, port = rotate(poses[:, 0] - origin[0], poses[:, 1] - origin[1], -origin[2])
+    side = -1.0 if mirrored else 1.0
+    x, y = rotate(forward, side * port, to[2])
+    heading = wrap(to[2] + side * (poses[:, 2] - origin[2]))
+    return np.column_stack([to[0] + x, to[1] + y, heading])
+
+
+def sector_index(x: float, y: float, sectors: int) -> int:
+    """Return the index of the LiDAR sector that contains a point of the body frame (thesis Fig. 3.9).
+
+    The circle is cut into equal sectors of azimuth from -pi to pi. The LiDAR scan compiles this function.
+    """
+    return min(int((math.atan2(y, x) + math.pi) / (2 * math.pi) * sectors), sectors - 1)
