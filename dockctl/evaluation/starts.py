@@ -124,6 +124,7 @@ def _trajectory_rows(episodes: Sequence[Episode], control_period_s: float) -> It
             yield {
                 "pose": pose,
                 "step": step,
+                "outcome": episode.outcome,
                 "time_s": step * control_period_s,
                 "x_m": x,
                 "y_m": y,

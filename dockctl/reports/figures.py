@@ -82,9 +82,7 @@ def pose_figure(run: Run, tracks: Sequence[Track]) -> Figure:
     height = 6.9 * (view[3] - view[1]) / (view[2] - view[0]) + (1.45 if len(tracks) > 1 else 1.2)
     interval = scene.outline_interval(tracks)
     title = (
-        "How the best policy docks"
-        if all(trajectory.docked(track, run.task) for track in tracks)
-        else "Where the best policy goes"
+        "How the best policy docks" if all(track.docked for track in tracks) else "Where the best policy goes"
     )
     figure, ax = panel(title, f"{run.caption}, one outline every {interval:g} s", (7.8, height))
     scene.draw_harbor(ax, plan, view)
@@ -124,7 +122,7 @@ def docking_figures(run: Run, tracks: Sequence[Track]) -> Iterator[tuple[str, Fi
 
 def overview(run: Run, episodes: pd.DataFrame, tracks: Sequence[Track]) -> Figure:
     """One page: the paths, how the policy learned, and what it does on its way."""
-    docked = sum(trajectory.docked(track, run.task) for track in tracks)
+    docked = sum(track.docked for track in tracks)
     last = episodes.tail(RECENT)
     share = float((last["outcome"] == "docked").mean())
     figure = sheet(

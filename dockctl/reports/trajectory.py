@@ -24,6 +24,10 @@ class Track:
     table: pd.DataFrame
 
     @property
+    def docked(self) -> bool:
+        return bool(self.table["outcome"].iloc[-1] == "docked")
+
+    @property
     def switch(self) -> int | None:
         """First row after the intermediate pose, None where the phase never changes."""
         changes = np.flatnonzero(np.diff(self.table["phase"].to_numpy()))
@@ -45,17 +49,6 @@ def pose_label(x_m: float, y_m: float, heading_deg: float) -> str:
     rounded = (round(x_m, 2), round(y_m, 2), round(heading_deg, 2) % 360)
     x, y, heading = (f"{value + 0.0:g}".replace("-", "−") for value in rounded)
     return f"({x}, {y}, {heading}°)"
-
-
-def docked(track: Track, task: Task) -> bool:
-    """Whether a track ends within the tolerance of the final pose."""
-    last, tolerance = track.table.iloc[-1], task.final_tolerance
-    return bool(
-        last["phase"] == 1
-        and last["distance_m"] < tolerance.distance_m
-        and abs(np.radians(last["heading_error_deg"])) < tolerance.heading
-        and np.hypot(last["u_mps"], last["v_mps"]) <= tolerance.speed_mps
-    )
 
 
 def draw_distance(ax: Axes, tracks: Sequence[Track], task: Task) -> None:

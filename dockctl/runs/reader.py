@@ -22,7 +22,7 @@ from dockctl.scenarios.training import Evaluation
 EPISODES = ("episode", "start_kind", "return", "steps", "outcome", "phase", "epsilon")
 EVALUATIONS = ("env_steps", "pose", "outcome", "best")
 TRAJECTORIES = (
-    *("pose", "time_s", "x_m", "y_m", "heading_deg", "u_mps", "v_mps", "r_degps"),
+    *("pose", "outcome", "time_s", "x_m", "y_m", "heading_deg", "u_mps", "v_mps", "r_degps"),
     *("propeller_n", "rudder_deg", "distance_m", "heading_error_deg", "phase"),
 )
 WORDS = ("start_kind", "outcome")

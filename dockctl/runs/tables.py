@@ -52,10 +52,10 @@ TIMING = ("env_steps", "wall_s")
 """Seconds since the training began; kept apart so that the other tables repeat byte for byte."""
 
 TRAJECTORIES = (
-    "pose", "step", "time_s", "x_m", "y_m", "heading_deg", "u_mps", "v_mps", "r_degps", "propeller_n",
-    "rudder_deg", "distance_m", "heading_error_deg", "phase", "reward",
+    "pose", "step", "outcome", "time_s", "x_m", "y_m", "heading_deg", "u_mps", "v_mps", "r_degps",
+    "propeller_n", "rudder_deg", "distance_m", "heading_error_deg", "phase", "reward",
 )  # fmt: skip
-"""Greedy episodes of the best policy; columns ``range_1_m`` ... follow, one for each LiDAR sector."""
+"""Greedy episodes step by step; `outcome` is that of the episode; one ``range_<i>_m`` per sector follows."""
 
 
 class Table:

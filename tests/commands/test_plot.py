@@ -58,7 +58,7 @@ def test_a_folder_without_run_is_refused(tmp_path: Path, there: bool) -> None:
 @pytest.mark.parametrize(
     ("name", "old", "new", "message"),
     [
-        ("trajectories.csv", "\n0,1,", "\n0,1,x", "trajectories.csv:3: time_s: found the text 'x"),
+        ("trajectories.csv", ",0.5,", ",x0.5,", "trajectories.csv:3: time_s: found the text 'x"),
         ("scene.json", '"hull_m": [', '"hull_m": [], "was": [', "an outline needs three corners"),
         ("scene.json", '"bounds_m": [', '"bounds_m": [0, 0, NaN, 1], "was": [', "hold no water"),
     ],

@@ -102,6 +102,7 @@ def track(
                 {
                     "pose": pose,
                     "step": len(rows),
+                    "outcome": "docked",
                     "time_s": PERIOD_S * len(rows),
                     "x_m": pose_now[0],
                     "y_m": pose_now[1],

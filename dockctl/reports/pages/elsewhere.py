@@ -31,7 +31,6 @@ from dockctl.reports.success_map import (
     radius_words,
     turned_within,
 )
-from dockctl.reports.trajectory import docked
 from dockctl.runs.tables import START_KINDS
 from dockctl.scenarios.study import Experiment, Study
 
@@ -73,7 +72,7 @@ def _berth(name: str, title: str, kept: Kepts) -> tuple[str, dict[str, Draw]]:
         tracks = courses.by_seed([(seed, course.tracks) for seed, course in found])
         course = found[0][1]
         figure = f"{who}-on-{name}"
-        if any(docked(track, course.task) for track in tracks):
+        if any(track.docked for track in tracks):
             draws[figure] = _maneuver(
                 f"{title}: {WHOSE[who]}", course, found, [fact.figure for fact in facts]
             )
@@ -91,7 +90,7 @@ def _berth(name: str, title: str, kept: Kepts) -> tuple[str, dict[str, Draw]]:
 
 def _named(seed: int, course: Course) -> tuple[str, Course]:
     """A panel's title: whose episodes these are, and how they end."""
-    return f"seed {seed}: {listed(ending(track, course.task) for track in course.tracks)}", course
+    return f"seed {seed}: {listed(ending(track) for track in course.tracks)}", course
 
 
 def _maneuver(title: str, course: Course, found: Sequence[tuple[int, Course]], cited: Sequence[str]) -> Draw:

@@ -10,7 +10,7 @@ from dockctl.analysis.statistics import RECENT
 from dockctl.reports.learning import from_the_start
 from dockctl.reports.pages.kept import Kept
 from dockctl.reports.pages.markdown import listed, spread
-from dockctl.reports.trajectory import Track, docked
+from dockctl.reports.trajectory import Track
 from dockctl.scenarios.schema import Task
 
 TOP_SHARE = 0.9
@@ -27,11 +27,10 @@ def slowing_m(track: Track) -> float:
     return float(rows["distance_m"].iloc[int(fast[-1])])
 
 
-def ending(track: Track, task: Task) -> str:
+def ending(track: Track) -> str:
     """How a track ends, in a word or two."""
-    if docked(track, task):
-        return "docked"
-    return "collision" if len(track.table) <= task.max_steps else "out of time"
+    outcome = str(track.table["outcome"].iloc[-1])
+    return "out of time" if outcome == "timeout" else outcome
 
 
 def change_share(track: Track, column: str) -> float:
@@ -83,10 +82,10 @@ def phase(runs: Sequence[Kept]) -> str:
 
 
 def pose(tracks: Sequence[Track], task: Task) -> str:
-    done = sum(docked(track, task) for track in tracks)
+    done = sum(track.docked for track in tracks)
     if not done:
         return f"{done} of {len(tracks)} dock"
-    paths = [_path_m(track) for track in tracks if docked(track, task)]
+    paths = [_path_m(track) for track in tracks if track.docked]
     return f"{done} of {len(tracks)} dock, over {spread(paths, unit=' m')}"
 
 

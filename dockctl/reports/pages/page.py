@@ -14,7 +14,7 @@ from dockctl.reports.pages.markdown import NOT_RUN, share, spread, steps, table
 from dockctl.reports.pages.measures import OF_COURSES, OF_TRAININGS
 from dockctl.reports.pages.statistics import interquartile_mean, interval
 from dockctl.reports.pages.thesis import Fact
-from dockctl.reports.trajectory import Track, docked
+from dockctl.reports.trajectory import Track
 from dockctl.runs.tables import START_KINDS
 from dockctl.scenarios.schema import Task
 
@@ -58,7 +58,7 @@ def course_readings(facts: Sequence[Fact], sets: Mapping[str, tuple[Sequence[Tra
     for fact in facts:
         row = {"Fig.": fact.figure, "the thesis": fact.seen}
         for name, (tracks, task) in sets.items():
-            there = tracks if fact.measure in ALL_TRACKS else [t for t in tracks if docked(t, task)]
+            there = tracks if fact.measure in ALL_TRACKS else [t for t in tracks if t.docked]
             row[name] = OF_COURSES[fact.measure](there, task) if there else "-"
         rows.append(row | ({"because": fact.why} if fact.why else {}))
     return table(rows)
