@@ -45,7 +45,7 @@ def main() -> None:
     env = DockingVectorEnv("s3", 1)
     observation, _ = env.reset(seed=0)
     training = env.scenario.training
-    network = DuelingQNetwork(observation.shape[1], len(env.action_commands), training.hidden_sizes)
+    network = DuelingQNetwork(observation.shape[1], int(env.single_action_space.n), training.hidden_sizes)
     policy = GreedyPolicy(network)
     report = bench.Report("latency", "Latency: one boat, one core")
     forward = microseconds(lambda: policy.act(observation, {}), FORWARDS)[WARM_UP:]

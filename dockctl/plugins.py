@@ -231,7 +231,12 @@ DATA: dict[str, Registry[Path]] = {
     "dockctl.harbors": HARBORS,
 }
 GROUPS: dict[str, Registry[Any]] = {**CODE, **DATA}
-BUILTINS = ("dockctl.rewards.terms", "dockctl.envs.observation")
+BUILTINS = (
+    "dockctl.rewards.terms",
+    "dockctl.envs.actions",
+    "dockctl.envs.observation",
+)
+"""Modules that register what the package itself brings."""
 
 _loaded: dict[str, str] = {}
 """Content hash of every local file in use, with its origin."""

@@ -15,13 +15,14 @@ from dockctl.envs.vector import DockingVectorEnv, Info, ScenarioSource
 from dockctl.sim.simulator import World
 
 
-class DockingEnv(gymnasium.Env[NDArray[np.float32], np.int64]):
+class DockingEnv(gymnasium.Env[NDArray[np.float32], Any]):
     """A small underactuated boat is to come to rest at a berth, in reverse, without touching the harbor.
 
     ## Action space
-    `Discrete(77)`: 11 propeller forces (-50 to 50 N) times 7 rudder angles (-30 to 30 degrees), the angle
-    running fastest (`action_commands` lists them); the command is held for the control period of 0.5 s.
-    A scenario may choose another grid.
+    `Discrete(77)`: 11 propeller forces (-50 to 50 N) times 7 rudder angles (-30 to 30 degrees); action i is
+    force i // 7 with angle i % 7. The command is held for the control period of 0.5 s. A scenario may define
+    another grid, or ``actions: {kind: continuous}``: `Box(-1, 1, (2,))`, fractions of the greatest propeller
+    force and rudder angle.
 
     ## Observation space
     `Box` of float32; values beyond the bounds are clipped. The scenario lists the parts: scenario 3 has the
@@ -91,7 +92,6 @@ class DockingEnv(gymnasium.Env[NDArray[np.float32], np.int64]):
             worlds=worlds,
         )
         self.render_mode = render_mode
-        self.action_commands = self.batch.action_commands
         self.observation_space = self.batch.single_observation_space
         self.action_space = self.batch.single_action_space
 
@@ -103,7 +103,7 @@ class DockingEnv(gymnasium.Env[NDArray[np.float32], np.int64]):
         observations, info = self.batch.reset(seed=seed, options=options)
         return observations[0], _first(info)
 
-    def step(self, action: np.int64 | int) -> tuple[NDArray[np.float32], float, bool, bool, Info]:
+    def step(self, action: Any) -> tuple[NDArray[np.float32], float, bool, bool, Info]:
         """Hold the action for one control period; see `DockingVectorEnv.step`."""
         observations, reward, terminated, truncated, info = self.batch.step(np.array([action]))
         return observations[0], float(reward[0]), bool(terminated[0]), bool(truncated[0]), _first(info)

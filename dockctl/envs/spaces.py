@@ -11,17 +11,10 @@ from numpy.typing import NDArray
 from dockctl.envs.observation import Columns, View
 from dockctl.errors import DockctlError
 from dockctl.plugins import OBSERVATION_PARTS
-from dockctl.scenarios.schema import ActionGrid, ObservationPart
-from dockctl.sim.status import Floats
+from dockctl.scenarios.schema import ObservationPart
 
 BLANK_BOATS = 2
 """Boats on which the shapes are tried; with one alone, a row a boat and a single row look the same."""
-
-
-def action_commands(actions: ActionGrid) -> Floats:
-    """Return the command (k, 2) [N, rad] of each action; the rudder angle runs fastest (Table 3.4)."""
-    force, rudder = np.meshgrid(actions.propeller_n, np.radians(actions.rudder_deg), indexing="ij")
-    return np.column_stack([force.ravel(), rudder.ravel()])
 
 
 class ObservationEncoder:

@@ -8,13 +8,12 @@ from typing import Any
 
 import numpy as np
 from gymnasium import error
-from gymnasium.spaces import Discrete
 from gymnasium.vector import AutoresetMode, VectorEnv
 from gymnasium.vector.utils import batch_space
 from numpy.typing import NDArray
 
 from dockctl.envs.observation import View
-from dockctl.envs.spaces import ObservationEncoder, action_commands
+from dockctl.envs.spaces import ObservationEncoder
 from dockctl.errors import DockctlError, nearest
 from dockctl.rewards.compose import RewardFunction
 from dockctl.scenarios.loader import LoadedScenario
@@ -31,7 +30,7 @@ OPTIONS = ("poses", "starts", "reset_mask")
 ScenarioSource = LoadedScenario | Scenario | str | Path
 
 
-class DockingVectorEnv(VectorEnv[Observations, Ints, NDArray[Any]]):
+class DockingVectorEnv(VectorEnv[Observations, NDArray[Any], NDArray[Any]]):
     """n boats that learn to dock, stepped together; `DockingEnv` tells of observations, actions and rewards.
 
     A boat whose episode ended begins the next one in the same step (`AutoresetMode.SAME_STEP`): its row of
@@ -85,7 +84,6 @@ class DockingVectorEnv(VectorEnv[Observations, Ints, NDArray[Any]]):
         self.worlds = worlds or build_worlds(self.scenario, directory)
         self.simulator = Simulator(self.scenario, self.worlds, num_envs)
         self.reward = RewardFunction(self.scenario.reward)
-        self.action_commands = action_commands(self.scenario.actions)
         blocked = [world.obstacles.blocked for world in self.worlds]
         self._own = own_site(self.scenario)
         trained = [site for site in free_sites(self.scenario, blocked) if site.kind != "held_out"]
@@ -93,7 +91,7 @@ class DockingVectorEnv(VectorEnv[Observations, Ints, NDArray[Any]]):
         self._encoder = ObservationEncoder(self.scenario.observation, self.scenario.sensors.lidar.sectors)
         self.observation_names = self._encoder.names
         self.single_observation_space = self._encoder.space
-        self.single_action_space = Discrete(len(self.action_commands))
+        self.single_action_space = self.scenario.actions.space(self.scenario.vessel)
         self.observation_space = batch_space(self.single_observation_space, num_envs)
         self.action_space = batch_space(self.single_action_space, num_envs)
         self._rngs: list[np.random.Generator] = []
@@ -138,20 +136,16 @@ class DockingVectorEnv(VectorEnv[Observations, Ints, NDArray[Any]]):
         self._begin(rows, starts)
         return self._observe(), self._info(self._no_events())
 
-    def step(self, actions: Ints) -> tuple[Observations, Floats, Bools, Bools, Info]:
+    def step(self, actions: NDArray[Any]) -> tuple[Observations, Floats, Bools, Bools, Info]:
         """Hold each boat's action (n,) for one control period.
 
         Raises:
             gymnasium.error.ResetNeeded: an episode ended and nobody reset it.
             gymnasium.error.InvalidAction: an action outside of the action space.
         """
-        chosen = np.asarray(actions)
         if self._ended.any():
             raise error.ResetNeeded("an episode has ended or none has begun: call reset() first")
-        last = len(self.action_commands) - 1
-        if chosen.shape != (self.num_envs,) or chosen.min() < 0 or chosen.max() > last:
-            raise error.InvalidAction(f"expected {self.num_envs} actions from 0 to {last}, got {actions}")
-        status = self.simulator.step(self.action_commands[chosen])
+        status = self.simulator.step(self._commands(actions))
         reward, by_term = self.reward(status)
         terminated = status.collided | status.reached_final
         truncated = ~terminated & (self.simulator.steps >= self.simulator.max_steps)
@@ -221,6 +215,15 @@ class DockingVectorEnv(VectorEnv[Observations, Ints, NDArray[Any]]):
         events["outcome"][rows] = events["collided_with"][rows] = ""
         last = _masked({"final_obs": final_obs, "final_info": info}, ended)
         return self._observe(), {**self._info(events), **last}
+
+    def _commands(self, actions: NDArray[Any]) -> Floats:
+        """Return the commands (n, 2) [N, rad] of the actions."""
+        chosen, dtype = np.asarray(actions), self.action_space.dtype
+        if dtype is not None and np.can_cast(chosen.dtype, dtype, "same_kind"):
+            chosen = chosen.astype(dtype)
+        if not self.action_space.contains(chosen):
+            raise error.InvalidAction(f"expected actions of {self.action_space}, got {actions}")
+        return self.scenario.actions.commands(chosen, self.scenario.vessel)
 
     def _observe(self) -> Observations:
         return self._encoder(View.of(self.simulator, self.simulator.sector_ranges_m))

@@ -9,6 +9,7 @@ from time import perf_counter
 
 import numpy as np
 import pandas as pd
+from gymnasium.spaces import flatdim
 from rich import box
 from rich.console import Console
 from rich.table import Table
@@ -128,7 +129,7 @@ def _subject(ckpt: Path | None, source: str | None, out: Path | None) -> Subject
         loaded = load_checked(source or DEFAULT_SCENARIO)
         env = DockingVectorEnv(loaded, 1)
         sizes = loaded.scenario.training.hidden_sizes
-        network = DuelingQNetwork(len(env.observation_names), len(env.action_commands), sizes)
+        network = DuelingQNetwork(len(env.observation_names), flatdim(env.single_action_space), sizes)
         name = f"a new network with random weights, on scenario {loaded.scenario.name}"
         folder = out or Path("figures") / "latency"
         require_writable(folder)

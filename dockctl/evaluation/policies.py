@@ -6,6 +6,8 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 
+from gymnasium.spaces import flatdim
+
 from dockctl.agents.checkpoint import PolicyCard, find_policy, load_policy, require_shape
 from dockctl.agents.dqn.network import DuelingQNetwork
 from dockctl.agents.policy import GreedyPolicy
@@ -95,7 +97,7 @@ class Trained:
         require_shape(
             self.card,
             len(env.observation_names),
-            len(env.action_commands),
+            flatdim(env.single_action_space),
             where=self.file,
             scenario=env.scenario.name,
         )

@@ -12,9 +12,10 @@ from pathlib import Path
 from typing import NamedTuple
 
 import numpy as np
+from gymnasium.spaces import flatdim
 
 from dockctl.agents.dqn.replay import Replay
-from dockctl.envs.spaces import ObservationEncoder, action_commands
+from dockctl.envs.spaces import ObservationEncoder
 from dockctl.errors import DockctlError
 from dockctl.scenarios.schema import Scenario
 from dockctl.sim.lidar.array import LidarArray
@@ -66,7 +67,8 @@ def estimate(scenario: Scenario, worlds: Sequence[World]) -> Estimate:
     """Estimate the peak memory of training in worlds that are built, before their LiDARs' tables are."""
     training = scenario.training
     size = len(ObservationEncoder(scenario.observation, scenario.sensors.lidar.sectors).names)
-    parameters, outputs = network_size(size, len(action_commands(scenario.actions)), training.hidden_sizes)
+    actions = flatdim(scenario.actions.space(scenario.vessel))
+    parameters, outputs = network_size(size, actions, training.hidden_sizes)
     replay = Replay.bytes_needed(min(training.replay_capacity, training.total_steps), size)
     # Online, target, two moments, and the gradient, for which torch has room of its own, too; the first four
     # are saved.

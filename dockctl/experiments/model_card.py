@@ -131,12 +131,7 @@ def _facts(
     sectors = scenario.sensors.lidar.sectors
     parts = ", ".join(map(_part, scenario.observation))
     yield "observes", f"{card.observation_size} numbers: {parts}; {sectors} LiDAR sectors"
-    forces, angles = scenario.actions.propeller_n, scenario.actions.rudder_deg
-    yield (
-        "acts",
-        f"{card.actions} commands: propeller {min(forces):g} to {max(forces):g} N, rudder"
-        f" {min(angles):g}° to {max(angles):g}°, every {scenario.vessel.control_period_s:g} s",
-    )
+    yield "acts", f"{scenario.actions.description}, every {scenario.vessel.control_period_s:g} s"
     yield (
         "made by",
         f"dockctl {facts.get('dockctl')}, commit `{facts.get('git_commit')}`, {facts.get('started')}",

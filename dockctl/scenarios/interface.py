@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-from typing import Self
+from typing import Annotated, Self
 
 from pydantic import Field, ValidationError
 
 from dockctl.errors import DockctlError
 from dockctl.scenarios.base import Count, Model
-from dockctl.scenarios.schema import ActionGrid, ObservationPart, Scenario
+from dockctl.scenarios.schema import ACTION_KINDS, ActionType, ObservationPart, Scenario
 
 
 class PolicyInterface(Model):
@@ -16,7 +16,7 @@ class PolicyInterface(Model):
 
     observation: tuple[ObservationPart, ...] = Field(min_length=1)
     lidar_sectors: Count
-    actions: ActionGrid
+    actions: Annotated[ActionType, ACTION_KINDS]
 
     @classmethod
     def of(cls, scenario: Scenario) -> Self:

@@ -69,7 +69,7 @@ class Kinds:
         except DockctlError:
             return None
 
-    def make_default(self) -> Kind:
+    def make_default(self) -> Any:
         """Return the default kind with its default values."""
         return self._validate({})
 

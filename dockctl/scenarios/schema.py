@@ -3,16 +3,24 @@
 from __future__ import annotations
 
 import math
-from typing import Any, Self
+from abc import ABC, abstractmethod
+from typing import TYPE_CHECKING, Annotated, Any, Self
 
 from pydantic import Field, model_validator
 
+from dockctl.plugins import ACTIONS
 from dockctl.scenarios.base import Count, Model, Name, NonNegative, Number, Pose, Positive
 from dockctl.scenarios.berths import Berths, missing_berth
 from dockctl.scenarios.harbor import HarborSpec
+from dockctl.scenarios.kinds import Kind, Kinds
 from dockctl.scenarios.sensors import Sensors
 from dockctl.scenarios.training import Evaluation, Training
 from dockctl.scenarios.vessel import Vessel
+
+if TYPE_CHECKING:
+    import gymnasium
+    import numpy as np
+    from numpy.typing import NDArray
 
 
 class SpreadPose(Pose):
@@ -57,14 +65,32 @@ class Task(Model):
     berths: Berths | None = Field(default=None, description="carry the poses above to many berths")
 
 
-class ActionGrid(Model):
-    """Discrete commands: every propeller force with every rudder angle (thesis Table 3.4, Fig. 3.11).
+class ActionType(Kind, ABC):
+    """What a policy's actions are, and the commands that they stand for; registered in `ACTIONS`."""
 
-    Action ``i`` is force ``i // len(rudder_deg)`` with angle ``i % len(rudder_deg)``.
-    """
+    @property
+    @abstractmethod
+    def description(self) -> str:
+        """The actions in one line, for model cards."""
 
-    propeller_n: tuple[Number, ...] = Field(default=tuple(range(-50, 51, 10)), min_length=1)
-    rudder_deg: tuple[Number, ...] = Field(default=tuple(range(-30, 31, 10)), min_length=1)
+    @abstractmethod
+    def space(self, vessel: Vessel) -> gymnasium.Space[Any]:
+        """Return the action space of one boat."""
+
+    @abstractmethod
+    def commands(self, actions: NDArray[Any], vessel: Vessel) -> NDArray[np.float64]:
+        """Return propeller force [N] and rudder angle [rad], (n, 2), of n actions of the space."""
+
+    def require_within_limits(self, vessel: Vessel) -> None:
+        """Check that no command exceeds what the vessel can do.
+
+        Raises:
+            ValueError: one does; the message begins with the path of the field, ``actions.key``.
+        """
+        return
+
+
+ACTION_KINDS = Kinds(ACTIONS, default="grid")
 
 
 class WeightedTerm(Model):
@@ -129,7 +155,7 @@ class Scenario(Model):
     vessel: Vessel
     harbor: HarborSpec
     sensors: Sensors = Sensors()
-    actions: ActionGrid = ActionGrid()
+    actions: Annotated[ActionType, ACTION_KINDS] = Field(default_factory=ACTION_KINDS.make_default)
     observation: tuple[ObservationPart, ...] = Field(min_length=1)
     task: Task
     reward: Reward
@@ -138,10 +164,7 @@ class Scenario(Model):
 
     @model_validator(mode="after")
     def _commands_within_limits(self) -> Self:
-        for actuator in ("propeller_n", "rudder_deg"):
-            limit = getattr(self.vessel, f"max_{actuator}")
-            if max(map(abs, getattr(self.actions, actuator))) > limit:
-                raise ValueError(f"actions.{actuator} exceeds the vessel's max_{actuator}, {limit:g}")
+        self.actions.require_within_limits(self.vessel)
         return self
 
     @model_validator(mode="after")

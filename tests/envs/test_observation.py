@@ -13,10 +13,10 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from dockctl.envs.observation import Columns, View, observation_part
-from dockctl.envs.spaces import ObservationEncoder, action_commands
+from dockctl.envs.spaces import ObservationEncoder
 from dockctl.errors import DockctlError
 from dockctl.scenarios.loader import load
-from dockctl.scenarios.schema import ActionGrid, ObservationPart
+from dockctl.scenarios.schema import ObservationPart
 
 S1, S3 = load("s1").scenario, load("s3").scenario
 VIEW = View(
@@ -124,13 +124,3 @@ def test_parts_of_a_wrong_shape_are_refused() -> None:
     }.items():
         with pytest.raises(DockctlError, match=complaint):
             encoder(part, "phase")
-
-
-def test_the_action_table_is_the_thesis() -> None:
-    table = action_commands(ActionGrid())
-    assert table.shape == (77, 2)
-    assert table[0] == pytest.approx([-50, -math.radians(30)])
-    assert table[1] == pytest.approx([-50, -math.radians(20)])
-    assert table[38] == pytest.approx([0, 0])
-    assert table[76] == pytest.approx([50, math.radians(30)])
-    assert len(np.unique(table, axis=0)) == 77

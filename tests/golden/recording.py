@@ -74,7 +74,7 @@ def rollout(scenario: str) -> tuple[str, NDArray[np.float64]]:
     env = DockingVectorEnv(scenario, BOATS, exploring=True)
     actions = (
         np.random.default_rng(SEED)
-        .integers(len(env.action_commands), size=(STEPS // 5, BOATS))
+        .integers(env.single_action_space.n, size=(STEPS // 5, BOATS))
         .repeat(5, axis=0)
     )
     observation, info = env.reset(seed=SEED)

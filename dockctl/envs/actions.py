@@ -1,0 +1,88 @@
+"""Action types: from the actions of a policy to commands of propeller and rudder.
+
+`grid` is the thesis' set of discrete commands (Table 3.4, Fig. 3.11); `continuous` is a box for learners with
+continuous actions. A scenario selects one with ``actions: {kind: ...}``.
+"""
+
+from __future__ import annotations
+
+from functools import lru_cache
+from typing import TYPE_CHECKING, Any, Literal
+
+import numpy as np
+from numpy.typing import NDArray
+from pydantic import Field
+
+from dockctl.plugins import ACTIONS
+from dockctl.scenarios.base import Number
+from dockctl.scenarios.kinds import register
+from dockctl.scenarios.schema import ActionType
+from dockctl.scenarios.vessel import Vessel
+from dockctl.sim.status import Floats
+
+if TYPE_CHECKING:
+    import gymnasium
+
+
+@register(ACTIONS, source="Table 3.4, Fig. 3.11")
+class GridActions(ActionType):
+    """Every propeller force with every rudder angle.
+
+    Action ``i`` is force ``i // len(rudder_deg)`` with angle ``i % len(rudder_deg)``.
+    """
+
+    kind: Literal["grid"] = "grid"
+    propeller_n: tuple[Number, ...] = Field(default=tuple(range(-50, 51, 10)), min_length=1)
+    rudder_deg: tuple[Number, ...] = Field(default=tuple(range(-30, 31, 10)), min_length=1)
+
+    @property
+    def description(self) -> str:
+        forces, angles = self.propeller_n, self.rudder_deg
+        return (
+            f"{len(forces) * len(angles)} commands: propeller {min(forces):g} to {max(forces):g} N,"
+            f" rudder {min(angles):g}° to {max(angles):g}°"
+        )
+
+    def space(self, vessel: Vessel) -> gymnasium.Space[Any]:
+        from gymnasium.spaces import Discrete
+
+        return Discrete(len(self.propeller_n) * len(self.rudder_deg))
+
+    def commands(self, actions: NDArray[Any], vessel: Vessel) -> Floats:
+        table = _table(self.propeller_n, self.rudder_deg)
+        return table.take(actions, axis=0)
+
+    def require_within_limits(self, vessel: Vessel) -> None:
+        for actuator in ("propeller_n", "rudder_deg"):
+            limit = getattr(vessel, f"max_{actuator}")
+            if max(map(abs, getattr(self, actuator))) > limit:
+                raise ValueError(f"actions.{actuator} exceeds the vessel's max_{actuator}, {limit:g}")
+
+
+@register(ACTIONS, source="not in the thesis")
+class ContinuousActions(ActionType):
+    """Propeller force and rudder angle as fractions of the vessel's limits, each from -1 to 1."""
+
+    kind: Literal["continuous"] = "continuous"
+
+    @property
+    def description(self) -> str:
+        return "propeller force and rudder angle, continuous, as fractions of the vessel's limits"
+
+    def space(self, vessel: Vessel) -> gymnasium.Space[Any]:
+        from gymnasium.spaces import Box
+
+        return Box(-1.0, 1.0, (2,), np.float32)
+
+    def commands(self, actions: NDArray[Any], vessel: Vessel) -> Floats:
+        limit = np.array([vessel.max_propeller_n, np.radians(vessel.max_rudder_deg)])
+        return np.asarray(actions * limit, float)
+
+
+@lru_cache(maxsize=16)
+def _table(propeller_n: tuple[float, ...], rudder_deg: tuple[float, ...]) -> Floats:
+    """Return the command (k, 2) [N, rad] of each action; the rudder angle runs fastest."""
+    force, rudder = np.meshgrid(propeller_n, np.radians(rudder_deg), indexing="ij")
+    table = np.column_stack([force.ravel(), rudder.ravel()])
+    table.flags.writeable = False
+    return table

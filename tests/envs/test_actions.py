@@ -1,0 +1,91 @@
+"""Action types: the commands of the grid and of continuous actions, and what the environments accept."""
+
+from __future__ import annotations
+
+import math
+from typing import Any
+
+import numpy as np
+import pytest
+from gymnasium.error import InvalidAction
+from gymnasium.spaces import Box, Discrete
+from gymnasium.vector import AutoresetMode, SyncVectorEnv
+
+from dockctl.envs.actions import ContinuousActions, GridActions
+from dockctl.envs.single import DockingEnv
+from dockctl.envs.vector import DockingVectorEnv
+from dockctl.errors import InputError
+from dockctl.scenarios.interface import PolicyInterface
+from dockctl.scenarios.loader import dump, load
+from dockctl.scenarios.schema import Scenario
+from tests.sim.worlds import walled
+
+VESSEL = load("s1").scenario.vessel
+CONTINUOUS = load("s1", overrides=["actions.kind=continuous"])
+
+
+def test_the_grid_is_that_of_the_thesis() -> None:
+    grid = GridActions()
+    table = grid.commands(np.arange(77), VESSEL)
+    assert grid.space(VESSEL) == Discrete(77)
+    assert table[0] == pytest.approx([-50, -math.radians(30)])
+    assert table[1] == pytest.approx([-50, -math.radians(20)])
+    assert table[38] == pytest.approx([0, 0])
+    assert table[76] == pytest.approx([50, math.radians(30)])
+    assert len(np.unique(table, axis=0)) == 77
+
+
+def test_continuous_actions_are_fractions_of_the_limits() -> None:
+    actions = np.array([[1, -1], [-0.5, 0.25]], np.float32)
+    expected = [[50, -math.radians(30)], [-25, math.radians(7.5)]]
+    assert ContinuousActions().space(VESSEL) == Box(-1, 1, (2,), np.float32)
+    assert ContinuousActions().commands(actions, VESSEL) == pytest.approx(np.array(expected))
+
+
+@pytest.mark.parametrize("form", [{}, {"kind": "grid"}, {"propeller_n": list(range(-50, 51, 10))}])
+def test_the_kind_may_be_left_out(form: dict[str, Any]) -> None:
+    """Scenarios and policy cards written before there were kinds name none."""
+    whole = load("s1").scenario.model_dump(mode="json")
+    assert Scenario.model_validate({**whole, "actions": form}).actions == GridActions()
+    interface = PolicyInterface.of(load("s1").scenario)
+    card = {**interface.model_dump(mode="json"), "actions": form}
+    assert PolicyInterface.model_validate(card) == interface
+
+
+def test_a_written_scenario_loads_as_equal(tmp_path: Any) -> None:
+    file = tmp_path / "continuous.yaml"
+    file.write_text(dump(CONTINUOUS.scenario))
+    assert load(file).scenario == CONTINUOUS.scenario
+
+
+def test_commands_beyond_the_limits_are_refused_where_they_are_written(tmp_path: Any) -> None:
+    file = tmp_path / "strong.yaml"
+    file.write_text("extends: s1\nactions:\n  propeller_n: [-60, 0]\n")
+    with pytest.raises(InputError) as caught:
+        load(file)
+    (problem,) = caught.value.problems
+    assert (problem.line, problem.column, problem.field) == (3, 16, "actions.propeller_n")
+
+
+def test_a_continuous_environment() -> None:
+    env = DockingVectorEnv(CONTINUOUS, 2, worlds=[walled()])
+    assert env.single_action_space == Box(-1, 1, (2,), np.float32)
+    env.reset(seed=0)
+    for dtype in (np.float32, np.float64):
+        *_, info = env.step(np.array([[1, 0], [0.5, -1]], dtype))
+        assert info["command"] == pytest.approx(np.array([[50, 0], [25, -math.pi / 6]]))
+    for wrong in ([[1, 0]], [[1, 0], [1.1, 0]], [[1, 0], [math.nan, 0]], [1, 0]):
+        with pytest.raises(InvalidAction):
+            env.step(np.array(wrong))
+
+
+def test_continuous_single_environments_equal_the_vector() -> None:
+    worlds = [walled()]
+    ours = DockingVectorEnv(CONTINUOUS, 2, worlds=worlds)
+    peer = SyncVectorEnv(
+        [lambda: DockingEnv(CONTINUOUS, worlds=worlds)] * 2, autoreset_mode=AutoresetMode.SAME_STEP
+    )
+    assert np.array_equal(ours.reset(seed=1)[0], peer.reset(seed=1)[0])
+    for action in np.random.default_rng(0).uniform(-1, 1, (5, 2, 2)).astype(np.float32):
+        for mine, theirs in zip(ours.step(action)[:4], peer.step(action)[:4], strict=True):
+            assert np.array_equal(mine, theirs)
