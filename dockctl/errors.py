@@ -1,7 +1,8 @@
-"""The one family of errors that a user of dockctl meets.
+"""Errors that a user can fix.
 
-Everything that the user can put right is a `DockctlError`; the command line prints its text
-(never a traceback) and exits with `exit_code`. Anything else is a bug of ours.
+Every such error is a `DockctlError`: the command line prints its text without a traceback and exits with
+`exit_code`. Any other exception is a bug in dockctl. Tests and callers use `code`, the location and
+`suggestion`; the wording may change.
 """
 
 from __future__ import annotations
@@ -9,23 +10,60 @@ from __future__ import annotations
 from collections.abc import Iterable
 from dataclasses import dataclass
 from difflib import get_close_matches
+from typing import Literal
+
+Code = Literal[
+    "invalid",  # right type, but the value cannot be used; the default
+    "unknown_key",  # a key, parameter or option that does not exist
+    "unknown_name",  # a name that is not registered, or a value that is not among the choices
+    "missing_key",  # a required key, parameter or column is missing
+    "wrong_type",
+    "out_of_range",
+    "duplicate",
+    "yaml_syntax",
+    "not_found",  # no such file, folder, run or checkpoint
+    "not_readable",  # no permission, damaged, or not the expected format
+    "not_writable",
+    "mismatch",  # two inputs do not fit together
+    "busy",  # another process is using it
+    "unavailable",  # this machine lacks a device, memory or package
+    "plugin",  # a plugin failed or broke its contract
+]
 
 
 class DockctlError(Exception):
-    """Something that the user can put right; its text says what and how."""
+    """An error that the user can fix.
+
+    Args:
+        message: what was found and what is allowed.
+        code: kind of the error; None for the default of the class.
+        suggestion: the value that the user probably meant, or an empty string.
+    """
 
     exit_code = 2
+    code: Code = "invalid"
+
+    def __init__(self, message: str, *, code: Code | None = None, suggestion: str = "") -> None:
+        super().__init__(message)
+        self.message = message
+        self.code = code or type(self).code
+        self.suggestion = suggestion
+
+    def __str__(self) -> str:
+        return _with_suggestion(self.message, self.suggestion)
 
 
 @dataclass(frozen=True)
 class Problem:
-    """One thing wrong in one input file.
+    """One error in an input file.
 
     Args:
-        file: the file as the user named it.
-        line, column: where it stands, counted from 1; 0 where the place is unknown.
+        file: path of the file as the user gave it.
+        line, column: location, counted from 1; 0 if unknown.
         field: dotted path of the field, for example ``poses.final.x_m``; empty for the whole file.
-        message: what was found, what is allowed, and the nearest known name.
+        message: what was found and what is allowed.
+        code: kind of the error.
+        suggestion: the value that the user probably meant, or an empty string.
     """
 
     file: str
@@ -33,21 +71,34 @@ class Problem:
     column: int
     field: str
     message: str
+    code: Code = "invalid"
+    suggestion: str = ""
 
     def __str__(self) -> str:
         place = f"{self.file}:{self.line}:{self.column}" if self.line else self.file
-        return f"{place}: {self.field}: {self.message}" if self.field else f"{place}: {self.message}"
+        message = _with_suggestion(self.message, self.suggestion)
+        return f"{place}: {self.field}: {message}" if self.field else f"{place}: {message}"
 
 
 class InputError(DockctlError):
-    """All the problems of an input at once, one a line."""
+    """All problems of an input, one per line; `code` and `suggestion` are those of the first."""
 
     def __init__(self, problems: Iterable[Problem]) -> None:
         self.problems = tuple(problems)
-        super().__init__("\n".join(str(problem) for problem in self.problems))
+        first = self.problems[0]
+        super().__init__("\n".join(map(str, self.problems)), code=first.code)
+        self.suggestion = first.suggestion
+
+    def __str__(self) -> str:
+        return self.message
 
 
 def nearest(name: str, known: Iterable[str]) -> str:
-    """Return ``; did you mean 'x'?`` for the known name closest to `name`, or an empty string."""
-    matches = get_close_matches(name, list(known), n=1, cutoff=0.5)
-    return f"; did you mean '{matches[0]}'?" if matches else ""
+    """Return the known name closest to `name`, for `suggestion`; an empty string if none is close."""
+    matches = get_close_matches(name, list(known), cutoff=0.5)
+    swapped = [match for match in matches if sorted(match) == sorted(name)]  # `esat` is east, not west
+    return (swapped or matches or [""])[0]
+
+
+def _with_suggestion(message: str, suggestion: str) -> str:
+    return f"{message}; did you mean '{suggestion}'?" if suggestion else message

@@ -39,9 +39,13 @@ _origin: ContextVar[str | None] = ContextVar("origin", default=None)
 class DuplicateNameError(DockctlError):
     """Two contributors registered the same name."""
 
+    code = "duplicate"
+
 
 class UnknownNameError(DockctlError):
     """A name that no contributor registered."""
+
+    code = "unknown_name"
 
 
 @contextmanager
@@ -94,12 +98,11 @@ class Entry(Generic[T]):
         for name in given:
             if name not in known:
                 listed = ", ".join(known) or "none"
-                raise DockctlError(
-                    f"'{self.name}' has no parameter '{name}'{nearest(name, known)} (known: {listed})"
-                )
+                message = f"'{self.name}' has no parameter '{name}' (known: {listed})"
+                raise DockctlError(message, code="unknown_key", suggestion=nearest(name, known))
         for name, default in known.items():
             if default is inspect.Parameter.empty and name not in given:
-                raise DockctlError(f"'{self.name}' needs the parameter '{name}'")
+                raise DockctlError(f"'{self.name}' needs the parameter '{name}'", code="missing_key")
         return partial(self.value, **given)
 
 
@@ -181,13 +184,10 @@ class Registry(Generic[T]):
         try:
             return self._entries[name]
         except KeyError:
-            raise UnknownNameError(self.unknown(name)) from None
-
-    def unknown(self, name: str) -> str:
-        """Say that `name` is unknown, what exists, and the nearest match."""
-        known = [known for known in self.names() if known != name]
-        listed = ", ".join(sorted(known)) or "none"
-        return f"unknown {self.noun} '{name}'{nearest(name, known)} (known: {listed})"
+            known = [known for known in self.names() if known != name]
+            listed = ", ".join(sorted(known)) or "none"
+            message = f"unknown {self.noun} '{name}' (known: {listed})"
+            raise UnknownNameError(message, suggestion=nearest(name, known)) from None
 
     def _duplicate(self, name: str, origin: str) -> DuplicateNameError:
         return DuplicateNameError(
@@ -244,6 +244,8 @@ _loaded: dict[str, str] = {}
 
 class PluginError(DockctlError):
     """A plugin that cannot be used; the text names it and says why."""
+
+    code = "plugin"
 
 
 @cache

@@ -172,8 +172,8 @@ def find_policy(path: Path) -> Path:
         path = names[str(path)]
     if not os.path.exists(path):
         listed = ", ".join(names) or "none"
-        close = nearest(str(path), names)
-        raise CheckpointError(f"{path}: no such run folder or checkpoint{close} (shipped: {listed})")
+        message = f"{path}: no such run folder or checkpoint (shipped: {listed})"
+        raise CheckpointError(message, code="not_found", suggestion=nearest(str(path), names))
     if os.path.isfile(path):
         if path.suffix not in (".json", ".safetensors"):
             raise CheckpointError(

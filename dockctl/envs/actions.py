@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from pydantic import Field
 
 from dockctl.plugins import ACTIONS
-from dockctl.scenarios.base import Number
+from dockctl.scenarios.base import FieldError, Number
 from dockctl.scenarios.kinds import register
 from dockctl.scenarios.schema import ActionType
 from dockctl.scenarios.vessel import Vessel
@@ -56,7 +56,8 @@ class GridActions(ActionType):
         for actuator in ("propeller_n", "rudder_deg"):
             limit = getattr(vessel, f"max_{actuator}")
             if max(map(abs, getattr(self, actuator))) > limit:
-                raise ValueError(f"actions.{actuator} exceeds the vessel's max_{actuator}, {limit:g}")
+                message = f"exceeds the vessel's max_{actuator}, {limit:g}"
+                raise FieldError(f"actions.{actuator}", message, "mismatch")
 
 
 @register(ACTIONS, source="not in the thesis")

@@ -117,9 +117,8 @@ class DockingVectorEnv(VectorEnv[Observations, NDArray[Any], NDArray[Any]]):
         options = options or {}
         for name in options:
             if name not in OPTIONS:
-                raise DockctlError(
-                    f"unknown option '{name}'{nearest(name, OPTIONS)} (known: {', '.join(OPTIONS)})"
-                )
+                message = f"unknown option '{name}' (known: {', '.join(OPTIONS)})"
+                raise DockctlError(message, code="unknown_key", suggestion=nearest(name, OPTIONS))
         self._reseed(seed)
         mask = np.asarray(options.get("reset_mask", np.ones(self.num_envs, bool)))
         if mask.shape != (self.num_envs,) or mask.dtype != np.bool_ or not mask.any():

@@ -6,7 +6,7 @@ from typing import Literal, NamedTuple, Self, get_args
 
 from pydantic import Field, model_validator
 
-from dockctl.scenarios.base import Count, Flag, Model, Number
+from dockctl.scenarios.base import Count, FieldError, Flag, Model, Number
 from dockctl.scenarios.harbor import HarborSpec, Marina, Side
 
 BerthKind = Literal["trained", "held_out"]
@@ -47,10 +47,10 @@ class Berths(Model):
     @model_validator(mode="after")
     def _apart(self) -> Self:
         if not self.trained.places:
-            raise ValueError("trained: name at least one berth")
+            raise FieldError("trained", "name at least one berth", "missing_key")
         if common := set(self.trained.places) & set(self.held_out.places):
             side, at = min(common)
-            raise ValueError(f"held_out: the {side} berth at {at:g} is trained already")
+            raise FieldError("held_out", f"the {side} berth at {at:g} is trained already", "duplicate")
         return self
 
     def places(self, kind: BerthKind) -> tuple[BerthPlace, ...]:
@@ -94,14 +94,14 @@ def _freed(marina: Marina, places: tuple[BerthPlace, ...]) -> Marina:
 
 
 def missing_berth(harbor: HarborSpec, berths: Berths) -> str:
-    """Say which berth of the list the harbor lacks, or nothing."""
+    """Return which berth of the list the harbor lacks, or an empty string."""
     if not isinstance(harbor, Marina):
-        return "berths: only a harbor of kind marina has berths"
+        return "only a harbor of kind marina has berths"
     there = {BerthPlace(row.side, at) for row in harbor.rows for at in row.berths}
     for place in berths.trained.places + berths.held_out.places:
         if place not in there:
             on_side = [berth.at_m for berth in there if berth.side == place.side]
             nearest = min(on_side, key=lambda at: abs(at - place.at_m), default=None)
             hint = "there is none on that quay" if nearest is None else f"the nearest one is at {nearest:g}"
-            return f"berths: no berth on the {place.side} quay at {place.at_m:g}; {hint}"
+            return f"no berth on the {place.side} quay at {place.at_m:g}; {hint}"
     return ""

@@ -45,7 +45,7 @@ def find(registry: Registry[Path], text: str, directory: Path) -> tuple[Path, st
         return path, os.path.normpath(path)
     if path.suffix in SUFFIXES:
         known = f"{registry.noun}s known by name: {', '.join(sorted(registry.names()))}"
-        raise DockctlError(f"there is no file {os.path.normpath(path)}; {known}")
+        raise DockctlError(f"there is no file {os.path.normpath(path)}; {known}", code="not_found")
     path = Path(registry.get(text).value)
     return path, shown(path)
 

@@ -6,7 +6,7 @@ from typing import Annotated, Literal, Self, get_args
 
 from pydantic import Field, model_validator
 
-from dockctl.scenarios.base import Model, Number, Positive
+from dockctl.scenarios.base import FieldError, Model, Number, Positive
 
 ModelName = Literal[
     "skiff", "console", "cuddy", "dinghy", "daysailer", "sloop", "cruiser",
@@ -29,7 +29,7 @@ class Basin(Model):
         for low, high in (("x_min_m", "x_max_m"), ("y_min_m", "y_max_m")):
             near, far = getattr(self, low), getattr(self, high)
             if near >= far:
-                raise ValueError(f"{low} ({near:g}) must be less than {high} ({far:g})")
+                raise FieldError(low, f"{near:g} must be less than {high}, {far:g}", "out_of_range")
         return self
 
 
@@ -68,7 +68,8 @@ class _Row(Model):
         for at in self.free:
             if at not in self.berths:
                 closest = min(self.berths, key=lambda berth: abs(berth - at))
-                raise ValueError(f"free_{self.axis}_m: no berth at {at:g}; the nearest one is at {closest:g}")
+                field = f"free_{self.axis}_m"
+                raise FieldError(field, f"no berth at {at:g}", "unknown_name", f"{closest:g}")
         return self
 
 

@@ -17,7 +17,7 @@ from pydantic_core import CoreSchema, PydanticKnownError, core_schema
 from dockctl import plugins
 from dockctl.errors import DockctlError
 from dockctl.plugins import Registry
-from dockctl.scenarios.base import Model
+from dockctl.scenarios.base import FieldError, Model
 
 K = TypeVar("K", bound="type[Kind]")
 
@@ -94,12 +94,13 @@ class Kinds:
             raise PydanticKnownError("model_type", {"class_name": "mapping"})
         name = given.get("kind", self.default)
         if not isinstance(name, str):
-            raise ValueError(f"kind: missing; name one of: {', '.join(sorted(self.registry.names()))}")
+            known = ", ".join(sorted(self.registry.names()))
+            raise FieldError("kind", f"missing (one of: {known})", "missing_key")
         plugins.load_builtins()
         try:
             model: type[Kind] = self.registry.get(name).value
         except DockctlError as error:
-            raise ValueError(f"kind: {error}") from None
+            raise FieldError("kind", error.message, error.code, error.suggestion) from None
         return model.model_validate({**given, "kind": name})
 
 

@@ -13,7 +13,7 @@ import yaml
 from pydantic import ValidationError
 
 from dockctl import plugins
-from dockctl.errors import DockctlError, InputError, Problem
+from dockctl.errors import Code, DockctlError, InputError, Problem
 from dockctl.plugins import HARBORS, SCENARIOS, VESSELS, Registry
 from dockctl.scenarios import catalog, translate
 from dockctl.scenarios.base import Model
@@ -53,11 +53,11 @@ class LoadedScenario:
     plugin_files: tuple[Path, ...] = ()
     tree: Node | None = field(default=None, compare=False, repr=False)
 
-    def problem(self, path: str, message: str) -> Problem:
+    def problem(self, path: str, message: str, code: Code = "invalid") -> Problem:
         """Return a problem with the field `path`, for example ``task.final``, at its place in the input."""
         if self.tree is None:
-            return Problem(self.source, 0, 0, path, message)
-        return translate.locate(self.tree, path.split(".")).problem(message)
+            return Problem(self.source, 0, 0, path, message, code)
+        return translate.locate(self.tree, path.split(".")).problem(message, code)
 
 
 def load(
@@ -176,13 +176,13 @@ def _read(path: Path, shown: str, registry: Registry[Path], chain: tuple[str, ..
 def _find(registry: Registry[Path], node: Node, directory: Path, path: str = "extends") -> tuple[Path, str]:
     if not isinstance(node.value, str):
         message = f"found {described(node.plain())}, expected the name or the path of a {registry.noun}"
-        raise refusal(node.place, message, path)
+        raise refusal(node.place, message, path, "wrong_type")
     try:
         found = catalog.find(registry, node.value, directory)
     except DockctlError as error:
-        raise refusal(node.place, str(error), path) from None
+        raise refusal(node.place, error.message, path, error.code, error.suggestion) from None
     if found[0].is_dir():
-        raise refusal(node.place, f"'{node.value}' is a directory; name a YAML file", path)
+        raise refusal(node.place, f"'{node.value}' is a directory; name a YAML file", path, "not_readable")
     return found
 
 
@@ -233,7 +233,8 @@ def _put(node: Node, keys: list[str], value: Node, place: Place, done: tuple[str
     if isinstance(node.value, list):
         if not key.isdecimal() or int(key) >= len(node.value):
             last = len(node.value) - 1
-            raise refusal(place, f"'{key}' is not an index of the list {'.'.join(done)} (0 to {last})")
+            message = f"'{key}' is not an index of the list {'.'.join(done)} (0 to {last})"
+            raise refusal(place, message, code="out_of_range" if key.isdecimal() else "wrong_type")
         items = list(node.value)
         items[int(key)] = _put(items[int(key)], rest, value, place, (*done, key))
         return Node(items, node.place)
@@ -273,4 +274,4 @@ def _load_plugins(tree: Node) -> Iterable[Problem]:
             try:
                 plugins.load_file(Path(node.value))
             except DockctlError as error:
-                yield node.place.problem(str(error), f"plugins.{index}")
+                yield node.place.problem(error.message, f"plugins.{index}", error.code, error.suggestion)

@@ -9,10 +9,11 @@ from typing import Any, get_type_hints
 
 from pydantic import TypeAdapter, ValidationError
 from pydantic.errors import PydanticSchemaGenerationError
+from pydantic_core import ErrorDetails
 
 from dockctl.errors import DockctlError, Problem
 from dockctl.plugins import OBSERVATION_PARTS, REWARD_TERMS, Entry, Function, Registry
-from dockctl.scenarios.translate import locate, message, unknown_key
+from dockctl.scenarios.translate import description, locate, unknown_key
 from dockctl.scenarios.yaml_tree import Node
 
 
@@ -21,9 +22,8 @@ def function_problems(tree: Node) -> Iterator[Problem]:
     first: dict[str, str] = {}
     for steps, name, body in _terms(tree):
         if name in first:
-            yield locate(tree, steps).problem(
-                f"the reward term '{name}' stands twice; first in {first[name]}"
-            )
+            message = f"duplicate reward term '{name}'; the first one is {first[name]}"
+            yield locate(tree, steps).problem(message, "duplicate")
         first.setdefault(name, locate(tree, steps).path)
         yield from _check(
             tree, REWARD_TERMS, name, steps, body.get("params") if isinstance(body, dict) else None
@@ -61,30 +61,31 @@ def _check(
     try:
         entry = registry.get(name)
     except DockctlError as error:
-        yield locate(tree, steps).problem(str(error), at_key=True)
+        spot = locate(tree, steps)
+        yield spot.problem(error.message, error.code, error.suggestion, at_key=True)
         return
     given = params if isinstance(params, dict) else {}
     for key, value in given.items():
         spot = locate(tree, [*steps, "params", key])
         if key not in entry.parameters:
-            yield spot.problem(unknown_key(key, list(entry.parameters), "parameter"), at_key=True)
-        elif complaint := _type_complaint(entry, key, value):
-            yield spot.problem(complaint)
+            yield unknown_key(spot, key, list(entry.parameters), "parameter")
+        elif detail := _type_error(entry, key, value):
+            yield spot.problem(*description(detail))
     for key, default in entry.parameters.items():
         if default is inspect.Parameter.empty and key not in given:
             message = f"the {registry.noun} '{name}' needs the parameter '{key}'"
-            yield locate(tree, steps).problem(message, at_key=True)
+            yield locate(tree, steps).problem(message, "missing_key", at_key=True)
 
 
-def _type_complaint(entry: Entry[Function], key: str, value: Any) -> str:
-    """Return what is wrong with a parameter by its type, or nothing; as in JSON, a list fits a tuple."""
+def _type_error(entry: Entry[Function], key: str, value: Any) -> ErrorDetails | None:
+    """Return the first error of a parameter by its type hint; as in JSON, a list is accepted for a tuple."""
     try:
         hint = get_type_hints(entry.value, include_extras=True).get(key, Any)
         adapter = TypeAdapter(hint)
-    except (NameError, PydanticSchemaGenerationError):  # names for type checkers alone, or no plain type
-        return ""
+    except (NameError, PydanticSchemaGenerationError):  # imported for type checkers only, or not a plain type
+        return None
     try:
         adapter.validate_json(json.dumps(value), strict=True)
     except ValidationError as error:
-        return "; ".join(message(detail) for detail in error.errors(include_url=False))
-    return ""
+        return error.errors(include_url=False)[0]
+    return None

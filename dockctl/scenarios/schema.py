@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Annotated, Any, Self
 from pydantic import Field, model_validator
 
 from dockctl.plugins import ACTIONS
-from dockctl.scenarios.base import Count, Model, Name, NonNegative, Number, Pose, Positive
+from dockctl.scenarios.base import Count, FieldError, Model, Name, NonNegative, Number, Pose, Positive
 from dockctl.scenarios.berths import Berths, missing_berth
 from dockctl.scenarios.harbor import HarborSpec
 from dockctl.scenarios.kinds import Kind, Kinds
@@ -170,5 +170,5 @@ class Scenario(Model):
     @model_validator(mode="after")
     def _berths_exist(self) -> Self:
         if self.task.berths is not None and (flaw := missing_berth(self.harbor, self.task.berths)):
-            raise ValueError(f"task.{flaw}")
+            raise FieldError("task.berths", flaw, "mismatch")
         return self

@@ -65,10 +65,8 @@ class Study(Model):
         known = {name for experiment in self.experiments for name in (experiment.name, experiment.group)}
         for name in names:
             if name not in known:
-                raise DockctlError(
-                    f"the study has no experiment or group '{name}'{nearest(name, known)};"
-                    f" it has: {', '.join(sorted(known))}"
-                )
+                message = f"the study has no experiment or group '{name}' (known: {', '.join(sorted(known))})"
+                raise DockctlError(message, code="unknown_name", suggestion=nearest(name, known))
         return tuple(e for e in self.experiments if not names or {e.name, e.group} & {*names})
 
 
@@ -83,8 +81,8 @@ def load_study(source: str) -> Study:
     if path.suffix not in SUFFIXES and not os.path.isfile(path):
         known = {file.stem: file for file in packaged("studies", "studies").glob("*.yaml")}
         if source not in known:
-            there = ", ".join(sorted(known))
-            raise DockctlError(f"there is no study '{source}'{nearest(source, known)} (known: {there})")
+            message = f"there is no study '{source}' (known: {', '.join(sorted(known))})"
+            raise DockctlError(message, code="unknown_name", suggestion=nearest(source, known))
         path = known[source]
     tree = read_file(path, shown(path))
     try:

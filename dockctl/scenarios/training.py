@@ -7,7 +7,7 @@ from typing import Annotated, Any, Literal, Self
 
 from pydantic import Field, model_validator
 
-from dockctl.scenarios.base import Count, Fraction, Model, NonNegative, Pose, Positive
+from dockctl.scenarios.base import Count, FieldError, Fraction, Model, NonNegative, Pose, Positive
 
 Layer = Annotated[Count, Field(le=8192)]
 
@@ -39,7 +39,9 @@ class StopRule(Model):
     @model_validator(mode="after")
     def _reachable(self) -> Self:
         if self.docked > self.episodes:
-            raise ValueError(f"docked ({self.docked}) must not exceed episodes ({self.episodes})")
+            raise FieldError(
+                "docked", f"{self.docked} is more than episodes, {self.episodes}", "out_of_range"
+            )
         return self
 
 

@@ -11,8 +11,9 @@ from pydantic import BaseModel, ValidationError
 from pydantic.fields import FieldInfo
 from pydantic_core import ErrorDetails, PydanticUndefined
 
-from dockctl.errors import Problem, nearest
+from dockctl.errors import Code, Problem, nearest
 from dockctl.plugins import HARBORS, VESSELS
+from dockctl.scenarios.base import FieldError
 from dockctl.scenarios.kinds import Kind, Kinds
 from dockctl.scenarios.yaml_tree import Node, Place, described
 
@@ -43,7 +44,13 @@ EXPECTED = {
     "string_pattern_mismatch": "letters, digits, dots, dashes and underscores, a letter or digit first",
     "literal_error": "{expected}",
 }
-"""What pydantic's kinds of error ask for."""
+"""What is expected, by pydantic's type of the error."""
+
+RANGES = (
+    *("greater_than", "greater_than_equal", "less_than", "less_than_equal", "finite_number"),
+    *("too_short", "too_long", "string_too_long", "int_parsing_size"),
+)
+"""Types of error of a value with the right type."""
 
 
 @dataclass(frozen=True)
@@ -55,10 +62,12 @@ class Spot:
     place: Place
     node: Node | None
 
-    def problem(self, message: str, *, at_key: bool = False) -> Problem:
+    def problem(
+        self, message: str, code: Code = "invalid", suggestion: str = "", *, at_key: bool = False
+    ) -> Problem:
         """Return a problem at the value, or at the key; an absent field is placed at the key of its owner."""
         place = self.key if at_key or self.node is None else self.place
-        return place.problem(message, self.path)
+        return place.problem(message, self.path, code, suggestion)
 
 
 def locate(tree: Node, steps: Sequence[Step]) -> Spot:
@@ -104,24 +113,29 @@ def problems(error: ValidationError, tree: Node, model: type[BaseModel]) -> Iter
         models = _models_at(model, tree, detail["loc"][:-1])
         if detail["type"] == "extra_forbidden":
             known = [name for owner in models for name in owner.model_fields]
-            yield spot.problem(unknown_key(spot.path.rpartition(".")[2], known), at_key=True)
+            yield unknown_key(spot, spot.path.rpartition(".")[2], known)
         elif detail["type"] == "missing" or (detail["type"] == "model_type" and detail["input"] is None):
-            yield spot.problem(_missing(str(detail["loc"][-1]), models))
+            yield spot.problem(_missing(str(detail["loc"][-1]), models), "missing_key")
         elif detail["type"] == "union_tag_not_found":
             tag = detail["ctx"]["discriminator"].strip("'")
             models = _models_at(model, tree, detail["loc"])
             choices = [choice for owner in models for choice in _choices(owner, tag)]
-            yield spot.problem(f"the key '{tag}' is missing (one of: {', '.join(choices)})")
+            yield spot.problem(f"the key '{tag}' is missing (one of: {', '.join(choices)})", "missing_key")
         else:
-            yield _named(spot, tree, detail).problem(message(detail, spot.path))
+            yield _named(spot, tree, detail).problem(*description(detail, spot.path))
 
 
 def _named(spot: Spot, tree: Node, detail: ErrorDetails) -> Spot:
-    """Return the field that the message of a whole model's check begins with, where it does."""
-    if detail["type"] != "value_error":
+    """Return the field that a validator of a whole model reports, or `spot` if the input lacks it."""
+    context = detail.get("ctx", {})
+    error = context.get("error")
+    if detail["type"] == "union_tag_invalid":
+        field = context["discriminator"].strip("'")
+    elif isinstance(error, FieldError):
+        field = error.field
+    else:
         return spot
-    first = str(detail["ctx"]["error"]).split()[0].rstrip(":")
-    inner = locate(tree, [*detail["loc"], *first.split(".")])
+    inner = locate(tree, [*detail["loc"], *field.split(".")])
     return inner if inner.node is not None else spot
 
 
@@ -129,28 +143,35 @@ def _lies_in(inner: Sequence[Step], outer: Sequence[Step]) -> bool:
     return len(inner) > len(outer) and list(inner[: len(outer)]) == list(outer)
 
 
-def unknown_key(key: str, known: Sequence[str], noun: str = "key") -> str:
-    """Say that `key` is unknown, the nearest known one, and all of them."""
-    return f"unknown {noun} '{key}'{nearest(key, known)} (known: {', '.join(sorted(known)) or 'none'})"
+def unknown_key(spot: Spot, key: str, known: Sequence[str], noun: str = "key") -> Problem:
+    """Return the problem of a key that does not exist; it lists all known ones."""
+    message = f"unknown {noun} '{key}' (known: {', '.join(sorted(known)) or 'none'})"
+    return spot.problem(message, "unknown_key", nearest(key, known), at_key=True)
 
 
-def message(detail: ErrorDetails, path: str = "") -> str:
-    """Say what was found and what is allowed."""
+def description(detail: ErrorDetails, path: str = "") -> tuple[str, Code, str]:
+    """Return the message, the code and the suggestion of an error that pydantic found."""
     context: Mapping[str, Any] = detail.get("ctx", {})
     kind, found = detail["type"], detail["input"]
     if kind == "value_error":
-        return str(context["error"])
+        error = context["error"]
+        if isinstance(error, FieldError):
+            return error.message, error.code, error.suggestion
+        return str(error), "invalid", ""
     if kind == "union_tag_invalid":
         choice, choices = context["tag"], context["expected_tags"]
-        tag = context["discriminator"].strip("'")
-        return f"found {described(choice)} as {tag}, expected {choices}{nearest(choice, _quoted(choices))}"
-    expected = EXPECTED.get(kind)
-    if expected is None:
-        return f"found {described(found)}: {detail['msg']}"
-    close = nearest(found, _quoted(context.get("expected", ""))) if isinstance(found, str) else ""
+        message = f"found {described(choice)}, expected {choices}"
+        return message, "unknown_name", nearest(choice, _quoted(choices))
+    if kind not in EXPECTED:
+        return f"found {described(found)}: {detail['msg']}", "invalid", ""
+    expected = EXPECTED[kind].format(**context)
     if kind == "greater_than" and "tolerance" in path:
-        close = "; a tolerance of zero or less can never be reached"
-    return f"found {described(found)}, expected {expected.format(**context)}{close}"
+        expected += "; a tolerance of zero or less can never be reached"
+    if kind == "literal_error":
+        suggestion = nearest(found, _quoted(expected)) if isinstance(found, str) else ""
+        return f"found {described(found)}, expected {expected}", "unknown_name", suggestion
+    code: Code = "invalid" if kind.startswith("string_pattern") else "wrong_type"
+    return f"found {described(found)}, expected {expected}", "out_of_range" if kind in RANGES else code, ""
 
 
 def _quoted(words: object) -> list[str]:

@@ -8,7 +8,7 @@ from typing import Self
 
 from pydantic import Field, model_validator
 
-from dockctl.scenarios.base import Count, Model, NonNegative, Number, Positive
+from dockctl.scenarios.base import Count, FieldError, Model, NonNegative, Number, Positive
 
 RK4_REACH = 2.6
 """Classical Runge-Kutta damps every decaying motion whose rate times the step is less; the half disk of that
@@ -67,9 +67,11 @@ class Vessel(Model):
         rate = self._fastest_rate()
         needed = rate * self.control_period_s / RK4_REACH
         if not needed < self.substeps:
-            raise ValueError(
-                f"substeps: {self.substeps} in {self.control_period_s:g} s diverge, since this"
-                f" vessel's fastest motion decays at {rate:.3g} 1/s; expected at least {needed // 1 + 1:.0f}"
+            raise FieldError(
+                "substeps",
+                f"{self.substeps} in {self.control_period_s:g} s are unstable, since the vessel's fastest"
+                f" motion decays at {rate:.3g} 1/s; expected at least {needed // 1 + 1:.0f}",
+                "out_of_range",
             )
         return self
 

@@ -14,7 +14,7 @@ from typing import Any
 
 import yaml
 
-from dockctl.errors import InputError, Problem
+from dockctl.errors import Code, InputError, Problem
 
 MAX_BYTES = 1_000_000
 MAX_NODES = 100_000
@@ -31,15 +31,17 @@ class Place:
     line: int = 0
     column: int = 0
 
-    def problem(self, message: str, path: str = "") -> Problem:
-        """Return a problem that stands here; an override already names its field as its file."""
+    def problem(self, message: str, path: str = "", code: Code = "invalid", suggestion: str = "") -> Problem:
+        """Return a problem at this place; an override has its field as its file already."""
         path = "" if self.file == f"--set {path}" else path
-        return Problem(self.file, self.line, self.column, path, message)
+        return Problem(self.file, self.line, self.column, path, message, code, suggestion)
 
 
-def refusal(place: Place, message: str, path: str = "") -> InputError:
-    """Return the error of one problem."""
-    return InputError([place.problem(message, path)])
+def refusal(
+    place: Place, message: str, path: str = "", code: Code = "invalid", suggestion: str = ""
+) -> InputError:
+    """Return an error with one problem."""
+    return InputError([place.problem(message, path, code, suggestion)])
 
 
 @dataclass(frozen=True)
@@ -80,26 +82,31 @@ def read_file(path: Path, shown: str) -> Node:
         InputError: it cannot be read, is too large, is not UTF-8, or is not one YAML mapping.
     """
     if path.is_dir():
-        raise refusal(Place(shown), "is a directory; name a YAML file")
+        raise refusal(Place(shown), "is a directory; name a YAML file", code="not_readable")
     if path.exists() and not path.is_file():
-        raise refusal(Place(shown), "is no regular file; name a YAML file")
+        raise refusal(Place(shown), "is not a regular file; name a YAML file", code="not_readable")
     try:
         with path.open("rb") as stream:
             data = stream.read(MAX_BYTES + 1)
     except OSError as error:
-        raise refusal(Place(shown), f"cannot be read: {error.strerror or error}") from None
+        code: Code = "not_found" if isinstance(error, FileNotFoundError) else "not_readable"
+        raise refusal(Place(shown), f"cannot be read: {error.strerror or error}", code=code) from None
     if len(data) > MAX_BYTES:
-        raise refusal(Place(shown), f"is larger than {MAX_BYTES / 1e6:.0f} MB, too large for a scenario file")
+        message = f"is larger than {MAX_BYTES / 1e6:.0f} MB, too large for a scenario file"
+        raise refusal(Place(shown), message, code="out_of_range")
     try:
         text = data.decode("utf-8-sig")
     except UnicodeDecodeError as error:
         place = _place_in(data[: error.start].decode("utf-8", "replace"), shown)
-        raise refusal(place, f"is not UTF-8 text (byte 0x{data[error.start]:02x})") from None
+        raise refusal(
+            place, f"is not UTF-8 text (byte 0x{data[error.start]:02x})", code="yaml_syntax"
+        ) from None
     tree = read_text(text, shown)
     if tree.value is None:
-        raise refusal(Place(shown, 1, 1), "is empty; expected keys and values")
+        raise refusal(Place(shown, 1, 1), "is empty; expected keys and values", code="wrong_type")
     if not isinstance(tree.value, dict):
-        raise refusal(tree.place, f"expected a mapping of keys to values, found {described(tree.plain())}")
+        message = f"expected a mapping of keys to values, found {described(tree.plain())}"
+        raise refusal(tree.place, message, code="wrong_type")
     return tree
 
 
@@ -115,10 +122,12 @@ def read_text(text: str, shown: str) -> Node:
         root = loader.get_single_node()
     except yaml.reader.ReaderError as error:
         place = _place_in(text[: error.position], shown)
-        raise refusal(place, f"is not text: character {_code(error.character)}") from None
+        message = f"is not text: character {_hex(error.character)}"
+        raise refusal(place, message, code="yaml_syntax") from None
     except yaml.MarkedYAMLError as error:
         mark = error.problem_mark or error.context_mark
-        raise refusal(_place(shown, mark) if mark else Place(shown), _syntax_message(error)) from None
+        place = _place(shown, mark) if mark else Place(shown)
+        raise refusal(place, _syntax_message(error), code="yaml_syntax") from None
     if root is None:
         return Node(None, Place(shown, 1, 1))
     builder = _Builder(shown)
@@ -203,7 +212,8 @@ class _Builder:
         self.count += 1
         if self.count > MAX_NODES or len(path) > MAX_DEPTH:
             limit = f"{MAX_NODES} values or {MAX_DEPTH} levels"
-            raise refusal(place, f"anchors and aliases expand to more than {limit}")
+            message = f"anchors and aliases expand to more than {limit}"
+            raise refusal(place, message, code="out_of_range")
         if isinstance(node, yaml.MappingNode) and node.tag == "tag:yaml.org,2002:map":
             return self._mapping(node, place, path)
         if isinstance(node, yaml.SequenceNode) and node.tag == "tag:yaml.org,2002:seq":
@@ -211,7 +221,8 @@ class _Builder:
         try:
             if isinstance(node, yaml.ScalarNode):
                 return Node(_scalar(node, place, ".".join(path)), place)
-            raise refusal(place, f"the tag {node.tag} is not allowed; write plain values", ".".join(path))
+            message = f"the tag {node.tag} is not allowed; write plain values"
+            raise refusal(place, message, ".".join(path), "yaml_syntax")
         except InputError as error:
             self.problems += error.problems
             return Node(None, place)
@@ -222,12 +233,14 @@ class _Builder:
         for key_node, value_node in node.value:
             key_place = _place(self.shown, key_node.start_mark)
             if not isinstance(key_node, yaml.ScalarNode):
-                raise refusal(key_place, "a key must be a plain name")
+                raise refusal(key_place, "a key must be a plain name", code="yaml_syntax")
             key = _text(key_node, key_place)
             if key == "<<":
-                raise refusal(key_place, "merge keys (<<) are not supported; use extends")
+                message = "merge keys (<<) are not supported; use extends"
+                raise refusal(key_place, message, code="yaml_syntax")
             if key in values:
-                raise refusal(key_place, f"the key '{key}' stands twice; first in line {keys[key].line}")
+                message = f"duplicate key '{key}'; the first one is in line {keys[key].line}"
+                raise refusal(key_place, message, code="duplicate")
             values[key] = self.build(value_node, (*path, key))
             keys[key] = key_place
         return Node(values, place, keys)
@@ -237,7 +250,7 @@ def _text(node: yaml.ScalarNode, place: Place, path: str = "") -> str:
     """Return the text of a scalar; escapes may name characters that no file name or terminal takes."""
     text = str(node.value)
     if bad := re.search("[\0\ud800-\udfff]", text):
-        raise refusal(place, f"is not text: character {_code(bad[0])}", path)
+        raise refusal(place, f"is not text: character {_hex(bad[0])}", path, "yaml_syntax")
     return text
 
 
@@ -256,8 +269,9 @@ def _scalar(node: yaml.ScalarNode, place: Place, path: str) -> Scalar:
             return int(digits, 0 if digits[:2] in ("0o", "0x") else 10)
         if kind == "float" and "n" not in digits.lower() and math.isfinite(float(digits)):
             return float(digits)
-        raise refusal(place, f"found {text[:40]}, expected a finite number of ordinary size", path)
-    raise refusal(place, f"the tag {node.tag} does not fit the value '{text[:40]}'", path)
+        message = f"found {text[:40]}, expected a finite number of ordinary size"
+        raise refusal(place, message, path, "out_of_range")
+    raise refusal(place, f"the tag {node.tag} does not fit the value '{text[:40]}'", path, "yaml_syntax")
 
 
 def _syntax_message(error: yaml.MarkedYAMLError) -> str:
@@ -269,7 +283,7 @@ def _syntax_message(error: yaml.MarkedYAMLError) -> str:
     return f"YAML: {problem} {error.context}" if error.context else f"YAML: {problem}"
 
 
-def _code(character: object) -> str:
+def _hex(character: object) -> str:
     code = ord(character) if isinstance(character, str) else character
     return f"U+{code:04X}" if isinstance(code, int) else str(code)
 

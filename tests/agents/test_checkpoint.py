@@ -81,7 +81,7 @@ def shelf(saved: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
 
 def test_a_shipped_checkpoint_is_found_by_name(shelf: Path) -> None:
     assert find_policy(Path("toy")) == shelf / "toy" / "policy.json"
-    with pytest.raises(CheckpointError, match=r"did you mean 'berthing'\? \(shipped: berthing, toy\)"):
+    with pytest.raises(CheckpointError, check=lambda error: error.suggestion == "berthing"):
         load_policy("berting")
 
 

@@ -9,6 +9,7 @@ from typer.testing import CliRunner
 
 from dockctl.cli import app
 
+PLACES = ("2:19: task.max_steps", "3:1: titel")
 ROOT = Path(__file__).parent.parent.parent
 runner = CliRunner()
 
@@ -49,11 +50,9 @@ def test_all_errors_of_all_files(tmp_path: Path) -> None:
     code, out, err = validate(tmp_path / "a.yaml", "s1", tmp_path / "b.yaml")
     assert code == 2
     assert [line.split()[0] for line in out] == ["failed", "ok", "failed"]
-    assert [line.partition(": found")[0].partition(" (known")[0] for line in err] == [
-        f"error: {tmp_path}/{name}.yaml:{rest}"
-        for name in "ab"
-        for rest in ("2:19: task.max_steps", "3:1: titel: unknown key 'titel'; did you mean 'title'?")
-    ]
+    places = [f"error: {tmp_path}/{file}:{at}: " for file in ("a.yaml", "b.yaml") for at in PLACES]
+    assert [line[: len(place)] for line, place in zip(err, places, strict=True)] == places
+    assert ["did you mean 'title'?" in line for line in err] == [False, True] * 2
 
 
 def test_poses_inside_an_obstacle_have_their_place(tmp_path: Path) -> None:

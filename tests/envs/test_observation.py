@@ -98,9 +98,9 @@ def test_no_view_leaves_the_bounds(values: Sequence[float], phase: int) -> None:
 
 
 def test_wrong_names_are_refused() -> None:
-    with pytest.raises(DockctlError, match="unknown observation part 'lydar'; did you mean 'lidar'"):
+    with pytest.raises(DockctlError, check=lambda error: error.suggestion == "lidar"):
         encoder("lydar")
-    with pytest.raises(DockctlError, match="'lidar' has no parameter 'cap'; did you mean 'cap_m'"):
+    with pytest.raises(DockctlError, check=lambda error: error.suggestion == "cap_m"):
         encoder({"lidar": {"cap": 3}})
 
 

@@ -78,11 +78,12 @@ def test_a_problem_has_its_place(text: str, field: str, column: int) -> None:
     assert (found.line, found.column, found.field) == (1, column, field)
 
 
-def test_an_unknown_kind_is_answered_with_the_nearest() -> None:
-    assert "did you mean 'circle'" in problem("shape: {kind: cicle}").message
+def test_an_unknown_kind_has_the_nearest_as_suggestion() -> None:
+    found = problem("shape: {kind: cicle}")
+    assert (found.code, found.suggestion) == ("unknown_name", "circle")
 
 
-def test_an_unknown_key_is_answered_with_the_keys_of_that_kind() -> None:
-    message = problem("shape: {kind: path, x_m: [1], y_m: 2}").message
-    assert "x_m" in message
-    assert "radius_m" not in message
+def test_an_unknown_key_has_a_key_of_that_kind_as_suggestion() -> None:
+    found = problem("shape: {kind: path, x_m: [1], y_m: 2}")
+    assert (found.code, found.suggestion) == ("unknown_key", "x_m")
+    assert "radius_m" not in found.message

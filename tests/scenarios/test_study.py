@@ -43,11 +43,12 @@ def test_experiments_are_chosen_by_name_or_group_in_the_order_of_the_study() -> 
     names = [experiment.name for experiment in THESIS.chosen(["velocity", "s1"])]
     assert names == ["s1", "s3-velocity-20"]
     assert THESIS.chosen([]) == THESIS.experiments
-    with pytest.raises(DockctlError, match="no experiment or group 'ablations'; did you mean 'ablation'"):
+    with pytest.raises(DockctlError) as caught:
         THESIS.chosen(["ablations"])
+    assert (caught.value.code, caught.value.suggestion) == ("unknown_name", "ablation")
 
 
-def test_every_mistake_is_told_with_its_place(tmp_path: Path) -> None:
+def test_every_problem_has_its_location(tmp_path: Path) -> None:
     source = write(
         tmp_path,
         "experiments:\n"
@@ -57,14 +58,12 @@ def test_every_mistake_is_told_with_its_place(tmp_path: Path) -> None:
     )
     with pytest.raises(InputError) as raised:
         load_study(source)
-    told = str(raised.value)
-    for line, words in (
-        (2, "unknown key 'sees'; did you mean 'seeds'?"),
-        (3, "did you mean 'map'?"),
-        (4, "found 0, expected a number of at least 1"),
-        (4, "found the text 'c c'"),
-    ):
-        assert any(f"study.yaml:{line}:" in row and words in row for row in told.splitlines()), told
+    assert {(p.line, p.field, p.code, p.suggestion) for p in raised.value.problems} == {
+        (2, "experiments.0.sees", "unknown_key", "seeds"),
+        (3, "experiments.1.probes.0", "unknown_name", "map"),
+        (4, "experiments.2.seeds", "out_of_range", ""),
+        (4, "experiments.2.name", "invalid", ""),
+    }
 
 
 def test_names_are_used_once(tmp_path: Path) -> None:
@@ -87,8 +86,9 @@ def test_the_study_in_the_document_is_valid(tmp_path: Path) -> None:
     assert [experiment.seeds for experiment in study.experiments] == [3, 3]
 
 
-def test_an_unknown_study_is_told() -> None:
-    with pytest.raises(DockctlError, match=r"no study 'thesys'; did you mean 'thesis'\? \(known: thesis\)"):
+def test_an_unknown_study_has_a_suggestion() -> None:
+    with pytest.raises(DockctlError) as caught:
         load_study("thesys")
-    with pytest.raises(DockctlError, match="nowhere"):
+    assert (caught.value.code, caught.value.suggestion) == ("unknown_name", "thesis")
+    with pytest.raises(DockctlError, check=lambda error: error.code == "not_found"):
         load_study("nowhere.yaml")

@@ -21,67 +21,71 @@ LAUGHS = "a: &a [x, x, x, x, x, x, x, x, x, x]\n" + "".join(
 )
 
 REFUSED = [
-    ("", "1:1", "is empty"),
-    ("# nothing but a comment\n", "1:1", "is empty"),
-    ("- a\n- b\n", "1:1", "expected a mapping of keys to values, found a list"),
-    ("only words\n", "1:1", "found the text 'only words'"),
-    ("a: 1\nb: 2\na: 3\n", "3:1", "the key 'a' stands twice; first in line 1"),
-    ("a:\n\tb: 1\n", "2:1", "a tab in the indentation; use spaces"),
-    ("a: [1, 2\nb: 3\n", "2:2", "YAML: "),
-    ("a: b: c\n", "1:5", "YAML: mapping values are not allowed here"),
-    ("a: 1\n---\nb: 2\n", "2:1", "several documents in one file"),
-    ("a: *nowhere\n", "1:4", "found undefined alias"),
-    ("a: 1\n? [b, c]\n: 2\n", "2:3", "a key must be a plain name"),
-    ("a: !!python/object/apply:os.system [ls]\n", "1:4", "is not allowed"),
-    ("a: !!int x\n", "1:4", "does not fit the value 'x'"),
-    ("a: {<<: {b: 1}}\n", "1:5", "merge keys (<<) are not supported"),
-    ('a: "\\ud800"\n', "1:4", "is not text: character U+D800"),
-    ('"a\\0": 1\n', "1:1", "is not text: character U+0000"),
-    ("a: .nan\n", "1:4", "found .nan, expected a finite number"),
-    ("a:\n  b: [1, -.inf]\n", "2:10", "found -.inf, expected a finite number"),
-    ("a: 1e999\n", "1:4", "found 1e999, expected a finite number"),
-    ("a: 12345678901234567890123\n", "1:4", "expected a finite number of ordinary size"),
-    ("a: " + "[" * 100_000, "1:53", "more than 50 levels"),
-    ("- 1\n" * 150_000, "100000:3", "more than 100000 values"),
-    (LAUGHS, "1:35", "anchors and aliases expand to more than 100000 values"),
-    ("a: &a [*a]\n", "1:4", "anchors and aliases expand"),
+    ("", "1:1", "wrong_type"),
+    ("# nothing but a comment\n", "1:1", "wrong_type"),
+    ("- a\n- b\n", "1:1", "wrong_type"),
+    ("only words\n", "1:1", "wrong_type"),
+    ("a: 1\nb: 2\na: 3\n", "3:1", "duplicate"),
+    ("a:\n\tb: 1\n", "2:1", "yaml_syntax"),
+    ("a: [1, 2\nb: 3\n", "2:2", "yaml_syntax"),
+    ("a: b: c\n", "1:5", "yaml_syntax"),
+    ("a: 1\n---\nb: 2\n", "2:1", "yaml_syntax"),
+    ("a: *nowhere\n", "1:4", "yaml_syntax"),
+    ("a: 1\n? [b, c]\n: 2\n", "2:3", "yaml_syntax"),
+    ("a: !!python/object/apply:os.system [ls]\n", "1:4", "yaml_syntax"),
+    ("a: !!int x\n", "1:4", "yaml_syntax"),
+    ("a: {<<: {b: 1}}\n", "1:5", "yaml_syntax"),
+    ('a: "\\ud800"\n', "1:4", "yaml_syntax"),
+    ('"a\\0": 1\n', "1:1", "yaml_syntax"),
+    ("a: .nan\n", "1:4", "out_of_range"),
+    ("a:\n  b: [1, -.inf]\n", "2:10", "out_of_range"),
+    ("a: 1e999\n", "1:4", "out_of_range"),
+    ("a: 12345678901234567890123\n", "1:4", "out_of_range"),
+    ("a: " + "[" * 100_000, "1:53", "yaml_syntax"),
+    ("- 1\n" * 150_000, "100000:3", "yaml_syntax"),
+    (LAUGHS, "1:35", "out_of_range"),
+    ("a: &a [*a]\n", "1:4", "out_of_range"),
 ]
 
 
-@pytest.mark.parametrize(("text", "place", "message"), REFUSED, ids=[row[2][:30] for row in REFUSED])
-def test_refuses_with_the_place(tmp_path: Path, text: str, place: str, message: str) -> None:
+@pytest.mark.parametrize(("text", "place", "code"), REFUSED, ids=[row[0][:20] for row in REFUSED])
+def test_refuses_with_the_place(tmp_path: Path, text: str, place: str, code: str) -> None:
     path = tmp_path / "x.yaml"
     path.write_text(text)
     with pytest.raises(InputError) as caught:
         read_file(path, "x.yaml")
     (problem,) = caught.value.problems
-    assert f"{problem.line}:{problem.column}" == place
-    assert message in problem.message
+    assert (f"{problem.line}:{problem.column}", problem.code) == (place, code)
 
 
 @pytest.mark.parametrize(
-    ("data", "message"),
+    ("data", "expected"),
     [
-        (b"a: \xff\n", "x.yaml:1:4: is not UTF-8 text (byte 0xff)"),
-        (b"a: 1\nb: \x00\n", "x.yaml:2:4: is not text: character U+0000"),
-        (b"a: 1\n#" + b"x" * 50_000_000, "x.yaml: is larger than 1 MB"),
+        (b"a: \xff\n", (1, 4, "yaml_syntax")),
+        (b"a: 1\nb: \x00\n", (2, 4, "yaml_syntax")),
+        (b"a: 1\n#" + b"x" * 50_000_000, (0, 0, "out_of_range")),
     ],
+    ids=["not UTF-8", "null byte", "too large"],
 )
-def test_refuses_what_is_not_a_small_text(tmp_path: Path, data: bytes, message: str) -> None:
+def test_refuses_what_is_not_a_small_text(
+    tmp_path: Path, data: bytes, expected: tuple[int, int, str]
+) -> None:
     path = tmp_path / "x.yaml"
     path.write_bytes(data)
-    with pytest.raises(InputError, match=message.replace("(", r"\(").replace(")", r"\)").replace("+", r"\+")):
+    with pytest.raises(InputError) as caught:
         read_file(path, "x.yaml")
+    (problem,) = caught.value.problems
+    assert (problem.file, problem.line, problem.column, problem.code) == ("x.yaml", *expected)
 
 
 def test_refuses_a_directory(tmp_path: Path) -> None:
-    with pytest.raises(InputError, match="is a directory; name a YAML file"):
+    with pytest.raises(InputError, check=lambda error: error.code == "not_readable"):
         read_file(tmp_path, "here")
 
 
 def test_refuses_a_pipe_without_waiting_for_it(tmp_path: Path) -> None:
     os.mkfifo(tmp_path / "x.yaml")
-    with pytest.raises(InputError, match=r"x\.yaml: is no regular file"):
+    with pytest.raises(InputError, check=lambda error: error.code == "not_readable"):
         read_file(tmp_path / "x.yaml", "x.yaml")
 
 
@@ -93,7 +97,7 @@ def test_refuses_what_cannot_be_opened(tmp_path: Path, monkeypatch: pytest.Monke
         raise PermissionError(13, "Permission denied")
 
     monkeypatch.setattr(Path, "open", refuse)  # file modes do not stop root
-    with pytest.raises(InputError, match=r"x\.yaml: cannot be read: Permission denied"):
+    with pytest.raises(InputError, check=lambda error: error.code == "not_readable"):
         read_file(path, "x.yaml")
 
 

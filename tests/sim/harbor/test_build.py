@@ -229,12 +229,12 @@ def test_berth_too_narrow_for_every_vessel_is_refused() -> None:
 
 def test_free_berth_that_is_none_is_refused() -> None:
     rows = [{"side": "east", "berth_y_m": (0.0, 4.0), "free_y_m": (3.0,)}]
-    with pytest.raises(ValidationError, match="no berth at 3; the nearest one is at 4"):
+    with pytest.raises(ValidationError, match="no berth at 3"):
         marina(rows=rows)
 
 
 def test_basin_without_water_is_refused() -> None:
-    with pytest.raises(ValidationError, match=r"x_min_m \(5\) must be less than x_max_m \(5\)"):
+    with pytest.raises(ValidationError, match=r"x_min_m: 5 must be less than x_max_m, 5"):
         marina(basin={"x_min_m": 5.0, "x_max_m": 5.0, "y_min_m": 0.0, "y_max_m": 1.0})
 
 
