@@ -19,7 +19,7 @@ from pydantic import BaseModel
 
 import dockctl
 from dockctl.cli import app
-from dockctl.runs.shipped import FOLDER
+from dockctl.runs.directory import SHIPPED
 from dockctl.scenarios.loader import load
 from dockctl.scenarios.schema import Scenario
 from dockctl.scenarios.training import THESIS
@@ -71,7 +71,7 @@ class TestWheel:
         assert {f"dockctl/scenarios/studies/{file}" for file in studies} <= contents
 
     def test_it_carries_every_checkpoint(self, contents: set[str]) -> None:
-        files = {path.relative_to(ROOT).as_posix() for path in FOLDER.rglob("*") if path.is_file()}
+        files = {path.relative_to(ROOT).as_posix() for path in SHIPPED.rglob("*") if path.is_file()}
         assert files <= contents
 
     def test_it_carries_nothing_else(self, contents: set[str]) -> None:

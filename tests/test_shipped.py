@@ -12,7 +12,7 @@ from dockctl.agents.checkpoint import POLICY
 from dockctl.evaluation.policies import find
 from dockctl.evaluation.starts import judging_starts, player
 from dockctl.experiments.export import CARD, training_starts
-from dockctl.runs.shipped import shipped
+from dockctl.runs.directory import shipped
 from dockctl.scenarios.difference import difference
 from dockctl.scenarios.loader import load
 from dockctl.sim.simulator import build_worlds

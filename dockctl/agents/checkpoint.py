@@ -21,9 +21,8 @@ from safetensors.numpy import save as save_tensors
 import dockctl
 from dockctl.agents.dqn.network import DuelingQNetwork
 from dockctl.errors import DockctlError, nearest
-from dockctl.runs.directory import RunDirectory
+from dockctl.runs.directory import RunDirectory, shipped
 from dockctl.runs.files import write_atomically
-from dockctl.runs.shipped import shipped
 from dockctl.scenarios.interface import PolicyInterface
 
 FORMAT = 1

@@ -65,8 +65,7 @@ def list_registered(
 
 
 def _checkpoints() -> Iterator[tuple[str, ...]]:
-    from dockctl.runs.directory import SCENARIO, RunDirectory
-    from dockctl.runs.shipped import shipped
+    from dockctl.runs.directory import SCENARIO, RunDirectory, shipped
     from dockctl.scenarios import loader
 
     for name, folder in shipped().items():

@@ -1,4 +1,4 @@
-"""Tables that take seconds to build, kept in the user's cache folder under a hash of what they depend on."""
+"""Cached tables: arrays that take seconds to compute, stored in the user's cache folder by content hash."""
 
 from __future__ import annotations
 
@@ -12,41 +12,36 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+import platformdirs
 from numpy.typing import NDArray
 
 Arrays = dict[str, NDArray[Any]]
 
-KEPT_FILES = 24
+MAX_FILES = 24
 log = logging.getLogger(__name__)
 
 
 def cache_folder() -> Path:
-    """Return the folder of cached tables: under XDG_CACHE_HOME, or ``~/.cache``.
-
-    Raises:
-        RuntimeError: the user has no home.
-    """
-    base = os.environ.get("XDG_CACHE_HOME")
-    return (Path(base) if base else Path.home() / ".cache") / "dockctl"
+    """Return the folder of cached tables; ``XDG_CACHE_HOME`` moves it."""
+    return platformdirs.user_cache_path("dockctl")
 
 
-def cached(name: str, ingredients: Iterable[bytes], build: Callable[[], Arrays]) -> Arrays:
-    """Return the arrays that `build` makes, from the cache if they were made before.
+def cached(name: str, inputs: Iterable[bytes], build: Callable[[], Arrays]) -> Arrays:
+    """Return the arrays that `build` computes, from the cache if possible.
 
-    Several processes may do this at once: a file appears whole or not at all, and a damaged one is made anew.
-    Where nothing can be written, the arrays are made each time.
+    Safe to call from several processes: files are written atomically, and a damaged file is rebuilt. If the
+    cache cannot be written, the arrays are computed every time.
 
     Args:
-        name: what the tables are, for the file's name and for the log.
-        ingredients: all that the arrays depend on, the code included.
-        build: makes the arrays.
+        name: what the tables are, for the file's name and the log.
+        inputs: everything that the arrays depend on, including the code.
+        build: computes the arrays.
     """
     digest = hashlib.sha256()
-    for ingredient in ingredients:
-        digest.update(hashlib.sha256(ingredient).digest())
-    try:
-        path = cache_folder() / f"{name.replace(' ', '-')}-{digest.hexdigest()[:24]}.npz"
-    except RuntimeError:
+    for data in inputs:
+        digest.update(hashlib.sha256(data).digest())
+    path = cache_folder() / f"{name.replace(' ', '-')}-{digest.hexdigest()[:24]}.npz"
+    if not path.is_absolute():  # the user has no home directory
         return build()
     try:
         with np.load(path) as stored:
@@ -54,17 +49,17 @@ def cached(name: str, ingredients: Iterable[bytes], build: Callable[[], Arrays])
         os.utime(path)
         return arrays
     except (OSError, ValueError, EOFError, zipfile.BadZipFile):
-        log.info("building the table of the %s (some seconds, once)", name)
+        log.info("building the %s table (once, a few seconds)", name)
     arrays = build()
     try:
         _write(path, arrays)
     except OSError as error:
-        log.info("the table of the %s cannot be kept: %s", name, error)
+        log.info("the %s table cannot be cached: %s", name, error)
     return arrays
 
 
 def _write(path: Path, arrays: Arrays) -> None:
-    """Write the file whole, then forget those that have not been used for longest."""
+    """Write the file atomically, then delete the least recently used ones."""
     path.parent.mkdir(parents=True, exist_ok=True)
     handle, part = tempfile.mkstemp(dir=path.parent, suffix=".part")
     try:
@@ -74,5 +69,5 @@ def _write(path: Path, arrays: Arrays) -> None:
     finally:
         Path(part).unlink(missing_ok=True)
     files = sorted(path.parent.glob("*.npz"), key=lambda file: file.stat().st_mtime, reverse=True)
-    for old in files[KEPT_FILES:]:
+    for old in files[MAX_FILES:]:
         old.unlink(missing_ok=True)

@@ -1,4 +1,4 @@
-"""Inner loops compiled by numba, and kept on disk for the next time."""
+"""Inner loops compiled by numba, cached on disk."""
 
 from __future__ import annotations
 
@@ -16,24 +16,24 @@ Function = TypeVar("Function", bound=Callable[..., object])
 
 
 def compiled(**options: Any) -> Callable[[Function], Function]:
-    """Return a decorator that compiles a function, which then lets go of Python's lock.
+    """Return a decorator that compiles a function, caches it on disk and releases the GIL while it runs.
 
-    Numba takes what it kept to be stale when the function's own file has changed, not when that of a function
-    that is called has; the name under which it is kept therefore tells of all the compiled files beside it.
-    Where nothing can be kept, functions are compiled each time.
+    Numba recompiles a function if its own file has changed, but not if another file with a function that it
+    calls has changed. The name under which it is cached therefore includes a hash of the files it may call.
+    If nothing can be cached, functions are compiled in every process.
 
     Args:
         options: of `numba.njit`.
     """
 
-    def compile_one(function: Function) -> Function:
+    def decorate(function: Function) -> Function:
         function.__qualname__ += f"_{_digest(Path(function.__code__.co_filename).parent)}"
         try:
             return cast("Function", njit(cache=True, nogil=True, **options)(function))
-        except RuntimeError:  # there is no folder to keep it in
+        except RuntimeError:  # no cache folder
             return cast("Function", njit(nogil=True, **options)(function))
 
-    return compile_one
+    return decorate
 
 
 @cache

@@ -1,4 +1,4 @@
-"""The cores that this process may use, and the threads that share them."""
+"""The cores that this process may use, and one thread pool for them."""
 
 from __future__ import annotations
 
@@ -7,7 +7,7 @@ from concurrent.futures import ThreadPoolExecutor
 
 
 def usable_cores() -> int:
-    """How many cores this process may use."""
+    """Return the number of cores that this process may use."""
     return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
 
 
@@ -15,10 +15,10 @@ _WORKERS: list[ThreadPoolExecutor] = []
 
 
 def workers() -> ThreadPoolExecutor:
-    """Return the process' threads for compiled work that lets go of Python's lock, one for each core.
+    """Return the process's thread pool for compiled code that releases the GIL, one thread per core.
 
-    All such work, scans and learning alike, goes to these: a thread more than there are cores would wait in
-    the queue of one core while another is idle. What they are given must not wait for them in turn.
+    All such work, scans and learning alike, runs in this pool: more threads than cores would wait for one
+    core while another is idle. A task must not wait for another task of the pool.
     """
     if not _WORKERS:
         _WORKERS.append(ThreadPoolExecutor(usable_cores(), thread_name_prefix="core"))

@@ -112,4 +112,4 @@ def find(ckpt: Path | None) -> Trained:
     path = RunDirectory.latest(RUNS).path if ckpt is None else ckpt
     network, card = load_policy(path)
     file = find_policy(path)
-    return Trained(file, network, card, RunDirectory.holding(file))
+    return Trained(file, network, card, RunDirectory.containing(file))

@@ -20,7 +20,7 @@ import dockctl
 from dockctl.errors import DockctlError
 from dockctl.experiments.jobs import Job, Stage
 from dockctl.runs.files import writing
-from dockctl.runs.lock import alone
+from dockctl.runs.lock import exclusive_lock
 
 TAIL_BYTES = 4096
 POLL_SECONDS = 0.25
@@ -150,5 +150,5 @@ def _log_of(job: Job) -> Iterator[IO[bytes]]:
     with writing(job.log):
         job.log.parent.mkdir(parents=True, exist_ok=True)
         file = job.log.open("ab")
-    with file, alone(job.log):
+    with file, exclusive_lock(job.log):
         yield file

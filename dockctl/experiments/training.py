@@ -24,7 +24,7 @@ from dockctl.experiments.live import TrainingDisplay, best, clock
 from dockctl.experiments.memory import Estimate, require_memory
 from dockctl.runs import provenance
 from dockctl.runs.directory import PROVENANCE, SCENARIO, RunDirectory, require_writable
-from dockctl.runs.lock import alone
+from dockctl.runs.lock import exclusive_lock
 from dockctl.scenarios.files import mesh_files, naming
 from dockctl.scenarios.interface import PolicyInterface
 from dockctl.scenarios.loader import LoadedScenario, dump
@@ -57,7 +57,7 @@ def begin(source: str, overrides: list[str], plugin_files: list[Path], out: Path
     memory = require_memory(loaded.scenario, worlds)
     seed = loaded.scenario.training.seed
     run = RunDirectory.create(out, loaded.scenario.name, seed)
-    with alone(run.path):
+    with exclusive_lock(run.path):
         facts = provenance.collect(seed, sys.argv)
         facts["plugins"] = run.copy_files("plugins", loaded.plugin_files)
         facts["meshes"] = run.copy_files("meshes", mesh_files(loaded.scenario))
@@ -76,7 +76,7 @@ def take_up(path: Path, steps: int | None) -> Iterator[Session]:
             there is not the memory.
     """
     run = RunDirectory.open(path)
-    with alone(run.path):
+    with exclusive_lock(run.path):
         yield _taken_up(run, steps)
 
 

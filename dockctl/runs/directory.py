@@ -1,4 +1,35 @@
-"""Run folders: ``runs/<scenario>/<timestamp>-seed<N>/`` and what lies in them."""
+"""Run folders, ``runs/<scenario>/<timestamp>-seed<N>/``, and the names of the files in them.
+
+A run folder is self-contained: it can be moved, copied and read without the scenario that it came from.
+
+Written by the training:
+
+========================  =============================================================================
+``scenario.yaml``         the fully resolved scenario; loads as an equal one
+``provenance.json``       commit, seed, command, library versions, hardware, start, end, stop reason
+``scene.json``            plan view of the harbor and outline of the boat, for drawings
+``plugins/, meshes/``     copies of the local files that the scenario uses
+``episodes.csv``          training episodes
+``updates.csv``           loss, TD error, Q and gradient norm, averaged over updates
+``evaluations.csv``       greedy episodes during training
+``timing.csv``            wall-clock seconds, apart from the other tables, which repeat byte for byte
+``trajectories.csv``      greedy episodes of the best policy, step by step
+``checkpoints/best``      policy with the best greedy evaluation
+``checkpoints/last``      policy and learner at the end, for resuming
+========================  =============================================================================
+
+Written by the commands that measure the policy:
+
+========================  =============================================================================
+``evaluation.csv/json``   episodes and summary of ``dockctl evaluate``
+``map.csv/json``          outcome by start pose, of ``dockctl map``
+``returns.csv/json``      discounted returns of behaviors, of ``dockctl returns``
+``figures/``              figures, and ``latency.csv/json`` of ``dockctl latency``
+========================  =============================================================================
+
+On another scenario the name of that scenario is appended: ``evaluation-marina.csv``. Columns are described in
+`dockctl.runs.tables`.
+"""
 
 from __future__ import annotations
 
@@ -11,62 +42,74 @@ from datetime import datetime
 from pathlib import Path
 from typing import Any
 
+import dockctl
 from dockctl.errors import DockctlError
-from dockctl.runs.files import new_folder, reading, standing, write_atomically, writing
+from dockctl.runs.files import intact, new_folder, reading, write_atomically, writing
 from dockctl.runs.tables import Table, cut_table
 
 SCENARIO = "scenario.yaml"
 PROVENANCE = "provenance.json"
+SCENE = "scene.json"
+EPISODES_CSV, UPDATES_CSV, EVALUATIONS_CSV = "episodes.csv", "updates.csv", "evaluations.csv"
+TIMING_CSV, TRAJECTORIES_CSV = "timing.csv", "trajectories.csv"
+EVALUATION, MAP, RETURNS, LATENCY = "evaluation", "map", "returns", "figures/latency"
+"""Measurements of the policy: a table (.csv), and a .json file with the policy's hash."""
+FIGURES, CHECKPOINTS, PLUGINS, MESHES = "figures", "checkpoints", "plugins", "meshes"
+BEST, LAST = "best", "last"
+SHIPPED = Path(dockctl.__file__).parent / "checkpoints"
+"""Folder of the checkpoints that come with the package."""
+
+
+def shipped() -> dict[str, Path]:
+    """Return the folder of each checkpoint that comes with the package, by name."""
+    return {file.parent.name: file.parent for file in sorted(SHIPPED.glob("*/policy.json"))}
 
 
 def require_writable(root: Path) -> None:
-    """Check that `root` is, or can become, a folder to write to, without making any.
+    """Check that `root` is, or can become, a writable folder, without creating it.
 
     Raises:
-        DockctlError: they cannot.
+        DockctlError: it cannot.
     """
     existing = next(path for path in (root.absolute(), *root.absolute().parents) if os.path.exists(path))
     if not os.path.isdir(existing):
-        raise DockctlError(f"{root}: cannot write here: {existing} is not a folder")
+        raise DockctlError(f"{root}: cannot be written: {existing} is not a folder")
     if not os.access(existing, os.W_OK | os.X_OK):
-        raise DockctlError(f"{root}: cannot write here: no right to write in {existing}")
+        raise DockctlError(f"{root}: cannot be written: no write permission for {existing}")
 
 
 def require_replaceable(folder: Path, always: Collection[str], perhaps: Collection[str], what: str) -> None:
-    """Check that `folder` can be written as a whole, and that nothing but an earlier one of its sort is lost.
+    """Check that `folder` can be replaced: it is new, empty, or an earlier version of the same thing.
 
     Args:
-        always, perhaps: names of the files and folders in it.
-        what: it is, in words.
+        folder: the folder to replace.
+        always: names of the files and folders that every version contains.
+        perhaps: names that a version may contain.
+        what: what the folder contains, for the message.
 
     Raises:
-        DockctlError: it cannot be written, or holds something else.
+        DockctlError: it cannot be written, or contains something else.
     """
     for place in (folder.resolve(), folder.resolve().parent):
         require_writable(place)
     with writing(folder):
         there = {path.name for path in folder.iterdir()} if os.path.isdir(folder) else set()
     if there and not {*always} <= there <= {*always, *perhaps}:
-        raise DockctlError(f"{folder}: is not empty and holds no {what}; give a new folder")
+        raise DockctlError(f"{folder}: is not empty and contains no {what}; choose a new folder")
 
 
 class RunDirectory:
-    """One training run on disk. Files are replaced whole; tables grow by whole rows.
-
-    Layout: ``scenario.yaml`` (fully resolved), ``provenance.json``, ``scene.json`` (plan view), ``plugins/``,
-    ``meshes/``, ``episodes.csv``, ``updates.csv``, ``evaluations.csv``, ``timing.csv``, ``trajectories.csv``,
-    ``checkpoints/best`` and ``checkpoints/last``, ``figures/``.
-    """
+    """One training run on disk. Files are replaced atomically; tables grow by complete rows."""
 
     def __init__(self, path: Path) -> None:
         self.path = path
 
     @classmethod
     def create(cls, root: Path, scenario_name: str, seed: int) -> RunDirectory:
-        """Make a new folder under `root`; one that exists is never touched.
+        """Create a new folder under `root`; an existing one is never touched.
 
         Raises:
-            DockctlError: the folder cannot be made or written to.
+            DockctlError: the folder cannot be created or written.
         """
         stem = f"{datetime.now():%Y%m%d-%H%M%S}-seed{seed}"
         try:
@@ -80,73 +123,75 @@ class RunDirectory:
                     continue
                 return cls(path)
         except OSError as error:
-            raise DockctlError(f"{root}: cannot write here: {error.strerror or error}") from None
-        raise DockctlError(f"{parent / stem}: a thousand runs began in the same second")
+            raise DockctlError(f"{root}: cannot be written: {error.strerror or error}") from None
+        raise DockctlError(f"{parent / stem}: a thousand runs were started in the same second")
 
     @classmethod
     def open(cls, path: Path) -> RunDirectory:
         """Open an existing run folder.
 
         Raises:
-            DockctlError: there is no such folder, or it holds no run.
+            DockctlError: there is no such folder, or it contains no run.
         """
         if not os.path.isdir(path):
             raise DockctlError(f"{path}: no such run folder")
         if not os.path.isfile(path / SCENARIO):
-            raise DockctlError(f"{path}: not a run folder: it holds no {SCENARIO}")
+            raise DockctlError(f"{path}: not a run folder: it has no {SCENARIO}")
         return cls(path)
 
     @classmethod
     def latest(cls, root: Path) -> RunDirectory:
-        """The run under `root` that began last.
+        """Return the run under `root` that was started last.
 
         Raises:
             DockctlError: there is none.
         """
         runs = [scenario.parent for scenario in root.glob(f"*/*/{SCENARIO}")]
         if not runs:
-            raise DockctlError(f"{root}: no runs here yet; train one with: dockctl train")
+            raise DockctlError(f"{root}: no runs yet; train one with: dockctl train")
         return cls(max(runs, key=lambda path: (path.name, path.stat().st_mtime_ns)))
 
     @classmethod
-    def holding(cls, checkpoint: Path) -> RunDirectory | None:
-        """The run of the file ``<run>/checkpoints/<name>/<file>``, or None where it lies elsewhere."""
+    def containing(cls, checkpoint: Path) -> RunDirectory | None:
+        """Return the run of the file ``<run>/checkpoints/<name>/<file>``, or None if it is not in a run."""
         path = checkpoint.absolute().parent.parent.parent
         return cls(path) if os.path.isfile(path / SCENARIO) else None
 
     def checkpoint(self, name: str) -> Path:
-        """Folder to read the checkpoint `name` from, ``best`` or ``last``, whether it exists or not."""
-        return standing(self.path / "checkpoints" / name)
+        """Return the folder of the checkpoint `name`, `BEST` or `LAST`, whether it exists or not."""
+        return intact(self.path / CHECKPOINTS / name)
 
     def new_checkpoint(self, name: str) -> AbstractContextManager[Path]:
-        """Give an empty folder that becomes the checkpoint `name` when the block is done."""
-        return new_folder(self.path / "checkpoints" / name)
+        """Return a context that yields an empty folder and replaces the checkpoint `name` with it."""
+        return new_folder(self.path / CHECKPOINTS / name)
 
     def table(self, name: str, columns: Iterable[str]) -> Table:
+        """Return the table `name`, to append rows."""
         return Table(self.path / name, columns)
 
     def cut_table(self, name: str, env_steps: int) -> None:
-        """Drop the rows of a table that were written after `env_steps`, when a run is taken up from there."""
+        """Remove the rows of a table after `env_steps`, from which the run is resumed."""
         if (self.path / name).exists():
             self.write_text(name, cut_table(self.path / name, env_steps))
 
     def inside(self, path: str) -> str:
-        """The path of a file from the run folder on; unchanged where the file lies elsewhere."""
+        """Return the path relative to the run folder; unchanged for a file outside of it."""
         home = self.path.resolve()
         return Path(path).relative_to(home).as_posix() if Path(path).is_relative_to(home) else path
 
     def write_text(self, name: str, text: str) -> Path:
-        """Write a file of the run whole."""
+        """Write a text file of the run."""
         return write_atomically(self.path / name, text.encode())
 
     def write_json(self, name: str, value: Any) -> Path:
+        """Write a JSON file of the run."""
         return self.write_text(name, json.dumps(value, indent=2) + "\n")
 
     def read_json(self, name: str) -> dict[str, Any]:
         """Read a JSON object of the run.
 
         Raises:
-            DockctlError: it is missing or broken.
+            DockctlError: it is missing or damaged.
         """
         path = self.path / name
         with reading(path):

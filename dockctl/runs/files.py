@@ -1,4 +1,4 @@
-"""Files that are whole or not there, and one way to tell that they cannot be read or written."""
+"""Atomic writes, and one way to report that a file cannot be read or written."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from dockctl.errors import DockctlError
 
 @contextmanager
 def writing(path: Path) -> Iterator[None]:
-    """Tell the user when the system refuses to write `path`.
+    """Report an OSError of the block as a failure to write `path`.
 
     Raises:
         DockctlError: the block raised an OSError.
@@ -27,23 +27,23 @@ def writing(path: Path) -> Iterator[None]:
 
 @contextmanager
 def reading(path: Path) -> Iterator[None]:
-    """Tell the user that `path` is missing, or does not hold what the block looks for.
+    """Report the exceptions that a missing, truncated or foreign file causes as a failure to read `path`.
 
     Raises:
-        DockctlError: the block raised what a missing, torn or foreign file leads to.
+        DockctlError: the block raised one of them.
     """
     try:
         yield
     except (OSError, EOFError, zlib.error, KeyError, TypeError, ValueError) as error:
-        reason = f"it lacks {error}" if isinstance(error, KeyError) else error
+        reason = f"{error} is missing" if isinstance(error, KeyError) else error
         raise DockctlError(f"{path}: cannot be read: {reason}") from None
 
 
 def write_atomically(path: Path, content: bytes) -> Path:
-    """Write a file so that a reader or a crash sees the old one or the new one, whole.
+    """Write a file so that a reader sees the old or the new content, also after a crash.
 
     Raises:
-        DockctlError: the place cannot be written to.
+        DockctlError: the file cannot be written.
     """
     temporary = path.with_name(f".{path.name}.{os.getpid()}.tmp")
     with writing(path):
@@ -58,14 +58,14 @@ def write_atomically(path: Path, content: bytes) -> Path:
 
 @contextmanager
 def new_folder(path: Path) -> Iterator[Path]:
-    """Give an empty folder that takes the place of `path`, and of all that is in it, when the block is done.
+    """Yield an empty folder that replaces the folder `path` when the block ends without an exception.
 
     Raises:
-        DockctlError: the place cannot be written to.
+        DockctlError: the folder cannot be written.
     """
     new, old = (path.with_name(f".{path.name}.{which}") for which in ("new", "old"))
     with writing(path):
-        if standing(path) == old:
+        if intact(path) == old:
             old.replace(path)
         shutil.rmtree(new, ignore_errors=True)
         new.mkdir(parents=True)
@@ -77,7 +77,7 @@ def new_folder(path: Path) -> Iterator[Path]:
         shutil.rmtree(old, ignore_errors=True)
 
 
-def standing(path: Path) -> Path:
-    """The folder `path`, or the one before it, moved aside, where `new_folder` was killed in between."""
+def intact(path: Path) -> Path:
+    """Return the folder `path`, or the previous one if `new_folder` was killed while replacing it."""
     old = path.with_name(f".{path.name}.old")
     return old if os.path.isdir(old) and not os.path.isdir(path) else path

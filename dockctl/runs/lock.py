@@ -1,34 +1,35 @@
-"""One process at a time at a run."""
+"""Locks against two processes in one run folder."""
 
 from __future__ import annotations
 
-import fcntl
-import os
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
 
+from filelock import FileLock, Timeout
+
 from dockctl.errors import DockctlError
-from dockctl.runs.files import writing
 
 
 @contextmanager
-def alone(path: Path) -> Iterator[None]:
-    """Keep a file or folder to this process until the block is done, where the file system knows locks.
+def exclusive_lock(path: Path) -> Iterator[None]:
+    """Lock a folder or a file for this process, by a lock file in the folder or next to the file.
+
+    Read-only folders and file systems without locks are used without one.
 
     Raises:
-        DockctlError: another process has it, or it cannot be opened.
+        DockctlError: there is no such path, or another process holds the lock.
     """
-    with writing(path):
-        descriptor = os.open(path, os.O_RDONLY)
+    if not path.exists():
+        raise DockctlError(f"{path}: no such file or folder")
+    lock = FileLock(path / ".lock" if path.is_dir() else path.with_suffix(".lock"))
     try:
-        fcntl.flock(descriptor, fcntl.LOCK_EX | fcntl.LOCK_NB)
-    except BlockingIOError:
-        os.close(descriptor)
-        raise DockctlError(f"{path}: another process is at work on this") from None
-    except OSError:  # a file system without locks
+        lock.acquire(blocking=False)
+    except Timeout:
+        raise DockctlError(f"{path}: another process is using it") from None
+    except (OSError, NotImplementedError):  # no permission, or no locks
         pass
     try:
         yield
     finally:
-        os.close(descriptor)
+        lock.release()

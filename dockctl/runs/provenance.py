@@ -1,4 +1,4 @@
-"""Where a run comes from: code, seed, libraries, machine, command line."""
+"""Provenance of a run: code, seed, libraries, machine, command line."""
 
 from __future__ import annotations
 
@@ -20,12 +20,12 @@ LIBRARIES = (
 
 
 def now() -> str:
-    """The time, in UTC, to the second."""
+    """Return the time in UTC, to the second."""
     return datetime.now(UTC).isoformat(timespec="seconds")
 
 
 def collect(seed: int, command: Sequence[str]) -> dict[str, Any]:
-    """Everything that tells how a run is made, for ``provenance.json``; the run is not finished yet."""
+    """Return the contents of ``provenance.json`` at the start of a run."""
     return {
         "dockctl": dockctl.__version__,
         "git_commit": git_commit(),
@@ -41,7 +41,7 @@ def collect(seed: int, command: Sequence[str]) -> dict[str, Any]:
 
 
 def git_commit() -> str | None:
-    """Commit of the source checkout that dockctl runs from, with ``+`` where files differ; None elsewhere."""
+    """Return the commit of the checkout that dockctl runs from, with ``+`` if files were changed, or None."""
     root = Path(dockctl.__file__).parent.parent
     if not (root / ".git").exists():
         return None
@@ -59,7 +59,7 @@ def git_commit() -> str | None:
 
 
 def hardware() -> dict[str, Any]:
-    """The machine, in words."""
+    """Return platform, processor, number of cores and byte order of the machine."""
     return {
         "platform": platform.platform(),
         "processor": _processor(),

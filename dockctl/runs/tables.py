@@ -1,4 +1,4 @@
-"""The tables of a run folder: their columns, with units in the names, and how rows are written and read."""
+"""The tables of a run folder: columns, with units in their names, and CSV reading and writing."""
 
 from __future__ import annotations
 
@@ -15,19 +15,19 @@ EPISODES = (
     "episode", "env_steps", "boat", "start_kind", "start_index", "return", "steps", "outcome",
     "collided_with", "phase", "epsilon", "distance_m", "heading_error_deg", "speed_mps",
 )  # fmt: skip
-"""Training episodes; one column ``reward_<term>`` for each reward term follows."""
+"""Training episodes; followed by one column ``reward_<term>`` per reward term."""
 
 UPDATES = ("update", "env_steps", "loss", "td_error", "q_mean", "gradient_norm", "learning_rate")
-"""Gradient steps, averaged over the updates since the row before."""
+"""Gradient steps, averaged over the updates since the previous row."""
 
 EPISODE_RESULT = (
     "outcome", "collided_with", "phase", "return", "steps", "distance_m", "heading_error_deg", "speed_mps",
     "path_length_m", "clearance_m", "control_changes",
 )  # fmt: skip
-"""What one greedy episode came to."""
+"""Result of one greedy episode."""
 
 EVALUATIONS = ("env_steps", "pose", *EPISODE_RESULT, "best")
-"""Greedy episodes during training, one row a test pose; `best` is 1 where the policy was the best so far."""
+"""Greedy episodes during training, one row per pose; `best` is 1 if the policy was the best so far."""
 
 EVALUATION = ("start_kind", "start", "berth", "x_m", "y_m", "heading_deg", *EPISODE_RESULT, "time_s")
 """Episodes of ``dockctl evaluate``."""
@@ -38,18 +38,18 @@ START_KINDS = {
     "trained": "trained berths",
     "held_out": "held-out berths",
 }
-"""What stands in `start_kind` of an evaluation, in words."""
+"""Values of `start_kind` in an evaluation, and their plain names."""
 
 MAP = (
     "dx_m", "dy_m", "dheading_deg", "x_m", "y_m", "heading_deg", "blocked", *EPISODE_RESULT, "time_s",
 )  # fmt: skip
-"""Starts of ``dockctl map``, by their offset from the pose in the middle; a blocked one has no result."""
+"""Starts of ``dockctl map``, by their offset from the center pose; a blocked start has no result."""
 
 RETURNS = ("behavior", "outcome", "steps", "time_s", "distance_unit_m", "return", "gate_discount")
-"""Behaviors of ``dockctl returns``, discounted; one column ``reward_<term>`` for each reward term follows."""
+"""Discounted returns of behaviors, of ``dockctl returns``; followed by one ``reward_<term>`` per term."""
 
 TIMING = ("env_steps", "wall_s")
-"""Seconds since the training began; kept apart so that the other tables repeat byte for byte."""
+"""Seconds since the start of training, in a separate table so that the others repeat byte for byte."""
 
 TRAJECTORIES = (
     "pose", "step", "outcome", "time_s", "x_m", "y_m", "heading_deg", "u_mps", "v_mps", "r_degps",
@@ -59,11 +59,11 @@ TRAJECTORIES = (
 
 
 class Table:
-    """A CSV file that grows by whole rows; the header is written with the first one.
+    """A CSV file that grows by complete rows; the header is written with the first one.
 
     Args:
-        path: the file; rows are appended where it exists.
-        columns: the first columns; further keys of the first row follow them.
+        path: the file; rows are appended if it exists.
+        columns: the first columns; other keys of the first row are appended.
     """
 
     def __init__(self, path: Path, columns: Iterable[str]) -> None:
@@ -72,7 +72,7 @@ class Table:
         self._has_header = False
 
     def append(self, rows: Iterable[Mapping[str, Value]]) -> None:
-        """Append rows in one write, so that a reader never sees part of one.
+        """Append rows in one write, so that a reader never sees an incomplete row.
 
         Raises:
             DockctlError: the file cannot be written.
@@ -98,12 +98,12 @@ def _header(path: Path) -> list[str]:
 
 
 def all_columns(first: Iterable[str], rows: Sequence[Mapping[str, Value]]) -> list[str]:
-    """The columns `first`, and after them the further keys of the first row."""
+    """Return the columns `first`, followed by the other keys of the first row."""
     return list(dict.fromkeys([*first, *rows[0]]))
 
 
 def to_csv(rows: Iterable[Mapping[str, Value]], columns: Iterable[str], *, header: bool = True) -> str:
-    """Rows as CSV text; numbers keep six significant digits, a missing value is an empty cell."""
+    """Return rows as CSV text: numbers with six significant digits, missing values as empty cells."""
     columns = list(columns)
     text = io.StringIO()
     writer = csv.writer(text, lineterminator="\n")
@@ -122,19 +122,19 @@ def _cell(value: Value) -> str | int:
 
 
 def cut_table(path: Path, env_steps: int) -> str:
-    """Return the text of a table without what was written after `env_steps`.
+    """Return the text of a table without the rows after `env_steps`.
 
     Raises:
         DockctlError: the file cannot be read.
     """
-    rows = csv.DictReader(io.StringIO(_whole_lines(path)))
+    rows = csv.DictReader(io.StringIO(_complete_lines(path)))
     if rows.fieldnames is None:
         return ""
     return to_csv([row for row in rows if int(row["env_steps"]) <= env_steps], rows.fieldnames)
 
 
-def _whole_lines(path: Path) -> str:
-    """Text of a table without a last line that was cut short by a crash."""
+def _complete_lines(path: Path) -> str:
+    """Return the text of a table without a last line that a crash cut short."""
     with reading(path):
         text = path.read_text(encoding="utf-8")
     return text[: text.rfind("\n") + 1]

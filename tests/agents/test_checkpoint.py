@@ -73,7 +73,7 @@ def shelf(saved: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     """A package that ships `berthing` and `toy`, and a folder to stand in."""
     for name in ("berthing", "toy"):
         shutil.copytree(saved, tmp_path / "shelf" / name)
-    monkeypatch.setattr("dockctl.runs.shipped.FOLDER", tmp_path / "shelf")
+    monkeypatch.setattr("dockctl.runs.directory.SHIPPED", tmp_path / "shelf")
     (tmp_path / "here").mkdir()
     monkeypatch.chdir(tmp_path / "here")
     return tmp_path / "shelf"

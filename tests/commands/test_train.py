@@ -18,7 +18,7 @@ from dockctl.agents.progress import Progress
 from dockctl.drawing.scene import Scene
 from dockctl.experiments import training
 from dockctl.experiments.live import TrainingDisplay
-from dockctl.runs.lock import alone
+from dockctl.runs.lock import exclusive_lock
 from dockctl.runs.tables import EPISODES, EVALUATIONS, TRAJECTORIES, UPDATES
 from dockctl.scenarios.loader import load
 from dockctl.scenarios.training import Training
@@ -148,7 +148,7 @@ def test_an_output_that_cannot_be_written(tmp_path: Path) -> None:
 
 
 def test_a_run_at_work_is_not_taken_up(trained: Trained) -> None:
-    with alone(trained[0]):
+    with exclusive_lock(trained[0]):
         outcome = dockctl("train", "--resume", trained[0], "--steps", 400)
     assert outcome.code == 2
     assert f"{trained[0]}: another process is at work on this" in outcome.err

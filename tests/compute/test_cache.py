@@ -1,4 +1,4 @@
-"""The cache of tables: whole files or none, and never the wrong table."""
+"""The cache of tables: atomic files, and never the wrong table."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from dockctl.compute.cache import KEPT_FILES, cache_folder, cached
+from dockctl.compute.cache import MAX_FILES, cache_folder, cached
 
 
 @pytest.fixture(autouse=True)
@@ -24,19 +24,19 @@ def never() -> dict[str, np.ndarray]:
     raise AssertionError("built again")
 
 
-def test_second_time_nothing_is_built() -> None:
+def test_the_second_call_builds_nothing() -> None:
     cached("squares", [b"10"], lambda: table(10))
     np.testing.assert_array_equal(cached("squares", [b"10"], never)["squares"], np.arange(10) ** 2)
 
 
-def test_every_ingredient_counts() -> None:
+def test_every_input_counts() -> None:
     cached("squares", [b"10", b"x"], lambda: table(10))
     for other in ([b"10"], [b"10", b"y"], [b"1", b"0x"], [b"10x"]):
         assert len(cached("squares", other, lambda: table(3))["squares"]) == 3
 
 
 @pytest.mark.parametrize("content", [b"", b"not a table", b"PK\x03\x04 torn"])
-def test_a_damaged_file_is_made_anew(content: bytes) -> None:
+def test_a_damaged_file_is_rebuilt(content: bytes) -> None:
     cached("squares", [b"10"], lambda: table(10))
     (file,) = cache_folder().glob("*.npz")
     file.write_bytes(content)
@@ -44,7 +44,7 @@ def test_a_damaged_file_is_made_anew(content: bytes) -> None:
     cached("squares", [b"10"], never)
 
 
-def test_a_torn_file_is_made_anew() -> None:
+def test_a_truncated_file_is_rebuilt() -> None:
     cached("squares", [b"10"], lambda: table(10_000))
     (file,) = cache_folder().glob("*.npz")
     file.write_bytes(file.read_bytes()[:-2000])
@@ -56,10 +56,10 @@ def test_without_a_writable_folder_tables_are_built_each_time(monkeypatch: pytes
     assert len(cached("squares", [b"10"], lambda: table(10))["squares"]) == 10
 
 
-def test_old_files_are_forgotten() -> None:
-    for index in range(KEPT_FILES + 5):
+def test_old_files_are_deleted() -> None:
+    for index in range(MAX_FILES + 5):
         cached("squares", [bytes([index])], lambda: table(10))
-    assert len(list(cache_folder().iterdir())) == KEPT_FILES
+    assert len(list(cache_folder().iterdir())) == MAX_FILES
 
 
 def _race(index: int) -> int:
@@ -70,3 +70,12 @@ def test_many_processes_at_once() -> None:
     with ProcessPoolExecutor(4) as pool:
         assert list(pool.map(_race, range(16))) == [100_000] * 16
     assert len(list(cache_folder().iterdir())) == 1
+
+
+def test_without_a_home_directory_tables_are_built_each_time(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("dockctl.compute.cache.cache_folder", lambda: Path("~/.cache/dockctl"))
+    monkeypatch.chdir(tmp_path)
+    assert len(cached("squares", [b"10"], lambda: table(10))["squares"]) == 10
+    assert list(tmp_path.iterdir()) == []

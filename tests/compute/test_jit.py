@@ -1,4 +1,4 @@
-"""What numba keeps is used again, is never stale, and can be done without."""
+"""The cache of compiled functions: used, never stale, optional."""
 
 from __future__ import annotations
 
@@ -30,7 +30,7 @@ numba.core.caching.CacheImpl._locator_classes = []
 
 
 def ask(folder: Path, before: str = "") -> tuple[int, int]:
-    """Call the caller in a process of its own: its answer, and how many functions were found compiled."""
+    """Call the caller in a new process; return its result and the number of cache hits."""
     environment = {**os.environ, "PYTHONPATH": os.pathsep.join([str(folder), *sys.path])}
     environment.pop("NUMBA_CACHE_DIR", None)
     done = subprocess.run(
@@ -41,7 +41,7 @@ def ask(folder: Path, before: str = "") -> tuple[int, int]:
     return int(answer), int(hits)
 
 
-def test_a_function_is_kept_until_one_that_it_calls_changes(tmp_path: Path) -> None:
+def test_a_function_is_cached_until_one_that_it_calls_changes(tmp_path: Path) -> None:
     (tmp_path / "caller.py").write_text(CALLER)
     (tmp_path / "callee.py").write_text(CALLEE.format(added=1))
     assert ask(tmp_path) == (20, 0)
@@ -50,7 +50,7 @@ def test_a_function_is_kept_until_one_that_it_calls_changes(tmp_path: Path) -> N
     assert ask(tmp_path) == (30, 0)
 
 
-def test_where_nothing_can_be_kept_functions_are_compiled_all_the_same(tmp_path: Path) -> None:
+def test_without_a_cache_folder_functions_are_compiled_in_every_process(tmp_path: Path) -> None:
     (tmp_path / "caller.py").write_text(CALLER)
     (tmp_path / "callee.py").write_text(CALLEE.format(added=1))
     assert ask(tmp_path, NOWHERE) == (20, 0)

@@ -1,4 +1,4 @@
-"""Provenance says where a run comes from."""
+"""Provenance of a run: code, seed, libraries, machine."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ import dockctl
 from dockctl.runs import provenance
 
 
-def test_everything_is_there_and_plain() -> None:
+def test_all_facts_are_present_and_plain_json() -> None:
     facts = provenance.collect(3, ["dockctl", "train"])
     assert json.loads(json.dumps(facts)) == facts
     assert facts["seed"] == 3
@@ -25,7 +25,7 @@ def test_everything_is_there_and_plain() -> None:
     assert facts["started"].endswith("+00:00")
 
 
-def test_commit_of_a_checkout(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_the_commit_of_a_checkout(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(dockctl, "__file__", str(tmp_path / "dockctl" / "__init__.py"))
     assert provenance.git_commit() is None
     git = ["git", "-C", str(tmp_path), "-c", "user.name=n", "-c", "user.email=e@x"]
