@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass, field
 
-from dockctl.analysis.statistics import RECENT
+from dockctl.analysis.learning import RECENT
 from dockctl.scenarios.training import StopRule, Training
 
 REASONS = {

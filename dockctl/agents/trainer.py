@@ -33,7 +33,7 @@ from dockctl.agents.dqn.update import AutogradDQN
 from dockctl.agents.policy import EpsilonGreedyPolicy, Policy
 from dockctl.agents.progress import Progress
 from dockctl.agents.records import EpisodeRecorder, UpdateRecorder
-from dockctl.analysis.statistics import RECENT
+from dockctl.analysis.learning import RECENT
 from dockctl.compute.threads import workers
 from dockctl.evaluation.rollout import Episode, score
 from dockctl.runs.directory import RunDirectory

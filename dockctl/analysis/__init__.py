@@ -1,1 +1,1 @@
-"""Numbers from tables of episodes, without drawing."""
+"""Numbers from tables: pure functions, without simulation and without drawing."""

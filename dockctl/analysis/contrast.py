@@ -1,4 +1,4 @@
-"""What a table of the same episodes, sailed by several policies, says about their differences."""
+"""Paired comparison of policies on the same episodes."""
 
 from __future__ import annotations
 
@@ -8,12 +8,12 @@ from dataclasses import dataclass
 import numpy as np
 import pandas as pd
 
-from dockctl.analysis.paired import Difference, mcnemar_p, mean_difference, success_difference
+from dockctl.analysis.statistics import Difference, mcnemar_p, mean_difference, success_difference
 
 
 @dataclass(frozen=True)
 class Measure:
-    """A column to compare, and how to tell of it: name, unit, factor to that unit, and decimals."""
+    """A column to compare and how to print it: name, unit, factor to that unit, and decimals."""
 
     column: str
     name: str
@@ -22,8 +22,8 @@ class Measure:
     decimals: int
 
     def text(self, value: float, *, signed: bool = False) -> str:
-        """The value, given in the column's own unit, as a number in the unit that is shown."""
-        number = round(self.factor * value, self.decimals) + 0.0  # no minus before a zero
+        """Format a value given in the column's unit in the unit that is printed."""
+        number = round(self.factor * value, self.decimals) + 0.0  # avoids -0
         return f"{number:{'+' if signed and number else ''}.{self.decimals}f}".replace("-", "−")
 
 
@@ -34,12 +34,12 @@ MEASURES = (
     Measure("clearance_m", "least clearance", "m", 1, 2),
     Measure("control_changes", "control changes", "%", 100, 1),
 )
-"""What is compared over the episodes that both policies dock."""
+"""Compared over the episodes in which both policies dock."""
 
 
 @dataclass(frozen=True)
 class Compared:
-    """One measure of two policies over the same episodes; the means of each, and the difference."""
+    """Means of one measure for two policies over the same episodes, and their difference."""
 
     measure: Measure
     first: float
@@ -49,13 +49,13 @@ class Compared:
 
 @dataclass(frozen=True)
 class Contrast:
-    """How a policy differs from the first one over the episodes of one sort of starts.
+    """Comparison of a policy with the first one over one kind of start.
 
     Attributes:
-        success: of every episode.
-        docked: the other measures, over the episodes that both dock; none for fewer than two of them.
-        only_first, only_second: episodes that one docks and the other does not.
-        p: probability of so uneven a split if neither were better (exact McNemar test).
+        success: success rates over all episodes.
+        docked: the other measures over the episodes in which both dock; empty for fewer than two.
+        only_first, only_second: number of episodes in which only that policy docks.
+        p: p-value of the exact McNemar test.
     """
 
     first: str
@@ -69,9 +69,9 @@ class Contrast:
 
 
 def contrasts(table: pd.DataFrame) -> Iterator[Contrast]:
-    """Compare every policy with the first one, one sort of starts after the other.
+    """Compare every policy with the first one, separately for each kind of start.
 
-    Test poses are left out: they are chosen, not drawn, so that nothing follows from them for other starts.
+    Test poses are left out: they are not a random sample, so intervals and tests do not apply to them.
 
     Args:
         table: columns ``policy`` and `dockctl.runs.tables.EVALUATION`, the same starts for every policy.

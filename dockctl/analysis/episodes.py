@@ -1,43 +1,50 @@
-"""What a set of episodes says about a policy."""
+"""Summary of greedy episodes."""
 
 from __future__ import annotations
 
-import math
 from collections import Counter
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from typing import Any
 
 from dockctl.analysis.statistics import wilson_interval
-from dockctl.evaluation.rollout import Episode
 
 AVERAGED = ("steps", "distance_m", "heading_error_deg", "speed_mps", "path_length_m", "control_changes")
 
 
-def ending(episode: Episode) -> str:
-    """How an episode ended, in words: docked, collision with what, or timeout in which phase."""
-    if episode.outcome == "collision":
-        return f"collision with {episode.collided_with or 'the harbor'}"
-    if episode.outcome == "timeout":
-        return f"timeout in phase {episode.phase}"
-    return episode.outcome
+def ending(row: Mapping[Any, Any]) -> str:
+    """How an episode ended, in words.
 
-
-def summarize(episodes: Sequence[Episode], control_period_s: float) -> dict[str, Any]:
-    """Success with its Wilson interval, endings by kind, least clearance, and means over the docked episodes.
-
-    Heading errors count by their size.
+    Args:
+        row: columns ``outcome``, ``collided_with`` and ``phase`` of `dockctl.runs.tables.EPISODE_RESULT`.
     """
-    docked = [episode for episode in episodes if episode.docked]
-    low, high = wilson_interval(len(docked), len(episodes))
-    rows = [episode.row() for episode in docked]
-    means = {name: sum(abs(float(row[name] or 0)) for row in rows) / len(rows) for name in AVERAGED if rows}
-    clearances = [e.clearance_m for e in episodes if not math.isnan(e.clearance_m)]
+    if row["outcome"] == "collision":
+        return f"collision with {row['collided_with'] or 'the harbor'}"
+    if row["outcome"] == "timeout" and int(row["phase"]) == 0:
+        return "timeout before the intermediate pose"
+    return str(row["outcome"])
+
+
+def summarize(rows: Sequence[Mapping[str, Any]], control_period_s: float) -> dict[str, Any]:
+    """Success with its Wilson interval, endings, smallest clearance, and means over the docked episodes.
+
+    Heading errors are averaged by magnitude.
+
+    Args:
+        rows: columns `dockctl.runs.tables.EPISODE_RESULT`, one row per episode.
+        control_period_s: duration of a step [s].
+    """
+    docked = [row for row in rows if row["outcome"] == "docked"]
+    low, high = wilson_interval(len(docked), len(rows))
+    means = {
+        name: sum(abs(float(row[name] or 0)) for row in docked) / len(docked) for name in AVERAGED if docked
+    }
+    clearances = [row["clearance_m"] for row in rows if row["clearance_m"] is not None]
     return {
-        "episodes": len(episodes),
+        "episodes": len(rows),
         "docked": len(docked),
-        "success": len(docked) / len(episodes) if episodes else None,
+        "success": len(docked) / len(rows) if rows else None,
         "success_interval_95": [low, high],
-        "endings": dict(Counter(map(ending, episodes)).most_common()),
+        "endings": dict(Counter(map(ending, rows)).most_common()),
         "least_clearance_m": min(clearances, default=None),
         "mean_of_docked": {**means, "time_s": means["steps"] * control_period_s} if means else None,
     }

@@ -97,7 +97,10 @@ def as_json(results: dict[str, Result], found: Sequence[Contrast]) -> dict[str, 
         "policies": {
             name: {
                 "policy": {"file": str(result.policy), **result.card.facts()},
-                **{kind: summarize(group, result.control_period_s) for kind, group in result.groups.items()},
+                **{
+                    kind: summarize([e.row() for e in group], result.control_period_s)
+                    for kind, group in result.groups.items()
+                },
             }
             for name, result in results.items()
         },
@@ -154,7 +157,7 @@ def _endings_table(title: str, kind: str, results: dict[str, Result]) -> Table:
         table.add_column(name, justify="right", no_wrap=True)
     table.add_column("other endings", overflow="fold")
     for name, result in results.items():
-        summary = summarize(result.groups[kind], result.control_period_s)
+        summary = summarize([e.row() for e in result.groups[kind]], result.control_period_s)
         low, high = summary["success_interval_95"]
         others = [f"{count} {ending}" for ending, count in summary["endings"].items() if ending != "docked"]
         table.add_row(

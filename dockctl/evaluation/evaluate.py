@@ -102,7 +102,9 @@ class Result:
             "set": list(self.overrides),
             "random_seed": self.seed,
             **{
-                START_KINDS[kind].replace(" ", "_").replace("-", "_"): summarize(group, self.control_period_s)
+                START_KINDS[kind].replace(" ", "_").replace("-", "_"): summarize(
+                    [e.row() for e in group], self.control_period_s
+                )
                 for kind, group in self.groups.items()
             },
             "episodes": self.rows(),
@@ -198,7 +200,7 @@ def _episode_table(episodes: Sequence[Episode], control_period_s: float) -> Tabl
         row = episode.row()
         table.add_row(
             f"{x:g}, {y:g}, {math.degrees(heading):.4g}",
-            f"[{'green' if episode.docked else 'red'}]{ending(episode)}[/]",
+            f"[{'green' if episode.docked else 'red'}]{ending(row)}[/]",
             f"{episode.steps * control_period_s:g}",
             f"{row['distance_m']:.2f}",
             f"{row['heading_error_deg']:+.1f}",
@@ -218,7 +220,7 @@ def _summary_table(result: Result) -> Table:
         table.add_column(
             START_KINDS[kind] + ("" if kind == "pose" else f", seed {result.seed}"), justify="right"
         )
-        columns.append(_summary_cells(summarize(episodes, result.control_period_s)))
+        columns.append(_summary_cells(summarize([e.row() for e in episodes], result.control_period_s)))
     for name in dict.fromkeys(name for cells in columns for name in cells):
         table.add_row(name, *(cells.get(name, "-") for cells in columns))
     return table

@@ -16,6 +16,7 @@ from rich.table import Table
 
 from dockctl.agents.dqn.network import DuelingQNetwork
 from dockctl.agents.policy import GreedyPolicy, Policy
+from dockctl.analysis.latency import PARTS, STATISTICS, THESIS_FORWARD_MS, summarize
 from dockctl.commands.options import DEFAULT_SCENARIO, RUNS
 from dockctl.console import say
 from dockctl.envs.observation import View
@@ -25,7 +26,7 @@ from dockctl.errors import DockctlError
 from dockctl.evaluation.outputs import Places
 from dockctl.evaluation.policies import Trained, find
 from dockctl.evaluation.starts import judging_starts
-from dockctl.reports.latency import PARTS, STATISTICS, THESIS_FORWARD_MS, latency_figure, summarize
+from dockctl.reports.latency import latency_figure
 from dockctl.reports.style import house_style, save
 from dockctl.runs.directory import RunDirectory, require_writable
 from dockctl.runs.files import write_atomically

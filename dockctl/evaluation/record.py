@@ -57,5 +57,5 @@ def record(ckpt: Path | None, source: str | None, poses: Sequence[str], out: Pat
         (new / TRAJECTORIES).write_text(text, encoding="utf-8")
     for episode in episodes:
         x, y, heading = episode.start.eta
-        print(f"from {x:g}, {y:g}, {math.degrees(heading):.4g}°: {ending(episode)}")
+        print(f"from {x:g}, {y:g}, {math.degrees(heading):.4g}°: {ending(episode.row())}")
     print(folder)

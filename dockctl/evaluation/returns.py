@@ -15,6 +15,7 @@ from rich import box
 from rich.console import Console
 from rich.table import Table
 
+from dockctl.analysis.returns import AT_GATE, AT_START, DOCKING, unit_words, verdicts
 from dockctl.console import say
 from dockctl.envs.vector import DockingVectorEnv
 from dockctl.errors import DockctlError
@@ -22,14 +23,7 @@ from dockctl.evaluation.outputs import Places
 from dockctl.evaluation.policies import Trained, find
 from dockctl.evaluation.starts import player
 from dockctl.plugins import REWARD_TERMS
-from dockctl.reports.returns import (
-    AT_GATE,
-    AT_START,
-    DOCKING,
-    returns_figure,
-    unit_words,
-    verdicts,
-)
+from dockctl.reports.returns import returns_figure
 from dockctl.reports.style import house_style, save
 from dockctl.rewards.compose import RewardFunction
 from dockctl.runs.tables import RETURNS, Value, all_columns, to_csv

@@ -18,6 +18,14 @@ from rich.progress import Progress
 from rich.table import Table
 
 from dockctl.analysis.statistics import wilson_interval
+from dockctl.analysis.success_map import (
+    SMALL_OFFSET_DEG,
+    format_radius,
+    free_starts,
+    half_width,
+    success_radius,
+    within_heading,
+)
 from dockctl.console import say
 from dockctl.envs.vector import DockingVectorEnv
 from dockctl.errors import DockctlError
@@ -26,15 +34,7 @@ from dockctl.evaluation.policies import Trained, find
 from dockctl.evaluation.rollout import Episode
 from dockctl.evaluation.starts import player, pose_check
 from dockctl.reports.style import house_style, save
-from dockctl.reports.success_map import (
-    ASKEW_DEG,
-    free_starts,
-    map_figure,
-    radius_words,
-    reach_of,
-    success_radius,
-    turned_within,
-)
+from dockctl.reports.success_map import map_figure
 from dockctl.runs.tables import MAP, Value, to_csv
 from dockctl.scenarios.loader import LoadedScenario
 from dockctl.sim.simulator import World, build_worlds
@@ -165,7 +165,7 @@ def _row(offset: Floats, pose: Floats, episode: Episode | None, control_period_s
 
 def show(table: pd.DataFrame, trained: Trained, scenario: str) -> None:
     """Print how the starts of every heading ended."""
-    console, free, reach = Console(), free_starts(table), reach_of(table)
+    console, free, reach = Console(), free_starts(table), half_width(table)
     say(
         console,
         f"Policy {trained.file} on scenario '{scenario}': {len(free):,} free starts within"
@@ -184,7 +184,11 @@ def show(table: pd.DataFrame, trained: Trained, scenario: str) -> None:
         summary.add_column(name, justify="right", no_wrap=True)
     headings = table["dheading_deg"].unique()
     groups = [(f"{heading:+g}°", free[free["dheading_deg"] == heading]) for heading in headings]
-    for name, group in [*groups, (f"up to {ASKEW_DEG:g}°", turned_within(free, ASKEW_DEG)), ("all", free)]:
+    for name, group in [
+        *groups,
+        (f"up to {SMALL_OFFSET_DEG:g}°", within_heading(free, SMALL_OFFSET_DEG)),
+        ("all", free),
+    ]:
         if not len(group):
             summary.add_row(name, "no free start")
             continue
@@ -197,7 +201,7 @@ def show(table: pd.DataFrame, trained: Trained, scenario: str) -> None:
             f"{docked / len(group):.1%}",
             f"{low:.0%} to {high:.0%}",
             *endings,
-            radius_words(success_radius(group, reach)),
+            format_radius(success_radius(group, reach)),
         )
     console.print(summary)
     say(console, "Success radius: the largest distance up to which every free start docks.")

@@ -98,7 +98,7 @@ def ship(runs: Sequence[Path], name: str | None, out: Path) -> None:
             say(
                 Console(stderr=True),
                 f"passed over {best.run.path}: from its training pose {x:g}, {y:g},"
-                f" {math.degrees(heading):.4g}°: {ending(one)}",
+                f" {math.degrees(heading):.4g}°: {ending(one.row())}",
             )
     raise DockctlError("no policy docks from every pose of its training; nothing is shipped")
 

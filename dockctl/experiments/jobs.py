@@ -8,9 +8,9 @@ from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
+from dockctl.analysis.success_map import SMALL_OFFSET_DEG
 from dockctl.errors import DockctlError
 from dockctl.experiments.archive import ELSEWHERE, FAILURES
-from dockctl.reports.success_map import ASKEW_DEG
 from dockctl.runs.directory import PROVENANCE, SCENARIO, RunDirectory
 from dockctl.scenarios.difference import difference
 from dockctl.scenarios.loader import load
@@ -120,8 +120,8 @@ def nearest_failures(table: Path) -> list[str]:
     """Poses ``x,y,heading`` of the nearest starts that fail as in Figs. 4.39 and 4.40.
 
     The first collides, if it can be after it reached the intermediate pose; the second never reaches that
-    pose, nor collides. Starts with the heading askew by more than `ASKEW_DEG` count only where there are no
-    others.
+    pose, nor collides. Starts whose heading is off by more than `SMALL_OFFSET_DEG` count only where
+    there are no others.
     """
     with table.open(encoding="utf-8", newline="") as file:
         rows = list(csv.DictReader(file))
@@ -136,7 +136,7 @@ def nearest_failures(table: Path) -> list[str]:
 
 def _oddity(row: dict[str, str]) -> tuple[bool, float, float]:
     dx, dy, turn = (float(row[name]) for name in ("dx_m", "dy_m", "dheading_deg"))
-    return abs(turn) > ASKEW_DEG, math.hypot(dx, dy), abs(turn)
+    return abs(turn) > SMALL_OFFSET_DEG, math.hypot(dx, dy), abs(turn)
 
 
 def jobs_of(experiments: Sequence[Experiment], out: Path) -> list[Job]:

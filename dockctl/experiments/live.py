@@ -13,7 +13,7 @@ from rich.panel import Panel
 from rich.progress_bar import ProgressBar
 from rich.table import Table
 
-from dockctl.analysis.statistics import RECENT
+from dockctl.analysis.learning import RECENT
 from dockctl.console import say
 
 if TYPE_CHECKING:

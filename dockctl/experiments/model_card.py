@@ -11,16 +11,17 @@ from typing import Any
 import pandas as pd
 
 from dockctl.agents.checkpoint import PolicyCard
+from dockctl.analysis.episodes import ending
 from dockctl.analysis.statistics import wilson_interval
-from dockctl.errors import DockctlError
-from dockctl.reports.success_map import (
-    ASKEW_DEG,
+from dockctl.analysis.success_map import (
+    SMALL_OFFSET_DEG,
+    format_radius,
     free_starts,
-    radius_words,
-    reach_of,
+    half_width,
     success_radius,
-    turned_within,
+    within_heading,
 )
+from dockctl.errors import DockctlError
 from dockctl.runs.directory import PROVENANCE, RunDirectory
 from dockctl.runs.tables import START_KINDS
 from dockctl.scenarios.schema import ObservationPart, Scenario
@@ -170,9 +171,10 @@ def _further(run: RunDirectory, card: PolicyCard) -> Iterator[str]:
     """What the map of starts and the timing of decisions tell, where the run has them of this policy."""
     if is_of(card, run, "map.json"):
         starts = table(run.path / "map.csv", CELLS)
-        free, reach = free_starts(starts), reach_of(starts)
+        free, reach = free_starts(starts), half_width(starts)
         straight, askew = (
-            radius_words(success_radius(turned_within(free, limit), reach)) for limit in (0, ASKEW_DEG)
+            format_radius(success_radius(within_heading(free, limit), reach))
+            for limit in (0, SMALL_OFFSET_DEG)
         )
         yield (
             f"Of {len(free):,} free starts within ±{reach:g} m of the first initial pose, at any of the"
@@ -199,7 +201,7 @@ def _failures(scenario: Scenario, evaluations: Mapping[str, pd.DataFrame]) -> It
         if failed.empty:
             continue
         any_failed = True
-        endings = Counter(_ending(row) for _, row in failed.iterrows())
+        endings = Counter(ending(row.to_dict()) for _, row in failed.iterrows())
         told = ", ".join(f"{count} {ending}" for ending, count in endings.most_common())
         yield f"- `{where}`, {kind}: {len(failed)} of {len(part):,} failed: {told}."
         places = [f"({row.x_m:.2f}, {row.y_m:.2f}, {row.heading_deg:.0f}°)" for row in failed.itertuples()]
@@ -207,12 +209,6 @@ def _failures(scenario: Scenario, evaluations: Mapping[str, pd.DataFrame]) -> It
         yield f"  From x m, y m, heading: {', '.join(places[:FAILURES_LISTED])}{more}."
     if not any_failed:
         yield "None in the episodes above."
-
-
-def _ending(row: pd.Series) -> str:
-    if row["outcome"] == "collision":
-        return f"collision with {row['collided_with'] or 'the harbor'}"
-    return f"{row['outcome']} in phase {row['phase']}"
 
 
 def _hashes(folder: Path, files: Sequence[Path]) -> Iterator[tuple[str, str]]:

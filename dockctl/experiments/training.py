@@ -14,7 +14,7 @@ from dockctl.agents.checkpoint import LEARNER, load_pair, load_policy
 from dockctl.agents.policy import GreedyPolicy
 from dockctl.agents.progress import REASONS, Progress
 from dockctl.agents.trainer import Trainer
-from dockctl.analysis.statistics import RECENT
+from dockctl.analysis.learning import RECENT
 from dockctl.console import say
 from dockctl.envs.vector import DockingVectorEnv
 from dockctl.errors import DockctlError

@@ -9,11 +9,11 @@ import pandas as pd
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from dockctl.analysis.statistics import RECENT
+from dockctl.analysis.learning import RECENT, term_columns
+from dockctl.analysis.trajectories import Track, tracks_of
 from dockctl.drawing.scene import Scene
 from dockctl.reports import learning, scene, trajectory
 from dockctl.reports.style import panel, sheet
-from dockctl.reports.trajectory import Track
 from dockctl.runs.reader import Run
 from dockctl.scenarios.schema import Task
 
@@ -47,7 +47,7 @@ def figures(run: Run) -> Iterator[tuple[str, Figure]]:
     if run.evaluations is not None:
         yield "training-evaluations", evaluation_figure(run, run.evaluations)
     if run.trajectories is not None:
-        tracks = trajectory.tracks_of(run.trajectories)
+        tracks = tracks_of(run.trajectories)
         yield "docking-poses", pose_figure(run, tracks)
         yield from docking_figures(run, tracks)
         if run.episodes is not None:
@@ -59,7 +59,7 @@ def training_figures(run: Run, episodes: pd.DataFrame) -> Iterator[tuple[str, Fi
     for name, (title, draw) in TRAINING.items():
         if draw is learning.draw_phase and run.task.intermediate is None:
             continue
-        if draw is learning.draw_terms and not learning.term_columns(episodes):
+        if draw is learning.draw_terms and not term_columns(episodes):
             continue
         figure, ax = panel(title, f"{run.caption}, {len(episodes):,} episodes")
         draw(ax, episodes)

@@ -8,37 +8,16 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.ticker import FuncFormatter, NullFormatter
 
+from dockctl.analysis.latency import PARTS, STATISTICS, THESIS_FORWARD_MS, summarize
 from dockctl.drawing import palette
 from dockctl.reports.style import HALO, sheet
 
-THESIS_FORWARD_MS = 2.0
-"""Forward pass of the thesis' network on an i5-8400 (section 4.3.3)."""
-PARTS = {
-    "scan_ms": "LiDAR scan",
-    "state_ms": "State",
-    "forward_ms": "Forward pass",
-    "decision_ms": "Whole decision",
-}
 COLORS = {
     "scan_ms": palette.BLUE,
     "state_ms": palette.PURPLE,
     "forward_ms": palette.DOCKED,
     "decision_ms": palette.INK,
 }
-STATISTICS = ("mean", "p50", "p95", "p99", "max")
-
-
-def summarize(samples: pd.DataFrame) -> dict[str, dict[str, float]]:
-    """Mean, 50th, 95th and 99th percentile and maximum [ms] of each column of `samples`."""
-    quantiles = {"p50": 0.5, "p95": 0.95, "p99": 0.99}
-    return {
-        part: {
-            "mean": float(samples[part].mean()),
-            **{name: float(samples[part].quantile(share)) for name, share in quantiles.items()},
-            "max": float(samples[part].max()),
-        }
-        for part in PARTS
-    }
 
 
 def latency_figure(samples: pd.DataFrame, subtitle: str, control_period_ms: float) -> Figure:

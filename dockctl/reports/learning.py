@@ -10,6 +10,7 @@ from matplotlib.axes import Axes
 from matplotlib.colors import to_rgba
 from matplotlib.ticker import PercentFormatter
 
+from dockctl.analysis.learning import from_initial_poses, moving_average, smoothing_window, term_columns
 from dockctl.drawing import palette
 from dockctl.reports.style import key, thousands
 
@@ -23,22 +24,6 @@ TERM_COLORS = {
     "progress": "#3AA6B9",
 }
 OTHER_TERMS = ("#8A6E5A", "#7B8794", "#D98BB4", "#5D6BB0")
-
-
-def window_of(table: pd.DataFrame) -> int:
-    """Episodes that the dark lines are a mean of: about a fortieth of the run, 10 to 100."""
-    return int(np.clip(len(table) // 40, 10, 100))
-
-
-def smooth(values: pd.Series, window: int) -> pd.Series:
-    """Mean of each value and those before it, `window` in all; fewer at the beginning."""
-    return values.rolling(window, min_periods=1).mean()
-
-
-def from_the_start(episodes: pd.DataFrame) -> pd.DataFrame:
-    """Leave out the episodes that began somewhere on the way; keep them where there are no others."""
-    ours = episodes[episodes["start_kind"] != "exploring"]
-    return ours if len(ours) else episodes
 
 
 def draw_reward(ax: Axes, episodes: pd.DataFrame) -> None:
@@ -75,8 +60,8 @@ def draw_epsilon(ax: Axes, episodes: pd.DataFrame) -> None:
 
 def draw_phase(ax: Axes, episodes: pd.DataFrame) -> None:
     """Phase at the end of the episodes that began at an initial pose, and the share in phase 1 (4.23)."""
-    ours = from_the_start(episodes)
-    window = window_of(ours)
+    ours = from_initial_poses(episodes)
+    window = smoothing_window(ours)
     rng = np.random.default_rng(0)  # spreads the dots, which would otherwise hide each other
     ax.plot(
         ours["episode"],
@@ -88,7 +73,10 @@ def draw_phase(ax: Axes, episodes: pd.DataFrame) -> None:
         label="episodes",
     )
     ax.plot(
-        ours["episode"], smooth(ours["phase"], window), color=palette.MEAN, label=f"mean of {window} episodes"
+        ours["episode"],
+        moving_average(ours["phase"], window),
+        color=palette.MEAN,
+        label=f"mean of {window} episodes",
     )
     ax.set_yticks([0, 0.25, 0.5, 0.75, 1], ["0  aligning", "25 %", "50 %", "75 %", "1  docking"])
     ax.set_ylim(-0.08, 1.08)
@@ -99,8 +87,10 @@ def draw_phase(ax: Axes, episodes: pd.DataFrame) -> None:
 
 def draw_outcomes(ax: Axes, episodes: pd.DataFrame) -> None:
     """How the last episodes ended: docked, ran out of time, or hit something."""
-    window = window_of(episodes)
-    shares = [smooth((episodes["outcome"] == outcome).astype(float), window) for outcome in palette.OUTCOMES]
+    window = smoothing_window(episodes)
+    shares = [
+        moving_average((episodes["outcome"] == outcome).astype(float), window) for outcome in palette.OUTCOMES
+    ]
     colors = [to_rgba(color, 0.85) for color in palette.OUTCOMES.values()]
     ax.stackplot(episodes["episode"], *shares, colors=colors, edgecolor="white", lw=0.6)
     ax.set_ylim(0, 1)
@@ -111,28 +101,23 @@ def draw_outcomes(ax: Axes, episodes: pd.DataFrame) -> None:
     _episode_axis(ax, episodes)
 
 
-def term_columns(episodes: pd.DataFrame) -> list[str]:
-    """Columns that hold the sums of the reward terms."""
-    return [str(column) for column in episodes if str(column).startswith("reward_")]
-
-
 def draw_terms(ax: Axes, episodes: pd.DataFrame) -> None:
     """What every reward term paid or cost an episode, as a mean; gains stack up, costs stack down."""
     columns = term_columns(episodes)
-    window = window_of(episodes)
+    window = smoothing_window(episodes)
     others = iter(OTHER_TERMS * (1 + len(columns) // len(OTHER_TERMS)))
     top, bottom = np.zeros(len(episodes)), np.zeros(len(episodes))
     entries = []
     for column in columns:
         name = column.removeprefix("reward_")
         color = TERM_COLORS.get(name) or next(others)
-        mean = smooth(episodes[column], window).to_numpy()
+        mean = moving_average(episodes[column], window).to_numpy()
         for base, part in ((top, mean.clip(min=0)), (bottom, mean.clip(max=0))):
             if part.any():
                 ax.fill_between(episodes["episode"], base, base + part, color=color, alpha=0.85, lw=0)
                 base += part
         entries.append((name, color))
-    ax.plot(episodes["episode"], smooth(episodes["return"], window), color=palette.INK, lw=1.6)
+    ax.plot(episodes["episode"], moving_average(episodes["return"], window), color=palette.INK, lw=1.6)
     ax.axhline(0, color=palette.INK_SOFT, lw=0.8)
     ax.set_ylabel(f"Reward an episode, mean of {window}")
     thousands(ax, "y")
@@ -181,10 +166,13 @@ def _dots_and_means(ax: Axes, episodes: pd.DataFrame, column: str) -> None:
             rasterized=True,
             label=f"{name}, episodes",
         )
-    window = window_of(groups[0][1])
+    window = smoothing_window(groups[0][1])
     for name, table, _, dark in groups:
         ax.plot(
-            table["episode"], smooth(table[column], window), color=dark, label=f"{name}, mean of {window}"
+            table["episode"],
+            moving_average(table[column], window),
+            color=dark,
+            label=f"{name}, mean of {window}",
         )
     if len(groups) > 1:
         key(ax, [(f"{name}, mean of {window}", dark) for name, _, _, dark in groups])

@@ -2,62 +2,18 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
-
 import numpy as np
 import pandas as pd
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
+from dockctl.analysis.learning import term_columns
+from dockctl.analysis.returns import DOCKING, INTERMEDIATE, break_even, unit_words, value
 from dockctl.drawing import palette
-from dockctl.reports.learning import OTHER_TERMS, TERM_COLORS, term_columns
+from dockctl.reports.learning import OTHER_TERMS, TERM_COLORS
 from dockctl.reports.style import HALO, key, sheet, thousands
 
-DOCKING, AT_START, AT_GATE = "dock", "loiter at the start", "loiter at the gate"
 READING_COLORS = (palette.MEAN, palette.SECOND_MEAN, palette.PURPLE, palette.GREEN)
-INTERMEDIATE = "reward_intermediate"
-
-
-def unit_words(unit_m: float) -> str:
-    """A unit of the distance in print."""
-    return "meters" if unit_m == 1 else f"units of {unit_m:g} m"
-
-
-def break_even(rows: pd.DataFrame) -> float | None:
-    """Reward of the intermediate pose above which docking is worth more than loitering in front of it.
-
-    Args:
-        rows: the behaviors under one reading.
-
-    Returns:
-        None where there is no intermediate pose, or nothing is paid for it.
-    """
-    if AT_GATE not in set(rows["behavior"]) or INTERMEDIATE not in rows:
-        return None
-    behind = value(rows, AT_GATE, "return") - value(rows, DOCKING, "return")
-    return (value(rows, DOCKING, INTERMEDIATE) + behind) / value(rows, DOCKING, "gate_discount")
-
-
-def value(rows: pd.DataFrame, behavior: str, column: str) -> float:
-    """A number of one behavior."""
-    return float(rows[rows["behavior"] == behavior][column].iloc[0])
-
-
-def verdicts(rows: pd.DataFrame) -> Iterator[str]:
-    """Say what the reward prefers under one reading, a sentence each."""
-    hits = rows[rows["outcome"] == "collision"]
-    docking, waiting = (value(rows, name, "return") for name in (DOCKING, AT_START))
-    worth = [f"Docking is worth {docking:,.0f}", f"waiting at the start {waiting:,.0f}"]
-    if len(hits):
-        best = hits.sort_values("return").iloc[-1]
-        worth.insert(1, f"the best way to hit something ({best['behavior']}) {best['return']:,.0f}")
-    yield f"{', '.join(worth)}."
-    if (least := break_even(rows)) is not None:
-        condition = f"if that pose pays more than {least:,.0f}" if least > 0 else "whatever that pose pays"
-        yield (
-            f"Loitering at the gate, just before the intermediate pose, is worth"
-            f" {value(rows, AT_GATE, 'return'):,.0f}: docking is worth more {condition}."
-        )
 
 
 def returns_figure(table: pd.DataFrame, caption: str) -> Figure:

@@ -12,12 +12,12 @@ from matplotlib.collections import PolyCollection
 from matplotlib.patches import Circle, FancyArrowPatch, FancyBboxPatch, Polygon, Rectangle
 from numpy.typing import NDArray
 
+from dockctl.analysis.trajectories import Track, pose_label
 from dockctl.drawing import palette
 from dockctl.drawing.plan import strokes, water
 from dockctl.drawing.scene import Scene
 from dockctl.geometry import place_outline, pose_array
 from dockctl.reports.style import HALO, key
-from dockctl.reports.trajectory import Track, pose_label
 from dockctl.scenarios.base import Pose
 from dockctl.scenarios.schema import Task
 

@@ -11,12 +11,12 @@ from matplotlib.figure import Figure
 from matplotlib.patches import Rectangle
 from numpy.typing import NDArray
 
+from dockctl.analysis.trajectories import pose_label
 from dockctl.drawing import palette
 from dockctl.drawing.plan import water
 from dockctl.drawing.scene import Scene
 from dockctl.reports import cloud, scene, view3d
 from dockctl.reports.style import panel, sheet
-from dockctl.reports.trajectory import pose_label
 from dockctl.reports.view3d import Body, Camera
 from dockctl.scenarios.schema import Scenario
 

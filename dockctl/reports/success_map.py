@@ -18,20 +18,25 @@ from matplotlib.ticker import MultipleLocator, PercentFormatter
 from numpy.typing import NDArray
 
 from dockctl.analysis.statistics import wilson_interval
+from dockctl.analysis.success_map import (
+    EPS,
+    SMALL_OFFSET_DEG,
+    format_radius,
+    free_starts,
+    half_width,
+    success_radius,
+    within_heading,
+)
+from dockctl.analysis.trajectories import pose_label
 from dockctl.drawing import palette
 from dockctl.drawing.scene import Scene
 from dockctl.reports import scene
 from dockctl.reports.style import HALO, key, sheet
-from dockctl.reports.trajectory import pose_label
 from dockctl.scenarios.schema import Task
 
 Floats = NDArray[np.float64]
 
-COLUMNS = ("dx_m", "dy_m", "dheading_deg", "x_m", "y_m", "heading_deg", "blocked", "outcome")
-"""What the figure needs of ``map.csv``."""
-ASKEW_DEG = 20.0
-"""A start whose heading is off by more counts as askew: beyond what a helmsman would leave to a policy."""
-HEADINGS_DEG = (ASKEW_DEG, 45.0, 180.0)
+HEADINGS_DEG = (SMALL_OFFSET_DEG, 45.0, 180.0)
 DISTANCES_M = (3.0, 6.0, 10.0)
 """Largest offsets of the curves' groups."""
 THESIS_M = {3.0: "§4.4", 5.0: "§5.2"}
@@ -39,42 +44,6 @@ THESIS_M = {3.0: "§4.4", 5.0: "§5.2"}
 COLORS = (palette.MEAN, palette.SECOND_MEAN, palette.PURPLE)
 BLOCKED = "#8C99A3"
 ACROSS = 4
-EPS = 1e-6
-
-
-def free_starts(table: pd.DataFrame) -> pd.DataFrame:
-    """Rows that were played, with `offset_m` from the pose in the middle and `docked`."""
-    free = table[table["blocked"] == 0]
-    return free.assign(
-        offset_m=np.hypot(free["dx_m"], free["dy_m"]).round(9), docked=free["outcome"] == "docked"
-    )
-
-
-def success_radius(free: pd.DataFrame, reach_m: float) -> float | None:
-    """Largest distance on the grid within which every free start docks [m], at most `reach_m`.
-
-    Returns:
-        None where the start in the middle fails or is not there.
-    """
-    distances = np.sort(free["offset_m"].unique())
-    failing = free.loc[~free["docked"], "offset_m"].min()
-    inside = distances[(distances < failing if failing == failing else True) & (distances <= reach_m + EPS)]
-    return float(inside[-1]) if len(inside) and inside[0] == 0 else None
-
-
-def turned_within(free: pd.DataFrame, degrees: float) -> pd.DataFrame:
-    """Starts whose heading is off by at most so much."""
-    return free[free["dheading_deg"].abs() <= degrees + EPS]
-
-
-def reach_of(table: pd.DataFrame) -> float:
-    """Half the side of the square that the map covers [m]."""
-    return float(max(table["dx_m"].max(), table["dy_m"].max()))
-
-
-def radius_words(radius_m: float | None) -> str:
-    """A success radius in print."""
-    return "none" if radius_m is None else f"{radius_m:.3g} m"
 
 
 def map_figure(table: pd.DataFrame, plan: Scene, task: Task, caption: str) -> Figure:
@@ -87,7 +56,7 @@ def map_figure(table: pd.DataFrame, plan: Scene, task: Task, caption: str) -> Fi
         caption: whose map it is.
     """
     headings = [float(value) for value in table["dheading_deg"].unique()]
-    reach, free = reach_of(table), free_starts(table)
+    reach, free = half_width(table), free_starts(table)
     middle = table[(table["dx_m"] == 0) & (table["dy_m"] == 0)].iloc[0]
     pose = pose_label(middle["x_m"], middle["y_m"], middle["heading_deg"] - middle["dheading_deg"])
     columns, rows = min(ACROSS, len(headings)), -(-len(headings) // ACROSS)
@@ -96,7 +65,7 @@ def map_figure(table: pd.DataFrame, plan: Scene, task: Task, caption: str) -> Fi
     width = 13.0
     panels = rows * ((width - 0.4) / columns * (view[3] - view[1]) / (view[2] - view[0]) * 0.93 + 0.45)
     straight, askew = (
-        radius_words(success_radius(turned_within(free, limit), reach)) for limit in (0, ASKEW_DEG)
+        format_radius(success_radius(within_heading(free, limit), reach)) for limit in (0, SMALL_OFFSET_DEG)
     )
     figure = sheet(
         f"Where it docks from: starts within ±{reach:g} m of {pose}",
@@ -158,7 +127,7 @@ def draw_by_distance(ax: Axes, free: pd.DataFrame, reach_m: float) -> None:
     near = free.assign(offset=offset)[offset <= reach_m + EPS]
     widest = near["dheading_deg"].abs().max()
     groups = [
-        (_askew(limit), turned_within(near, limit))
+        (_askew(limit), within_heading(near, limit))
         for limit in _limits(near["dheading_deg"].abs(), HEADINGS_DEG, widest)
     ]
     _curves(ax, groups, "offset")

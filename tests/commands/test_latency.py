@@ -12,8 +12,8 @@ import pandas as pd
 import pytest
 from numpy.typing import NDArray
 
+from dockctl.analysis.latency import PARTS
 from dockctl.evaluation.latency import verdict
-from dockctl.reports.latency import PARTS
 from tests.commands.conftest import Outcome, dockctl, forget_interface
 
 FILES = {"latency.png", "latency.svg", "latency.csv", "latency.json"}

@@ -10,9 +10,9 @@ import numpy as np
 import pandas as pd
 import pytest
 
+from dockctl.analysis.returns import AT_GATE, AT_START, DOCKING, break_even
 from dockctl.errors import DockctlError
 from dockctl.evaluation.returns import Behavior, Water, discounted, judge, loiter_at_gate, readings
-from dockctl.reports.returns import AT_GATE, AT_START, DOCKING, break_even
 from dockctl.scenarios.loader import load
 from dockctl.scenarios.schema import Scenario
 from dockctl.sim.sites import own_site

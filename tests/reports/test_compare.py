@@ -9,7 +9,7 @@ import pandas as pd
 import pytest
 
 from dockctl.analysis.contrast import MEASURES, SUCCESS, contrasts
-from dockctl.analysis.paired import mean_difference, success_difference
+from dockctl.analysis.statistics import mean_difference, success_difference
 from dockctl.reports.compare import compare_figure
 from dockctl.reports.style import house_style, save
 

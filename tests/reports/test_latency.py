@@ -6,7 +6,8 @@ import numpy as np
 import pandas as pd
 import pytest
 
-from dockctl.reports.latency import PARTS, latency_figure, summarize
+from dockctl.analysis.latency import PARTS, summarize
+from dockctl.reports.latency import latency_figure
 from dockctl.reports.style import house_style
 
 

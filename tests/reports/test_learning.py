@@ -10,6 +10,7 @@ import pytest
 from matplotlib.axes import Axes
 from matplotlib.colors import to_hex
 
+from dockctl.analysis.learning import smoothing_window
 from dockctl.drawing import palette
 from dockctl.reports import learning
 from dockctl.reports.figures import Learning
@@ -61,7 +62,7 @@ def test_a_run_without_exploring_starts_has_one_line(ax: Axes, episodes: pd.Data
 
 @pytest.mark.parametrize(("count", "window"), [(3, 10), (800, 20), (100_000, 100)])
 def test_the_window_grows_with_the_run(count: int, window: int) -> None:
-    assert learning.window_of(pd.DataFrame(index=range(count))) == window
+    assert smoothing_window(pd.DataFrame(index=range(count))) == window
 
 
 def test_epsilon(ax: Axes, episodes: pd.DataFrame) -> None:

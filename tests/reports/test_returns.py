@@ -7,15 +7,8 @@ from pathlib import Path
 import pandas as pd
 import pytest
 
-from dockctl.reports.returns import (
-    AT_GATE,
-    AT_START,
-    DOCKING,
-    break_even,
-    returns_figure,
-    unit_words,
-    verdicts,
-)
+from dockctl.analysis.returns import AT_GATE, AT_START, DOCKING, break_even, unit_words, verdicts
+from dockctl.reports.returns import returns_figure
 from dockctl.reports.style import house_style, save
 
 BEHAVIORS = {DOCKING: "docked", AT_START: "timeout", AT_GATE: "timeout", "full astern": "collision"}

@@ -13,12 +13,12 @@ from hypothesis import given
 from hypothesis import strategies as st
 from matplotlib.patches import Circle
 
+from dockctl.analysis.trajectories import Track, tracks_of
 from dockctl.drawing.plan import OPEN_SEA_M, strokes, water
 from dockctl.drawing.scene import Scene
 from dockctl.geometry import place_outline
 from dockctl.reports import scene
 from dockctl.reports.style import house_style, panel
-from dockctl.reports.trajectory import Track, tracks_of
 from dockctl.scenarios.schema import Task
 from tests.reports import synthetic
 

@@ -13,16 +13,10 @@ from hypothesis import given
 from hypothesis import strategies as st
 from matplotlib.colors import to_hex
 
+from dockctl.analysis.success_map import free_starts, half_width, success_radius, within_heading
 from dockctl.drawing import palette
 from dockctl.reports.style import house_style, panel, save
-from dockctl.reports.success_map import (
-    draw_cells,
-    free_starts,
-    map_figure,
-    reach_of,
-    success_radius,
-    turned_within,
-)
+from dockctl.reports.success_map import draw_cells, map_figure
 from dockctl.scenarios.schema import Task, Tolerance
 from tests.reports.synthetic import FINAL, marina
 
@@ -103,8 +97,8 @@ def test_blocked_starts_are_no_failures() -> None:
 
 def test_headings_are_grouped_by_their_size() -> None:
     free = free_starts(starts(headings=(0.0, 20.0, -20.0, 180.0)))
-    assert set(turned_within(free, 20)["dheading_deg"]) == {0.0, 20.0, -20.0}
-    assert reach_of(free) == 4.0
+    assert set(within_heading(free, 20)["dheading_deg"]) == {0.0, 20.0, -20.0}
+    assert half_width(free) == 4.0
 
 
 def test_a_cell_a_start_in_the_color_of_its_outcome() -> None:

@@ -9,11 +9,11 @@ import pandas as pd
 import pytest
 from matplotlib.axes import Axes
 
+from dockctl.analysis.trajectories import pose_label, tracks_of
 from dockctl.drawing import palette
 from dockctl.reports import trajectory
 from dockctl.reports.figures import Motion
 from dockctl.reports.style import house_style, panel
-from dockctl.reports.trajectory import tracks_of
 from dockctl.scenarios.schema import Task
 from tests.reports import synthetic
 
@@ -61,7 +61,7 @@ def test_a_single_track_is_blue(two_phases: pd.DataFrame) -> None:
     ],
 )
 def test_poses_in_print(pose: tuple[float, float, float], text: str) -> None:
-    assert trajectory.pose_label(*pose) == text
+    assert pose_label(*pose) == text
 
 
 @pytest.mark.parametrize(

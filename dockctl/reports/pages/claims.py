@@ -5,7 +5,9 @@ from __future__ import annotations
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 
-from dockctl.reports.latency import THESIS_FORWARD_MS
+from dockctl.analysis.latency import THESIS_FORWARD_MS
+from dockctl.analysis.returns import break_even, unit_words
+from dockctl.analysis.success_map import SMALL_OFFSET_DEG, format_radius, free_starts, within_heading
 from dockctl.reports.pages.elsewhere import MARINA, WHOSE
 from dockctl.reports.pages.kept import Kept, Kepts
 from dockctl.reports.pages.markdown import NOT_RUN, share, spread
@@ -13,8 +15,7 @@ from dockctl.reports.pages.measures import change_share, slowing_m
 from dockctl.reports.pages.page import middle, seeds_docked
 from dockctl.reports.pages.thesis import HOURS_A_SCENARIO, SECONDS_A_STEP
 from dockctl.reports.pages.time import milliseconds_a_step
-from dockctl.reports.returns import break_even, unit_words
-from dockctl.reports.success_map import ASKEW_DEG, THESIS_M, free_starts, radius_words, turned_within
+from dockctl.reports.success_map import THESIS_M
 
 SCENARIOS = ("s1", "s2", "s3")
 
@@ -84,7 +85,7 @@ def radius(kept: Kepts) -> str:
         if not mapped:
             parts.append(f"{words}: {NOT_RUN}")
             continue
-        radii = ", ".join(radius_words(run.radius()) for run in mapped)
+        radii = ", ".join(format_radius(run.radius()) for run in mapped)
         shares = "; ".join(
             f"{spread([100 * _within(run, limit) for run in mapped], '{:.0f}', ' %')} within {limit:g} m"
             for limit in THESIS_M
@@ -95,7 +96,7 @@ def radius(kept: Kepts) -> str:
 
 def _within(run: Kept, limit_m: float) -> float:
     assert run.map is not None  # the caller has asked
-    free = turned_within(free_starts(run.map), ASKEW_DEG)
+    free = within_heading(free_starts(run.map), SMALL_OFFSET_DEG)
     return float(free.loc[free["offset_m"] <= limit_m + 1e-6, "docked"].mean())
 
 

@@ -9,12 +9,12 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure, SubFigure
 
+from dockctl.analysis.trajectories import Track
 from dockctl.drawing import palette
 from dockctl.drawing.scene import Scene
 from dockctl.reports import scene, trajectory
 from dockctl.reports.pages.kept import Course, Kept
 from dockctl.reports.style import key, panel, sheet
-from dockctl.reports.trajectory import Track
 from dockctl.scenarios.schema import Task
 from dockctl.scenarios.vessel import Vessel
 

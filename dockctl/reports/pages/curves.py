@@ -10,10 +10,9 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.ticker import MaxNLocator, PercentFormatter
 
-from dockctl.analysis.statistics import RECENT
+from dockctl.analysis.learning import RECENT, from_initial_poses, moving_average
 from dockctl.drawing import palette
 from dockctl.reports import learning
-from dockctl.reports.learning import from_the_start, smooth
 from dockctl.reports.pages.kept import Kept
 from dockctl.reports.pages.statistics import POINTS, interquartile_mean, interval, on_a_grid
 from dockctl.reports.style import key, sheet, thousands
@@ -121,7 +120,12 @@ def endings_figure(title: str, runs: Sequence[tuple[str, Kept]], columns: int = 
     for ax, (name, run) in zip(axes, runs, strict=False):
         learning.draw_outcomes(ax, run.episodes)
         if run.run.task.intermediate is not None:
-            ax.plot(run.episodes["episode"], smooth(run.episodes["phase"], RECENT), color=palette.INK, lw=1.3)
+            ax.plot(
+                run.episodes["episode"],
+                moving_average(run.episodes["phase"], RECENT),
+                color=palette.INK,
+                lw=1.3,
+            )
         ax.set_ylabel("")
         ax.set_title(name, loc="right", fontsize=9, fontweight="bold", color=palette.INK)
     for ax in axes[len(runs) :]:
@@ -139,8 +143,8 @@ def losses_figure(title: str, runs: Sequence[tuple[str, Kept]]) -> Figure:
     for (_, run), color in zip(runs, colors, strict=False):
         table = run.updates
         scale = float(run.training["reward_scale"])
-        left.plot(table["env_steps"], smooth(table["td_error"].abs(), 5) / scale, color=color, lw=1.4)
-        right.plot(table["env_steps"], smooth(table["q_mean"], 5) / scale, color=color, lw=1.4)
+        left.plot(table["env_steps"], moving_average(table["td_error"].abs(), 5) / scale, color=color, lw=1.4)
+        right.plot(table["env_steps"], moving_average(table["q_mean"], 5) / scale, color=color, lw=1.4)
     left.set_yscale("log")
     for ax, name in ((left, "Mean |TD error|"), (right, "Mean Q")):
         ax.set_xlabel("Environment steps")
@@ -159,8 +163,8 @@ def docked_over(run: Kept, steps: int) -> float:
 
 
 def _curve(run: Kept, measure: Measure, over: str = "episode") -> pd.Series:
-    rows = from_the_start(run.episodes)
-    smoothed = smooth(measure(rows).astype(float), WINDOW)
+    rows = from_initial_poses(run.episodes)
+    smoothed = moving_average(measure(rows).astype(float), WINDOW)
     smoothed.index = pd.Index(rows[over].to_numpy(float))
     return smoothed[~smoothed.index.duplicated(keep="last")]
 

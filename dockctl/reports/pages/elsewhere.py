@@ -8,6 +8,7 @@ import pandas as pd
 from matplotlib.figure import Figure
 
 from dockctl.analysis.statistics import wilson_interval
+from dockctl.analysis.success_map import SMALL_OFFSET_DEG, format_radius, free_starts, within_heading
 from dockctl.experiments.archive import FAILURES
 from dockctl.reports.pages import courses, curves
 from dockctl.reports.pages.kept import Course, Kept, Kepts
@@ -23,14 +24,7 @@ from dockctl.reports.pages.page import (
     text_of,
 )
 from dockctl.reports.pages.thesis import COURSES
-from dockctl.reports.success_map import (
-    ASKEW_DEG,
-    THESIS_M,
-    free_starts,
-    map_figure,
-    radius_words,
-    turned_within,
-)
+from dockctl.reports.success_map import THESIS_M, map_figure
 from dockctl.runs.tables import START_KINDS
 from dockctl.scenarios.study import Experiment, Study
 
@@ -114,8 +108,8 @@ def _far_starts(kept: Kepts) -> tuple[str, dict[str, Draw]]:
     blocks = [
         head,
         f"The thesis puts the limit at {said}, without saying how many starts were tried. Below: a grid of"
-        f" free starts around the trained one, headings up to {ASKEW_DEG:g}° askew; the success radius is the"
-        " largest distance up to which every one of them docks.",
+        f" free starts around the trained one, headings up to {SMALL_OFFSET_DEG:g}° askew; the success radius"
+        " is the largest distance up to which every one of them docks.",
         table(rows),
     ]
     draws: dict[str, Draw] = {}
@@ -157,8 +151,8 @@ def _map(run: Kept, who: str) -> Draw:
 
 def _reach_row(who: str, run: Kept) -> dict[str, str]:
     assert run.map is not None  # the caller has asked
-    free = turned_within(free_starts(run.map), ASKEW_DEG)
-    row = {"policies": WHOSE[who], "seed": str(run.seed), "success radius": radius_words(run.radius())}
+    free = within_heading(free_starts(run.map), SMALL_OFFSET_DEG)
+    row = {"policies": WHOSE[who], "seed": str(run.seed), "success radius": format_radius(run.radius())}
     for limit in WITHIN_M:
         near = free[free["offset_m"] <= limit + 1e-6]
         row[f"docked within {limit:g} m"] = share((int(near["docked"].sum()), len(near)))

@@ -14,15 +14,20 @@ import numpy as np
 import pandas as pd
 import yaml
 
-from dockctl.analysis.statistics import RECENT
+from dockctl.analysis.latency import PARTS
+from dockctl.analysis.learning import RECENT, from_initial_poses
+from dockctl.analysis.success_map import COLUMNS as MAP_COLUMNS
+from dockctl.analysis.success_map import (
+    SMALL_OFFSET_DEG,
+    free_starts,
+    half_width,
+    success_radius,
+    within_heading,
+)
+from dockctl.analysis.trajectories import Track, tracks_of
 from dockctl.drawing.scene import Scene
 from dockctl.errors import DockctlError
 from dockctl.experiments.archive import ELSEWHERE
-from dockctl.reports import trajectory
-from dockctl.reports.latency import PARTS
-from dockctl.reports.learning import from_the_start
-from dockctl.reports.success_map import ASKEW_DEG, free_starts, reach_of, success_radius, turned_within
-from dockctl.reports.success_map import COLUMNS as MAP_COLUMNS
 from dockctl.runs.directory import PROVENANCE, SCENARIO
 from dockctl.runs.reader import Run, read_run, read_table
 from dockctl.scenarios.schema import Task
@@ -101,9 +106,9 @@ class Kept:
         return read_course(self.folder / ELSEWHERE / name)
 
     @property
-    def tracks(self) -> list[trajectory.Track]:
+    def tracks(self) -> list[Track]:
         """The greedy episodes of its best policy from the test poses."""
-        return [] if self.run.trajectories is None else trajectory.tracks_of(self.run.trajectories)
+        return [] if self.run.trajectories is None else tracks_of(self.run.trajectories)
 
     # What the tables of the page show
 
@@ -160,15 +165,15 @@ class Kept:
         return rows[column]
 
     def radius(self) -> float | None:
-        """Largest distance up to which every free start with a heading at most `ASKEW_DEG` off docks [m]."""
+        """Success radius over headings at most `SMALL_OFFSET_DEG` off [m]."""
         if self.map is None:
             return None
-        free = turned_within(free_starts(self.map), ASKEW_DEG)
-        return success_radius(free, reach_of(self.map))
+        free = within_heading(free_starts(self.map), SMALL_OFFSET_DEG)
+        return success_radius(free, half_width(self.map))
 
     def best_streak(self) -> int:
         """Longest run of training episodes from an initial pose that docked one after the other."""
-        docked = (from_the_start(self.episodes)["outcome"] == "docked").to_numpy()
+        docked = (from_initial_poses(self.episodes)["outcome"] == "docked").to_numpy()
         breaks = np.flatnonzero(~np.concatenate([[False], docked, [False]]))
         return int(np.diff(breaks).max() - 1)
 
@@ -182,8 +187,8 @@ class Course:
     trajectories: pd.DataFrame
 
     @property
-    def tracks(self) -> list[trajectory.Track]:
-        return trajectory.tracks_of(self.trajectories)
+    def tracks(self) -> list[Track]:
+        return tracks_of(self.trajectories)
 
 
 def read_course(folder: Path) -> Course | None:

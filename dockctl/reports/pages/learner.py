@@ -6,14 +6,15 @@ from collections.abc import Sequence
 
 import pandas as pd
 
-from dockctl.analysis.statistics import RECENT
+from dockctl.analysis.learning import RECENT
+from dockctl.analysis.returns import unit_words, verdicts
 from dockctl.reports.pages import curves
 from dockctl.reports.pages.kept import Kept, Kepts
 from dockctl.reports.pages.markdown import picture, share, spread, steps, table
 from dockctl.reports.pages.measures import change_share, change_size, slowing_m
 from dockctl.reports.pages.page import Draw, Page, mastered, middle, missing, text_of
 from dockctl.reports.pages.thesis import EPISODES, TRAINING, WEIGHTS
-from dockctl.reports.returns import returns_figure, unit_words, verdicts
+from dockctl.reports.returns import returns_figure
 from dockctl.scenarios.loader import load
 from dockctl.scenarios.study import Experiment, Study
 

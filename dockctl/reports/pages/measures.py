@@ -6,11 +6,10 @@ from collections.abc import Callable, Sequence
 
 import numpy as np
 
-from dockctl.analysis.statistics import RECENT
-from dockctl.reports.learning import from_the_start
+from dockctl.analysis.learning import RECENT, from_initial_poses
+from dockctl.analysis.trajectories import Track
 from dockctl.reports.pages.kept import Kept
 from dockctl.reports.pages.markdown import listed, spread
-from dockctl.reports.trajectory import Track
 from dockctl.scenarios.schema import Task
 
 TOP_SHARE = 0.9
@@ -55,7 +54,7 @@ def reward(runs: Sequence[Kept]) -> str:
 
 
 def duration(runs: Sequence[Kept]) -> str:
-    rows = [from_the_start(run.episodes)["steps"] for run in runs]
+    rows = [from_initial_poses(run.episodes)["steps"] for run in runs]
     limits = [run.run.task.max_steps for run in runs]
     full = [_first(steps.to_numpy(int) < limit) for steps, limit in zip(rows, limits, strict=True)]
     last = [float(steps.tail(RECENT).mean()) for steps in rows]
@@ -74,7 +73,7 @@ def epsilon(runs: Sequence[Kept]) -> str:
 def phase(runs: Sequence[Kept]) -> str:
     firsts = []
     for run in runs:
-        rows = from_the_start(run.episodes)
+        rows = from_initial_poses(run.episodes)
         at = _first(rows["phase"].rolling(RECENT).mean().to_numpy(float) >= 0.5)
         firsts.append(None if at is None else int(rows["episode"].iloc[at]))
     found = _spread_of_firsts(firsts)

@@ -8,13 +8,13 @@ from dataclasses import dataclass, field
 import numpy as np
 from matplotlib.figure import Figure
 
-from dockctl.analysis.statistics import RECENT
+from dockctl.analysis.learning import RECENT
+from dockctl.analysis.trajectories import Track
 from dockctl.reports.pages.kept import Kept
 from dockctl.reports.pages.markdown import NOT_RUN, share, spread, steps, table
 from dockctl.reports.pages.measures import OF_COURSES, OF_TRAININGS
 from dockctl.reports.pages.statistics import interquartile_mean, interval
 from dockctl.reports.pages.thesis import Fact
-from dockctl.reports.trajectory import Track
 from dockctl.runs.tables import START_KINDS
 from dockctl.scenarios.schema import Task
 

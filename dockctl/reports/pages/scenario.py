@@ -7,6 +7,7 @@ from dataclasses import dataclass
 
 from matplotlib.figure import Figure
 
+from dockctl.analysis.trajectories import pose_label
 from dockctl.reports.figures import overview
 from dockctl.reports.pages import courses, curves
 from dockctl.reports.pages.kept import Course, Kept, Kepts
@@ -21,7 +22,6 @@ from dockctl.reports.pages.page import (
     training_readings,
 )
 from dockctl.reports.pages.thesis import COURSES, TRAINING
-from dockctl.reports.trajectory import pose_label
 from dockctl.scenarios.base import Pose
 from dockctl.scenarios.loader import load
 from dockctl.scenarios.schema import Task

@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import pandas as pd
 
-from dockctl.reports.latency import PARTS, THESIS_FORWARD_MS, latency_figure
+from dockctl.analysis.latency import PARTS, THESIS_FORWARD_MS
+from dockctl.reports.latency import latency_figure
 from dockctl.reports.pages.kept import Kept, Kepts
 from dockctl.reports.pages.markdown import picture, spread, table
 from dockctl.reports.pages.page import Draw, Page, missing, text_of

@@ -7,8 +7,8 @@ from collections.abc import Sequence
 import pandas as pd
 import pytest
 
+from dockctl.analysis.trajectories import Track
 from dockctl.reports.pages import measures
-from dockctl.reports.trajectory import Track
 from dockctl.scenarios.loader import load
 
 TASK = load("s3").scenario.task

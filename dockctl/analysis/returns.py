@@ -1,0 +1,52 @@
+"""Which behavior a reward prefers: comparison of discounted returns (the table of ``dockctl returns``)."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+
+import pandas as pd
+
+DOCKING, AT_START, AT_GATE = "dock", "loiter at the start", "loiter at the gate"
+INTERMEDIATE = "reward_intermediate"
+
+
+def unit_words(unit_m: float) -> str:
+    """Distance unit as text."""
+    return "meters" if unit_m == 1 else f"units of {unit_m:g} m"
+
+
+def value(rows: pd.DataFrame, behavior: str, column: str) -> float:
+    """Value of a column for one behavior."""
+    return float(rows[rows["behavior"] == behavior][column].iloc[0])
+
+
+def break_even(rows: pd.DataFrame) -> float | None:
+    """Reward of the intermediate pose above which docking returns more than loitering in front of it.
+
+    Args:
+        rows: the behaviors with one distance unit, columns `dockctl.runs.tables.RETURNS`.
+
+    Returns:
+        None if the task has no intermediate pose or no reward for it.
+    """
+    if AT_GATE not in set(rows["behavior"]) or INTERMEDIATE not in rows:
+        return None
+    deficit = value(rows, AT_GATE, "return") - value(rows, DOCKING, "return")
+    return (value(rows, DOCKING, INTERMEDIATE) + deficit) / value(rows, DOCKING, "gate_discount")
+
+
+def verdicts(rows: pd.DataFrame) -> Iterator[str]:
+    """Yield sentences on what the reward prefers with one distance unit."""
+    collisions = rows[rows["outcome"] == "collision"]
+    docking, waiting = (value(rows, name, "return") for name in (DOCKING, AT_START))
+    returns = [f"Docking is worth {docking:,.0f}", f"waiting at the start {waiting:,.0f}"]
+    if len(collisions):
+        best = collisions.sort_values("return").iloc[-1]
+        returns.insert(1, f"the best way to hit something ({best['behavior']}) {best['return']:,.0f}")
+    yield f"{', '.join(returns)}."
+    if (least := break_even(rows)) is not None:
+        condition = f"if that pose pays more than {least:,.0f}" if least > 0 else "whatever that pose pays"
+        yield (
+            f"Loitering at the gate, just before the intermediate pose, is worth"
+            f" {value(rows, AT_GATE, 'return'):,.0f}: docking is worth more {condition}."
+        )
