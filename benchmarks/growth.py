@@ -25,7 +25,7 @@ from numpy.typing import NDArray
 from dockctl.envs.single import DockingEnv
 from dockctl.scenarios.loader import load
 from dockctl.sim.lidar.array import LidarArray
-from dockctl.sim.simulator import build_worlds
+from dockctl.sim.world import build_worlds
 
 AZIMUTH_STEPS = (225, 450, 900, 1800, 3600, 7200)
 CUTS = (0, 1, 2)

@@ -21,7 +21,7 @@ from trimesh.ray.ray_pyembree import RayMeshIntersector
 from dockctl.scenarios.loader import load
 from dockctl.sim.lidar import array as lidar_module
 from dockctl.sim.lidar.array import LidarArray
-from dockctl.sim.simulator import build_worlds
+from dockctl.sim.world import build_worlds
 
 Floats = NDArray[np.float64]
 
@@ -95,7 +95,7 @@ def main() -> None:
     arguments = parser.parse_args()
     loaded = load("s3")
     lidar = build_worlds(loaded.scenario, loaded.base_dir)[0].lidar
-    lidar_module.prepare([lidar])
+    lidar.sector_ranges(np.zeros((1, 3)))
     rng, cores = np.random.default_rng(0), lidar_module.usable_cores()
     fairway, berth, few = rng.uniform(*FAIRWAY, (500, 3)), rng.uniform(*BERTH, (500, 3)), 10
     embree = embree_scanner(lidar)

@@ -18,8 +18,7 @@ from rich.progress import track
 
 from dockctl.compute.threads import usable_cores
 from dockctl.scenarios.loader import load
-from dockctl.sim.lidar.array import prepare
-from dockctl.sim.simulator import build_worlds
+from dockctl.sim.world import build_worlds
 
 BASIN = ((4.5, -40.0, -np.pi), (38.5, 40.0, np.pi))
 BLOCK = 20
@@ -33,7 +32,7 @@ def main() -> None:
     loaded = load("s3")
     world = build_worlds(loaded.scenario, loaded.base_dir)[0]
     lidar = world.lidar
-    prepare([lidar])
+    lidar.sector_ranges(np.zeros((1, 3)))
     poses = np.random.default_rng(0).uniform(*BASIN, (arguments.poses, 3))
     fast, touching = lidar.sector_ranges(poses), world.obstacles.blocked(poses)
     lidar.sector_ranges_by_full_scan(poses[:1])  # builds its tree, before threads ask for it

@@ -235,6 +235,8 @@ BUILTINS = (
     "dockctl.rewards.terms",
     "dockctl.envs.actions",
     "dockctl.envs.observation",
+    "dockctl.sim.lidar.spinning",
+    "dockctl.sim.lidar.planar",
 )
 """Modules that register what the package itself brings."""
 

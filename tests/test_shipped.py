@@ -15,7 +15,7 @@ from dockctl.experiments.export import CARD, training_starts
 from dockctl.runs.directory import shipped
 from dockctl.scenarios.difference import difference
 from dockctl.scenarios.loader import load
-from dockctl.sim.simulator import build_worlds
+from dockctl.sim.world import build_worlds
 from tests.commands.conftest import dockctl
 
 NAMES = {"s1", "s2", "s3", "marina"}

@@ -21,7 +21,6 @@ from dockctl.scenarios.base import Pose
 from dockctl.sim.checks import PoseCheck, load_checked
 from dockctl.sim.harbor.build import build_harbor, scene_of
 from dockctl.sim.hull import hull_mesh
-from dockctl.sim.lidar.array import LidarArray
 
 FARTHEST = 10_000
 """Metres or degrees; nobody moors a harbor that far from its origin."""
@@ -42,7 +41,7 @@ def show(source: str, pose: str | None, out: Path | None, plugin_files: Sequence
     place = pose_array(where)
     folder = out or Path("figures") / scenario.name
     require_writable(folder)
-    lidar = LidarArray(scenario.sensors.lidar, harbor.triangles)
+    lidar = scenario.sensors.lidar.build(harbor.triangles)
     points = lidar.points(place)
     ranges = lidar.sector_ranges(place[None])[0]
     scan = Scan(place, points, ranges, scenario.sensors.lidar.range_m)

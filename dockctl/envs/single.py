@@ -12,7 +12,7 @@ from gymnasium.vector import AutoresetMode
 from numpy.typing import NDArray
 
 from dockctl.envs.vector import DockingVectorEnv, Info, ScenarioSource
-from dockctl.sim.simulator import World
+from dockctl.sim.world import World
 
 
 class DockingEnv(gymnasium.Env[NDArray[np.float32], Any]):

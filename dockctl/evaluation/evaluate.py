@@ -26,7 +26,7 @@ from dockctl.evaluation.starts import judging_starts, player, testing_starts
 from dockctl.runs.directory import RunDirectory
 from dockctl.runs.files import write_atomically
 from dockctl.runs.tables import EVALUATION, START_KINDS, Value, to_csv
-from dockctl.sim.simulator import build_worlds
+from dockctl.sim.world import build_worlds
 
 MEANS = (
     ("mean time", "time_s", "{:.1f} s"),

@@ -18,9 +18,9 @@ from dockctl.geometry import pose_array
 from dockctl.runs.directory import SCENARIO, require_replaceable
 from dockctl.runs.files import new_folder
 from dockctl.scenarios.loader import dump
-from dockctl.sim.simulator import build_worlds
 from dockctl.sim.sites import own_site
 from dockctl.sim.starts import given_start
+from dockctl.sim.world import build_worlds
 
 SCENE, TRAJECTORIES = "scene.json", "trajectories.csv"
 

@@ -18,8 +18,8 @@ if TYPE_CHECKING:
     from dockctl.scenarios.loader import LoadedScenario
     from dockctl.scenarios.schema import Scenario
     from dockctl.sim.checks import PoseCheck
-    from dockctl.sim.simulator import World
     from dockctl.sim.starts import Start
+    from dockctl.sim.world import World
 
 BOATS_SIDE_BY_SIDE = 16
 

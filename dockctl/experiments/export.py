@@ -27,9 +27,9 @@ from dockctl.scenarios.files import mesh_files, naming
 from dockctl.scenarios.interface import PolicyInterface
 from dockctl.scenarios.loader import LoadedScenario, dump
 from dockctl.scenarios.schema import Scenario
-from dockctl.sim.simulator import World, build_worlds
 from dockctl.sim.sites import free_sites
 from dockctl.sim.starts import Start, given_start
+from dockctl.sim.world import World, build_worlds
 
 CARD = "card.md"
 CHECKPOINT = ("policy.json", "policy.safetensors", SCENARIO, CARD)

@@ -11,21 +11,15 @@ from itertools import pairwise
 from pathlib import Path
 from typing import NamedTuple
 
-import numpy as np
 from gymnasium.spaces import flatdim
 
 from dockctl.agents.dqn.replay import Replay
 from dockctl.envs.spaces import ObservationEncoder
 from dockctl.errors import DockctlError
 from dockctl.scenarios.schema import Scenario
-from dockctl.sim.lidar.array import LidarArray
-from dockctl.sim.lidar.height_grid import FINEST_CELL_M, MOST_CELLS
-from dockctl.sim.simulator import World
+from dockctl.sim.world import World
 
 # Measured on the reference marina with full LiDARs.
-RAY_BYTES = 160  # of the table of rays, for each ray of a scan
-CELL_BYTES = 36  # of the harbor's grid, for each of its cells
-GRID_MARGIN_M = 7.0  # by which the grid reaches past the harbor, both sides together
 BOAT_BYTES = 20_000  # of state, observations, info and episode's sums, for each boat
 WORKING_BYTES = 80_000_000  # compiled kernels, threads' stacks, and what an evaluation and the tables hold
 COPIES_IN_SAVING = 3  # of all that a checkpoint holds: in rows, as bytes, and as the file's content
@@ -77,7 +71,7 @@ def estimate(scenario: Scenario, worlds: Sequence[World]) -> Estimate:
     batches = 4 * 6 * training.batch_size * (outputs + size)
     boats = training.boats * (BOAT_BYTES + 4 * training.n_step * size)
     parts = (
-        Part("LiDAR tables", sum(table_bytes(scenario, world) for world in worlds), "sensors.lidar"),
+        Part("LiDAR tables", sum(world.lidar.table_bytes for world in worlds), "sensors.lidar"),
         Part("replay", replay, "training.replay_capacity"),
         Part("saving the replay", COPIES_IN_SAVING * replay, "training.replay_capacity"),
         Part("networks", networks, "training.hidden_sizes"),
@@ -94,17 +88,6 @@ def network_size(observation_size: int, actions: int, hidden_sizes: Sequence[int
     layers = [*pairwise((observation_size, *hidden_sizes))]
     layers += [(width, width), (width, 1), (width, actions), (actions, actions)]
     return sum((inputs + 1) * outputs for inputs, outputs in layers), sum(outputs for _, outputs in layers)
-
-
-def table_bytes(scenario: Scenario, world: World) -> int:
-    """Memory of the LiDAR's tables in one world, from the number of rays and the harbor's extent."""
-    if not isinstance(world.lidar, LidarArray):
-        return 0
-    lidar = scenario.sensors.lidar
-    rays = len(lidar.mounts) * lidar.channels * lidar.azimuth_steps
-    extent = np.ptp(world.lidar.triangles[:, :, :2], axis=(0, 1))
-    cells = np.prod(extent + GRID_MARGIN_M) / FINEST_CELL_M**2
-    return RAY_BYTES * rays + CELL_BYTES * int(min(cells, MOST_CELLS))
 
 
 def require_memory(scenario: Scenario, worlds: Sequence[World]) -> Estimate:

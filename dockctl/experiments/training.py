@@ -29,8 +29,8 @@ from dockctl.scenarios.files import mesh_files, naming
 from dockctl.scenarios.interface import PolicyInterface
 from dockctl.scenarios.loader import LoadedScenario, dump
 from dockctl.sim.checks import load_checked
-from dockctl.sim.simulator import World, build_worlds
 from dockctl.sim.sites import own_site
+from dockctl.sim.world import World, build_worlds
 
 
 @dataclass(frozen=True, eq=False)

@@ -8,7 +8,8 @@ from pydantic import Field, ValidationError
 
 from dockctl.errors import DockctlError
 from dockctl.scenarios.base import Count, Model
-from dockctl.scenarios.schema import ACTION_KINDS, ActionType, ObservationPart, Scenario
+from dockctl.scenarios.extensions import ActionType
+from dockctl.scenarios.schema import ACTION_KINDS, ObservationPart, Scenario
 
 
 class PolicyInterface(Model):

@@ -3,24 +3,18 @@
 from __future__ import annotations
 
 import math
-from abc import ABC, abstractmethod
-from typing import TYPE_CHECKING, Annotated, Any, Self
+from typing import Annotated, Any, Self
 
 from pydantic import Field, model_validator
 
-from dockctl.plugins import ACTIONS
+from dockctl.plugins import ACTIONS, RANGE_SENSORS
 from dockctl.scenarios.base import Count, FieldError, Model, Name, NonNegative, Number, Pose, Positive
 from dockctl.scenarios.berths import Berths, missing_berth
+from dockctl.scenarios.extensions import ActionType, RangeSensorSpec
 from dockctl.scenarios.harbor import HarborSpec
-from dockctl.scenarios.kinds import Kind, Kinds
-from dockctl.scenarios.sensors import Sensors
+from dockctl.scenarios.kinds import Kinds
 from dockctl.scenarios.training import Evaluation, Training
 from dockctl.scenarios.vessel import Vessel
-
-if TYPE_CHECKING:
-    import gymnasium
-    import numpy as np
-    from numpy.typing import NDArray
 
 
 class SpreadPose(Pose):
@@ -65,32 +59,14 @@ class Task(Model):
     berths: Berths | None = Field(default=None, description="carry the poses above to many berths")
 
 
-class ActionType(Kind, ABC):
-    """What a policy's actions are, and the commands that they stand for; registered in `ACTIONS`."""
-
-    @property
-    @abstractmethod
-    def description(self) -> str:
-        """The actions in one line, for model cards."""
-
-    @abstractmethod
-    def space(self, vessel: Vessel) -> gymnasium.Space[Any]:
-        """Return the action space of one boat."""
-
-    @abstractmethod
-    def commands(self, actions: NDArray[Any], vessel: Vessel) -> NDArray[np.float64]:
-        """Return propeller force [N] and rudder angle [rad], (n, 2), of n actions of the space."""
-
-    def require_within_limits(self, vessel: Vessel) -> None:
-        """Check that no command exceeds what the vessel can do.
-
-        Raises:
-            ValueError: one does; the message begins with the path of the field, ``actions.key``.
-        """
-        return
-
-
 ACTION_KINDS = Kinds(ACTIONS, default="grid")
+SENSOR_KINDS = Kinds(RANGE_SENSORS, default="spinning")
+
+
+class Sensors(Model):
+    """The range sensor of the boat."""
+
+    lidar: Annotated[RangeSensorSpec, SENSOR_KINDS] = Field(default_factory=SENSOR_KINDS.make_default)
 
 
 class WeightedTerm(Model):
@@ -154,7 +130,7 @@ class Scenario(Model):
     plugins: tuple[str, ...] = Field(default=(), description="local .py files, relative to the scenario file")
     vessel: Vessel
     harbor: HarborSpec
-    sensors: Sensors = Sensors()
+    sensors: Sensors = Field(default_factory=Sensors)
     actions: Annotated[ActionType, ACTION_KINDS] = Field(default_factory=ACTION_KINDS.make_default)
     observation: tuple[ObservationPart, ...] = Field(min_length=1)
     task: Task

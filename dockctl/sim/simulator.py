@@ -3,74 +3,19 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
-from functools import cache, lru_cache, partial
-from pathlib import Path
-from typing import Any, Protocol, TypeVar, cast
+from typing import Any, TypeVar, cast
 
 import numpy as np
 from numpy.typing import NDArray
 
-from dockctl.drawing.scene import Scene
-from dockctl.scenarios.berths import layouts
 from dockctl.scenarios.schema import Scenario
-from dockctl.scenarios.sensors import Lidar
-from dockctl.scenarios.vessel import Hull
-from dockctl.sim.collision import collision_checker
 from dockctl.sim.goal import TO_FINAL, measure, reached
-from dockctl.sim.harbor.build import Harbor, build_harbor, scene_of
-from dockctl.sim.lidar.array import LidarArray, prepare
 from dockctl.sim.starts import Start
-from dockctl.sim.status import Bools, Floats, Ints, StepStatus
+from dockctl.sim.status import Floats, Ints, StepStatus
 from dockctl.sim.vessel import VesselModel
+from dockctl.sim.world import World, prepare
 
 Answer = TypeVar("Answer", bound=NDArray[Any])
-
-
-class Obstacles(Protocol):
-    """What a boat can run into."""
-
-    def collides(self, eta: Floats) -> Bools: ...
-    def blocked(self, eta: Floats) -> Bools: ...
-    def collided_part(self, eta: Floats) -> str | None: ...
-    def clearance(self, eta: Floats) -> Floats: ...
-
-
-class RangeSensor(Protocol):
-    """What a boat sees: the nearest return of each sector (n, sectors) [m]."""
-
-    def sector_ranges(self, eta: Floats) -> Floats: ...
-
-
-@dataclass(frozen=True, eq=False)
-class World:
-    """One harbor and its sensors, built once for all the simulators; `scene` draws it from above."""
-
-    obstacles: Obstacles
-    lidar: RangeSensor
-    scene: Callable[[], Scene]
-
-
-def build_worlds(scenario: Scenario, base_dir: Path) -> tuple[World, ...]:
-    """Return harbor, collision bodies and LiDAR for each harbor of a scenario, as `layouts` lists them.
-
-    Mesh paths are relative to `base_dir`.
-
-    Raises:
-        DockctlError: the harbor cannot be built.
-    """
-    hull, lidar = scenario.vessel.hull, scenario.sensors.lidar
-    specs = (layout.harbor for layout in layouts(scenario.harbor, scenario.task.berths))
-    return tuple(_world_in(build_harbor(spec, base_dir), hull, lidar) for spec in specs)
-
-
-@lru_cache(maxsize=16)
-def _world_in(harbor: Harbor, hull: Hull, lidar: Lidar) -> World:
-    return World(
-        obstacles=collision_checker(harbor, hull),
-        lidar=LidarArray(lidar, harbor.triangles),
-        scene=cache(partial(scene_of, harbor, hull)),
-    )
 
 
 class Simulator:
@@ -92,7 +37,7 @@ class Simulator:
     """
 
     def __init__(self, scenario: Scenario, worlds: Sequence[World], num_boats: int) -> None:
-        prepare(world.lidar for world in worlds)
+        prepare(worlds)
         self.task = scenario.task
         self.worlds = worlds
         self.vessel = VesselModel(scenario.vessel)

@@ -68,3 +68,11 @@ def test_a_sector_without_return_is_told() -> None:
     table = sector_table(Scan(np.zeros(3), np.empty((0, 3)), np.array([100.0, 3.0]), 100.0))
     assert list(table.columns[3].cells) == ["nothing within 100 m", "3.000 m"]
     assert list(table.columns[1].cells) == ["-180°", "0°"]
+
+
+def test_a_planar_scanner_is_drawn_too(tmp_path: Path) -> None:
+    scenario = tmp_path / "ring.yaml"
+    scenario.write_text("extends: s1\nsensors: {lidar: {kind: planar, rays: 90}}\n")
+    outcome = dockctl("show", scenario, "--out", tmp_path / "out")
+    assert outcome.code == 0
+    assert {path.stem for path in (tmp_path / "out").glob("*.png")} == set(DRAWINGS)

@@ -15,7 +15,7 @@ from dockctl.experiments.memory import available_bytes, estimate, held_bytes, ne
 from dockctl.scenarios.loader import load
 from dockctl.scenarios.training import Training
 from dockctl.sim.lidar.array import LidarArray
-from dockctl.sim.simulator import build_worlds
+from dockctl.sim.world import build_worlds
 
 
 def sizes(**training: object) -> dict[str, int]:
@@ -38,7 +38,7 @@ def test_the_tables_take_what_is_estimated() -> None:
     assert isinstance(world.lidar, LidarArray)
     arrays = [array for table in world.lidar._tables for array in table if isinstance(array, np.ndarray)]
     taken = sum(array.nbytes for array in arrays)
-    assert memory.table_bytes(loaded.scenario, world) == pytest.approx(taken, rel=0.25)
+    assert world.lidar.table_bytes == pytest.approx(taken, rel=0.25)
 
 
 def test_the_replay_is_as_long_as_the_training_at_most() -> None:

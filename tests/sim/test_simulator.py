@@ -129,10 +129,10 @@ def test_each_boat_sees_and_meets_its_own_harbor() -> None:
     starts = [replace(start_at(20, 0, 180), harbor=harbor) for harbor in (1, 0, 1, 0)]
     open_water, before_a_wall = walled(), walled(19.0)
     sim = Simulator(S3, [open_water, before_a_wall], 4)
+    sensors = [world.lidar for world in (open_water, before_a_wall)]
+    prepared = [sensor.scanned for sensor in sensors if isinstance(sensor, Rings)]
     sim.reset(np.arange(4), starts)
-    for world in (open_water, before_a_wall):
-        assert isinstance(world.lidar, Rings)
-        assert world.lidar.scanned == 2
+    assert [sensor.scanned for sensor in sensors if isinstance(sensor, Rings)] == [n + 2 for n in prepared]
     assert sim.step(np.zeros((4, 2))).collided.tolist() == [True, False, True, False]
     sim.eta = np.array([[x, 0.0, 0.1] for x in (1.0, 2.0, 3.0, 4.0)])
     assert np.array_equal(sim.scan(), Rings().sector_ranges(sim.eta))

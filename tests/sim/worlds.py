@@ -6,7 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dockctl.drawing.scene import Scene
-from dockctl.sim.simulator import World
+from dockctl.sim.world import World
 
 Floats = NDArray[np.float64]
 
@@ -33,7 +33,10 @@ class Rings:
     """Ranges that depend on the pose alone, and that count the boats scanned."""
 
     def __init__(self, sectors: int = 8) -> None:
-        self.sectors, self.scanned = sectors, 0
+        self.sectors, self.scanned, self.table_bytes = sectors, 0, 0
+
+    def points(self, pose: Floats) -> Floats:
+        return np.empty((0, 3))
 
     def sector_ranges(self, eta: Floats) -> Floats:
         self.scanned += len(eta)

@@ -6,7 +6,6 @@ Thesis section 3.1.2, Tables 3.2 and 3.3, eqs. 3.1-3.8, Fig. 3.9.
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable
 from dataclasses import dataclass
 from functools import cached_property, lru_cache
 from pathlib import Path
@@ -17,15 +16,20 @@ from numpy.typing import NDArray
 
 from dockctl.compute.cache import Arrays, cached
 from dockctl.compute.threads import usable_cores, workers
-from dockctl.scenarios.sensors import Lidar, LidarMount
 from dockctl.sim.lidar import height_grid, scan
-from dockctl.sim.lidar.height_grid import HeightGrid
+from dockctl.sim.lidar.height_grid import FINEST_CELL_M, MOST_CELLS, HeightGrid
 from dockctl.sim.lidar.raycast import BoundingVolumes, closest_hits
 from dockctl.sim.lidar.scan import Levels, ShellTable, needed_radii, sector_of, sector_ranges
+from dockctl.sim.lidar.spinning import LidarMount, SpinningLidars
 
 Floats = NDArray[np.float64]
 Ints = NDArray[np.int32]
 Tables = tuple[ShellTable, HeightGrid, Levels]
+
+# Measured on the reference marina with full LiDARs.
+RAY_BYTES = 160  # of the table of rays, for each ray of a scan
+CELL_BYTES = 36  # of the harbor's grid, for each of its cells
+GRID_MARGIN_M = 7.0  # by which the grid extends beyond the harbor, both sides together
 
 
 def rotation(mount: LidarMount) -> Floats:
@@ -58,7 +62,7 @@ class Rays:
     channel: Ints
 
     @classmethod
-    def of(cls, spec: Lidar) -> Rays:
+    def of(cls, spec: SpinningLidars) -> Rays:
         """Lay out the rays of `spec`: mounts x channels x azimuth steps."""
         elevation = np.radians(np.linspace(spec.lowest_channel_deg, spec.highest_channel_deg, spec.channels))
         azimuth = np.arange(spec.azimuth_steps) * (2 * np.pi / spec.azimuth_steps)
@@ -89,7 +93,7 @@ class LidarArray:
         triangles: (m, 3, 3) the harbor's surface in the world frame [m].
     """
 
-    spec: Lidar
+    spec: SpinningLidars
     triangles: Floats
 
     @cached_property
@@ -100,10 +104,24 @@ class LidarArray:
     def _volumes(self) -> BoundingVolumes:
         return BoundingVolumes.over(self.triangles)
 
-    @cached_property
+    @property
+    def table_bytes(self) -> int:
+        """Memory of the tables [bytes], from the number of rays and the extent of the harbor."""
+        extent = np.ptp(self.triangles[:, :, :2], axis=(0, 1))
+        cells = min(np.prod(extent + GRID_MARGIN_M) / FINEST_CELL_M**2, MOST_CELLS)
+        rays = len(self.spec.mounts) * self.spec.channels * self.spec.azimuth_steps
+        return RAY_BYTES * rays + CELL_BYTES * int(cells)
+
+    @property
     def _tables(self) -> Tables:
-        """What the compiled scan takes: rays by shells, the harbor's grid, and its level for each cell."""
-        return self._build_tables()
+        """What the compiled scan takes: rays by shells, the harbor's grid, and its level for each cell.
+
+        Not a `cached_property`: in Python 3.11 its lock would build the harbors' tables one by one.
+        """
+        built: Tables | None = vars(self).get("_built")
+        if built is None:
+            built = vars(self)["_built"] = self._build_tables()
+        return built
 
     def _build_tables(self) -> Tables:
         table = _shells(self.spec)
@@ -178,18 +196,8 @@ class LidarArray:
         )
 
 
-def prepare(sensors: Iterable[object]) -> None:
-    """Build the tables of those that are `LidarArray` now, side by side, not each at its first scan."""
-    lidars = [sensor for sensor in sensors if isinstance(sensor, LidarArray)]
-    for lidar in lidars[:1]:
-        lidar.sector_ranges(np.zeros((1, 3)))  # compiles, and builds what they all share
-    waiting = [lidar for lidar in lidars[1:] if "_tables" not in vars(lidar)]
-    for lidar, tables in zip(waiting, workers().map(LidarArray._build_tables, waiting), strict=True):
-        vars(lidar)["_tables"] = tables  # Python 3.11 lets one thread at a time into a cached property
-
-
 @lru_cache(maxsize=4)
-def _shells(spec: Lidar) -> ShellTable:
+def _shells(spec: SpinningLidars) -> ShellTable:
     """Return the rays by shells, which all the harbors share."""
 
     def build() -> Arrays:

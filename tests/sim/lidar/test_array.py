@@ -11,14 +11,14 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from dockctl.scenarios.loader import load
-from dockctl.scenarios.sensors import Lidar, LidarMount
 from dockctl.sim.lidar import array as lidar_module
 from dockctl.sim.lidar.array import LidarArray, Rays, rotation
 from dockctl.sim.lidar.height_grid import HeightGrid, band_at, bands_near, bits, distance_at
 from dockctl.sim.lidar.raycast import BoundingVolumes, closest_hits
-from dockctl.sim.simulator import build_worlds
+from dockctl.sim.lidar.spinning import LidarMount, SpinningLidars
+from dockctl.sim.world import build_worlds
 
-COARSE = Lidar(azimuth_steps=180)
+COARSE = SpinningLidars(azimuth_steps=180)
 
 
 def clutter(seed: int, solids: int = 40, spread: float = 25.0) -> np.ndarray:
@@ -58,18 +58,18 @@ def test_rotation_is_the_matrix_of_equation_3_2() -> None:
 
 
 def test_a_scan_has_every_ray_of_four_vlp16() -> None:
-    rays = Rays.of(Lidar())
+    rays = Rays.of(SpinningLidars())
     assert len(rays.directions) == 4 * 16 * 1800 == 115_200
     np.testing.assert_allclose(np.linalg.norm(rays.directions, axis=1), 1.0)
     assert 0.45 < np.mean(rays.directions[:, 2] > 0) < 0.55  # half of them look up
-    in_sensor = rays.directions[:28_800] @ rotation(Lidar().mounts[0])
+    in_sensor = rays.directions[:28_800] @ rotation(SpinningLidars().mounts[0])
     elevation = np.degrees(np.arcsin(in_sensor[:, 2])).reshape(16, 1800)
     np.testing.assert_allclose(elevation[:, 0], np.arange(-15, 16, 2), atol=1e-9)
     np.testing.assert_allclose(np.ptp(elevation, axis=1), 0, atol=1e-9)
 
 
 def test_rays_end_at_the_water() -> None:
-    rays = Rays.of(Lidar())
+    rays = Rays.of(SpinningLidars())
     ends = rays.origins + rays.reach[:, None] * rays.directions
     assert ends[:, 2].min() > -1e-9
     assert rays.reach.max() == 100.0
@@ -83,7 +83,7 @@ def test_open_water_reads_the_maximum_range() -> None:
 
 def test_a_wall_ahead_is_seen_at_its_distance() -> None:
     """The wall stands at x = 7: the two bow sectors read 7 m, the next two 7 / cos 45 degrees."""
-    ranges = LidarArray(Lidar(), wall(7.0, 4.0)).sector_ranges(np.zeros((1, 3)))[0]
+    ranges = LidarArray(SpinningLidars(), wall(7.0, 4.0)).sector_ranges(np.zeros((1, 3)))[0]
     np.testing.assert_allclose(ranges[[3, 4]], 7.0, atol=1e-3)
     np.testing.assert_allclose(ranges[[2, 5]], 7.0 * math.sqrt(2), atol=0.05)
     np.testing.assert_array_equal(ranges[[0, 1, 6, 7]], 100.0)
@@ -91,7 +91,7 @@ def test_a_wall_ahead_is_seen_at_its_distance() -> None:
 
 def test_a_near_wall_hides_a_far_one() -> None:
     both = np.concatenate([wall(7.0, 40.0), wall(12.0, 80.0)])
-    points = LidarArray(Lidar(), both).points(np.zeros(3))
+    points = LidarArray(SpinningLidars(), both).points(np.zeros(3))
     assert points[points[:, 0] > 8.01, 2].min() > 40.0
 
 
@@ -100,7 +100,7 @@ def test_sectors_turn_with_the_boat(heading: float) -> None:
     """A mast due east of the boat lies in the sector of the body-frame azimuth -heading."""
     mast = trimesh.creation.cylinder(radius=0.3, height=12, sections=32)
     mast.apply_translation([10.0, 1.0, 2.0])
-    ranges = LidarArray(Lidar(), np.array(mast.triangles)).sector_ranges(
+    ranges = LidarArray(SpinningLidars(), np.array(mast.triangles)).sector_ranges(
         np.array([[0, 0, math.radians(heading)]])
     )[0]
     azimuth = math.atan2(1.0, 10.0) - math.radians(heading)
@@ -128,7 +128,7 @@ def test_fast_scan_equals_full_scan_for_any_sensor(
         LidarMount(pitch_deg=pitch, yaw_deg=20.0, x_m=0.4, y_m=-0.7, z_m=2.0),
         LidarMount(pitch_deg=90.0 - pitch, roll_deg=13.0, yaw_deg=200.0, x_m=-1.5, y_m=0.0, z_m=0.7),
     )
-    spec = Lidar(channels=channels, azimuth_steps=73, range_m=reach, mounts=mounts, sectors=6)
+    spec = SpinningLidars(channels=channels, azimuth_steps=73, range_m=reach, mounts=mounts, sectors=6)
     array = LidarArray(spec, clutter(seed, solids=30, spread=8.0))
     poses = np.random.default_rng(seed).uniform(-8, 8, (10, 3))
     np.testing.assert_array_equal(array.sector_ranges(poses), array.sector_ranges_by_full_scan(poses))

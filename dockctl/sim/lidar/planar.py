@@ -1,0 +1,97 @@
+"""A planar scanner: one horizontal circle of rays around the body's origin."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cached_property
+from typing import TYPE_CHECKING, Literal
+
+import numpy as np
+from numpy.typing import NDArray
+from pydantic import Field
+
+from dockctl.geometry import sector_index
+from dockctl.plugins import RANGE_SENSORS
+from dockctl.scenarios.base import Count, NonNegative
+from dockctl.scenarios.extensions import Floats, RangeSensor, RangeSensorSpec
+from dockctl.scenarios.kinds import register
+
+if TYPE_CHECKING:
+    from dockctl.sim.lidar.raycast import BoundingVolumes
+
+BYTES_PER_TRIANGLE = 200  # of the tree over the harbor
+
+
+@register(RANGE_SENSORS, source="not in the thesis")
+class PlanarScanner(RangeSensorSpec):
+    """One horizontal circle of rays at height `z_m`; ray 0 points ahead, the others follow anticlockwise."""
+
+    kind: Literal["planar"] = "planar"
+    z_m: NonNegative = 1.0
+    rays: Count = Field(default=720, le=50_000)
+
+    def build(self, triangles: Floats) -> RangeSensor:
+        return PlanarSensor(self, triangles)
+
+
+@dataclass(frozen=True, eq=False)
+class PlanarSensor:
+    """A planar scanner in one harbor.
+
+    Args:
+        spec: the scanner.
+        triangles: (m, 3, 3) surface of the harbor in the world frame [m].
+    """
+
+    spec: PlanarScanner
+    triangles: Floats
+
+    @property
+    def table_bytes(self) -> int:
+        return BYTES_PER_TRIANGLE * len(self.triangles)
+
+    @cached_property
+    def _volumes(self) -> BoundingVolumes:
+        from dockctl.sim.lidar.raycast import BoundingVolumes
+
+        return BoundingVolumes.over(self.triangles)
+
+    @cached_property
+    def _beams(self) -> Floats:
+        """Directions of the rays in the body frame, (rays, 2)."""
+        angle = np.arange(self.spec.rays) * (2 * np.pi / self.spec.rays)
+        return np.column_stack([np.cos(angle), np.sin(angle)])
+
+    @cached_property
+    def _sectors(self) -> NDArray[np.int64]:
+        """Sector of each ray, (rays,): all returns of a ray through the body's origin are in one sector."""
+        return np.array([sector_index(x, y, self.spec.sectors) for x, y in self._beams])
+
+    def sector_ranges(self, eta: Floats) -> Floats:
+        """Return the nearest return of each sector, (n, sectors) [m], from the poses (n, 3)."""
+        nearest = np.full((len(eta), self.spec.sectors), self.spec.range_m)
+        for row, pose in zip(nearest, eta, strict=True):
+            np.minimum.at(row, self._sectors, self._trace(pose))
+        return nearest
+
+    def points(self, pose: Floats) -> Floats:
+        """Return the returns (k, 3) [m] in the body frame from one pose (3,)."""
+        hits = self._trace(pose)
+        seen = np.isfinite(hits)
+        return np.column_stack([hits[seen, None] * self._beams[seen], np.full(seen.sum(), self.spec.z_m)])
+
+    def _trace(self, pose: Floats) -> Floats:
+        """Return the distance (rays,) [m] to the nearest hit of each ray, infinity for a miss."""
+        from dockctl.sim.lidar.raycast import closest_hits
+
+        x, y, heading = pose
+        c, s = np.cos(heading), np.sin(heading)
+        directions = np.zeros((self.spec.rays, 3))
+        directions[:, :2] = self._beams @ [[c, s], [-s, c]]
+        origins = np.tile([x, y, self.spec.z_m], (self.spec.rays, 1))
+        reach = np.full(self.spec.rays, self.spec.range_m)
+        volumes = self._volumes
+        hits: Floats = closest_hits(
+            volumes.boxes, volumes.children, volumes.triangles, origins, directions, reach
+        )
+        return hits

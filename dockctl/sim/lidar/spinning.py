@@ -1,0 +1,53 @@
+"""Spinning LiDARs as data (thesis Tables 3.2 and 3.3)."""
+
+from __future__ import annotations
+
+from typing import Literal
+
+from pydantic import Field
+
+from dockctl.plugins import RANGE_SENSORS
+from dockctl.scenarios.base import Count, Model, NonNegative, Number
+from dockctl.scenarios.extensions import Floats, RangeSensor, RangeSensorSpec
+from dockctl.scenarios.kinds import register
+
+
+class LidarMount(Model):
+    """Where a LiDAR is mounted in the body frame: ``R = Rz(yaw) Ry(pitch) Rx(roll)`` (eq. 3.2).
+
+    Pitch > 0 looks down.
+    """
+
+    roll_deg: Number = 0.0
+    pitch_deg: Number
+    yaw_deg: Number
+    x_m: Number
+    y_m: Number
+    z_m: NonNegative
+
+
+THESIS_MOUNTS = (
+    LidarMount(pitch_deg=27.0, yaw_deg=0.0, x_m=1.0, y_m=0.0, z_m=3.0),
+    LidarMount(pitch_deg=50.0, yaw_deg=90.0, x_m=0.0, y_m=0.5, z_m=3.0),
+    LidarMount(pitch_deg=35.0, yaw_deg=180.0, x_m=-1.0, y_m=0.0, z_m=3.0),
+    LidarMount(pitch_deg=50.0, yaw_deg=270.0, x_m=0.0, y_m=-0.5, z_m=3.0),
+)
+
+
+@register(RANGE_SENSORS, source="Tables 3.2, 3.3")
+class SpinningLidars(RangeSensorSpec):
+    """Equal spinning LiDARs, by default four VLP-16, whose points are reduced to sectors (eqs. 3.7, 3.8)."""
+
+    kind: Literal["spinning"] = "spinning"
+    channels: Count = Field(default=16, le=1024)
+    lowest_channel_deg: Number = -15.0
+    highest_channel_deg: Number = 15.0
+    azimuth_steps: Count = Field(
+        default=1800, le=50_000, description="firings per revolution; 1800: every 0.2°"
+    )
+    mounts: tuple[LidarMount, ...] = Field(default=THESIS_MOUNTS, min_length=1, max_length=64)
+
+    def build(self, triangles: Floats) -> RangeSensor:
+        from dockctl.sim.lidar.array import LidarArray  # compiles on import: not for checking a scenario
+
+        return LidarArray(self, triangles)
