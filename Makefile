@@ -1,6 +1,7 @@
 # make dock   a boat learns to dock, from scratch: environment, training, evaluation, figures
 # make test   environment, then every check that a change must pass
 # make check  the same checks in the environment that is there
+# make results  write the results pages (docs/results.md, docs/results/) from the archived runs (results/)
 # make bench  the benchmarks against other libraries, and the page of their results (some minutes)
 # make clean  remove the environment and the tools' caches; runs/ stays
 
@@ -12,7 +13,7 @@ BIN := $(VENV)/bin
 BENCHMARKS := $(filter-out %/bench.py %/figures.py %/page.py %/gpu.py %/training.py,$(wildcard benchmarks/*.py))
 PIP := $(BIN)/python -m pip install --quiet --disable-pip-version-check --constraint constraints.txt
 
-.PHONY: dock test check bench clean
+.PHONY: dock test check results bench clean
 .DEFAULT_GOAL := dock
 
 dock: $(VENV)/.run
@@ -30,15 +31,18 @@ check:
 	$(BIN)/lint-imports
 	$(BIN)/pytest -n 2
 
+results: $(VENV)/.run
+	$(BIN)/python -m studies.thesis.build
+
 bench: $(VENV)/.bench
 	for script in $(BENCHMARKS); do $(BIN)/python $$script || exit 1; done
 	$(BIN)/python benchmarks/page.py
 
 clean:
 	rm -rf $(VENV) build dist .import_linter_cache .mypy_cache .pytest_cache .ruff_cache .hypothesis
-	find dockctl tests examples -name __pycache__ -type d -prune -exec rm -rf {} +
+	find dockctl studies tests examples -name __pycache__ -type d -prune -exec rm -rf {} +
 
-# The stamps live inside the environment, which is made anew whenever what it holds is declared anew.
+# Stamps inside the environment: it is rebuilt when the dependencies change.
 $(VENV)/.run: pyproject.toml constraints.txt
 	$(PYTHON) -m venv --clear $(VENV)
 	@echo "installing dockctl into $(VENV) (a few minutes the first time)"

@@ -67,7 +67,8 @@ class TestWheel:
         }
         assert {"s1.yaml", "s2.yaml", "s3.yaml"} <= files
         assert {f"dockctl/scenarios/data/{file}" for file in files} <= contents
-        studies = {path.name for path in (ROOT / "studies").glob("*.yaml")}
+        studies = {path.relative_to(ROOT / "studies") for path in (ROOT / "studies").glob("*/study.yaml")}
+        assert studies
         assert {f"dockctl/scenarios/studies/{file}" for file in studies} <= contents
 
     def test_it_carries_every_checkpoint(self, contents: set[str]) -> None:

@@ -19,7 +19,7 @@ def record(
     ] = None,
     out: Annotated[
         Path | None,
-        typer.Option(help="Folder of the recording; elsewhere/<scenario> in the run folder by default."),
+        typer.Option(help="Folder of the recording; transfer/<scenario> in the run folder by default."),
     ] = None,
 ) -> None:
     """Play greedy episodes and record every step of them; dockctl plot draws the folder like a run.

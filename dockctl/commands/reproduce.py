@@ -1,4 +1,4 @@
-"""``dockctl reproduce``: every training and measurement of a study, and the pages that show them."""
+"""``dockctl reproduce``: all trainings and measurements of a study."""
 
 from __future__ import annotations
 
@@ -10,46 +10,37 @@ import typer
 from dockctl.experiments.interrupt import INTERRUPTED
 
 FAILED = 1
+THESIS = "thesis"
 
 
 def reproduce(
     names: Annotated[
-        list[str] | None, typer.Argument(help="Experiments or groups of the study; all if none is given.")
+        list[str] | None, typer.Argument(help="Experiments or groups of the study; all by default.")
     ] = None,
-    study: Annotated[str, typer.Option(help="Study file, or the name of a packaged one.")] = "thesis",
-    out: Annotated[Path, typer.Option(help="Gets <experiment>/<scenario>/<time>-seed<N>/.")] = Path(
-        "runs/reproduce"
-    ),
+    study: Annotated[str, typer.Option(help="Study file, or name of a packaged study.")] = THESIS,
+    out: Annotated[
+        Path, typer.Option(help="Run folders: <out>/<study>/<experiment>/<scenario>/<time>-seed<N>/.")
+    ] = Path("runs/reproduce"),
     jobs: Annotated[
         int | None, typer.Option(min=1, max=1024, help="Trainings side by side.", show_default="cores")
     ] = None,
-    results: Annotated[Path, typer.Option(help="Folder that keeps the small files of every run.")] = Path(
-        "results"
-    ),
-    docs: Annotated[Path, typer.Option(help="Folder of the pages and their figures.")] = Path("docs"),
-    pages: Annotated[
-        bool, typer.Option("--pages", help="Train nothing; keep what is finished, and write the pages.")
-    ] = False,
-    unfinished: Annotated[
-        bool, typer.Option("--unfinished", help="Keep trainings under way, too; the pages say so.")
-    ] = False,
+    results: Annotated[
+        Path, typer.Option(help="Archive of small files: <results>/<study>/<experiment>/seed<N>/.")
+    ] = Path("results"),
 ) -> None:
-    """Train, evaluate and plot everything that the results pages show, and write them.
+    """Train and measure all that a study lists, and archive the small files of every finished run.
 
-    What is there already is not done again, and an interrupted training is taken up where it was.
+    Finished work is not repeated, and an interrupted training is resumed.
 
     Example: dockctl reproduce s1 s2 s3
     """
     from dockctl.compute.threads import usable_cores
-    from dockctl.experiments import publishing
-    from dockctl.experiments import study as reproduction
+    from dockctl.experiments.study import run_study
 
-    if pages:
-        publishing.publish(study, names or [], out, results, docs, unfinished=unfinished)
-        return
-    ending = reproduction.carry_out(study, names or [], out, jobs or usable_cores())
+    ending = run_study(study, names or [], out, results, jobs or usable_cores())
     if ending == "interrupted":
         raise typer.Exit(INTERRUPTED)
-    publishing.publish(study, names or [], out, results, docs, unfinished=unfinished)
+    if study == THESIS:
+        print("To write the results pages in a source checkout: make results")
     if ending == "failed":
         raise typer.Exit(FAILED)

@@ -13,9 +13,8 @@ from dockctl.envs.vector import DockingVectorEnv
 from dockctl.errors import DockctlError
 from dockctl.evaluation.policies import find
 from dockctl.evaluation.starts import player, pose_check, shown_starts, trajectories_csv
-from dockctl.experiments.archive import ELSEWHERE
 from dockctl.geometry import pose_array
-from dockctl.runs.directory import SCENARIO, require_replaceable
+from dockctl.runs.directory import SCENARIO, TRANSFER, require_replaceable
 from dockctl.runs.files import new_folder
 from dockctl.scenarios.loader import dump
 from dockctl.sim.sites import own_site
@@ -35,7 +34,7 @@ def record(ckpt: Path | None, source: str | None, poses: Sequence[str], out: Pat
     trained = find(ckpt)
     loaded = trained.scenario(source)
     scenario = loaded.scenario
-    folder = out or (trained.run.path if trained.run else Path()) / ELSEWHERE / scenario.name
+    folder = out or (trained.run.path if trained.run else Path()) / TRANSFER / scenario.name
     require_replaceable(folder, (SCENARIO, SCENE, TRAJECTORIES), ("figures",), "earlier recording")
     worlds = build_worlds(scenario, loaded.base_dir)
     trained.require_fit(DockingVectorEnv(loaded, 1, worlds=worlds))

@@ -1,7 +1,7 @@
-"""The small files of a run, copied to where results are kept: enough for every figure and every number.
+"""Archive the small files of finished runs: enough for every figure and number, without checkpoints.
 
-A kept run is a run folder without checkpoints; its large tables are compressed, and its plan view points
-to one file for all runs in the same harbor.
+An archived run is read like a run folder. Its large tables are compressed, and its plan view refers to one
+file that all runs in the same harbor share.
 """
 
 from __future__ import annotations
@@ -14,53 +14,73 @@ import json
 from collections.abc import Callable
 from pathlib import Path
 
-from dockctl.runs.directory import PROVENANCE, SCENARIO, RunDirectory
+from dockctl.runs.directory import (
+    ARCHIVED_AS,
+    EPISODES_CSV,
+    EVALUATION,
+    EVALUATIONS_CSV,
+    LATENCY,
+    MAP,
+    PROVENANCE,
+    RETURNS,
+    SCENARIO,
+    SCENE,
+    TIMING_CSV,
+    TRAJECTORIES_CSV,
+    TRANSFER,
+    UPDATES_CSV,
+    RunDirectory,
+)
 from dockctl.runs.files import new_folder, reading, writing
 from dockctl.runs.tables import to_csv
 
-PLAIN = ("evaluations.csv", "timing.csv", "evaluation*.csv", "map.csv", "returns.csv", "figures/latency.json")
-COMPRESSED = ("episodes.csv", "figures/latency.csv")
+COPIED = (
+    EVALUATIONS_CSV,
+    TIMING_CSV,
+    f"{EVALUATION}*.csv",
+    f"{MAP}.csv",
+    f"{RETURNS}.csv",
+    f"{LATENCY}.json",
+)
+COMPRESSED = (EPISODES_CSV, f"{LATENCY}.csv")
 FACTS = ("dockctl", "git_commit", "seed", "python", "libraries", "started", "finished", "stop_reason")
-"""What is kept of a run's provenance; paths of the machine are not."""
-MACHINE = ("processor", "cores")
+"""Archived keys of the provenance; it has others with paths of the machine."""
+HARDWARE = ("processor", "cores")
 UPDATE_ROWS = 400
-TRACKS = 16
-"""Trajectories that are kept of each run."""
+TRAJECTORIES = 16
+"""Largest number of archived trajectories per run."""
 SCENES = "scenes"
-POINTER = "kept_as"
-ELSEWHERE, FAILURES = "elsewhere", "failures"
-"""Where a run has recordings of its policy in other places, and the one of its nearest failures."""
 
 
-def keep(run: Path, results: Path, experiment: str, seed: int) -> Path:
-    """Copy what is small of the finished run to ``<results>/<experiment>/seed<N>/``, replacing what is there.
+def archive(run: Path, results: Path, experiment: str, seed: int) -> Path:
+    """Copy the small files of a finished run to ``<results>/<experiment>/seed<N>/``; replace an earlier copy.
 
     Raises:
-        DockctlError: a file of the run is broken, or the place cannot be written to.
+        DockctlError: a file of the run is damaged, or the folder cannot be written.
     """
-    kept = results / experiment / f"seed{seed}"
-    with new_folder(kept) as folder:
-        for file in dict.fromkeys(path for pattern in PLAIN for path in sorted(run.glob(pattern))):
+    archived = results / experiment / f"seed{seed}"
+    with new_folder(archived) as folder:
+        for file in dict.fromkeys(path for pattern in COPIED for path in sorted(run.glob(pattern))):
             (folder / file.name).write_bytes(file.read_bytes())
         for name in COMPRESSED:
             _compress(run / name, folder / f"{Path(name).name}.gz")
-        _compress(run / "updates.csv", folder / "updates.csv.gz", _thinned)
+        _compress(run / UPDATES_CSV, folder / f"{UPDATES_CSV}.gz", _thinned)
         _write_json(folder / PROVENANCE, _facts(run))
-        _keep_course(run, folder, results)
-        for course in sorted((run / ELSEWHERE).glob("*")):
-            (folder / ELSEWHERE / course.name).mkdir(parents=True)
-            _keep_course(course, folder / ELSEWHERE / course.name, results)
-    return kept
+        _archive_recording(run, folder, results)
+        for recording in sorted((run / TRANSFER).glob("*")):
+            (folder / TRANSFER / recording.name).mkdir(parents=True)
+            _archive_recording(recording, folder / TRANSFER / recording.name, results)
+    return archived
 
 
-def _keep_course(source: Path, folder: Path, results: Path) -> None:
-    """Scenario, plan view and trajectories: what a drawing of the boat's way needs."""
+def _archive_recording(source: Path, folder: Path, results: Path) -> None:
+    """Copy scenario, plan view and trajectories: what a drawing of a maneuver needs."""
     with reading(source / SCENARIO):
         scenario = (source / SCENARIO).read_bytes()
     (folder / SCENARIO).write_bytes(scenario)
-    _compress(source / "trajectories.csv", folder / "trajectories.csv.gz", _first_tracks)
-    with reading(source / "scene.json"):
-        content = (source / "scene.json").read_bytes()
+    _compress(source / TRAJECTORIES_CSV, folder / f"{TRAJECTORIES_CSV}.gz", _first_trajectories)
+    with reading(source / SCENE):
+        content = (source / SCENE).read_bytes()
         name = f"{json.loads(content)['name']}-{hashlib.sha256(content).hexdigest()[:8]}.json.gz"
     target = results / SCENES / name
     if not target.exists():
@@ -68,13 +88,13 @@ def _keep_course(source: Path, folder: Path, results: Path) -> None:
         with writing(target):
             target.write_bytes(gzip.compress(content, mtime=0))
     up = "/".join([".."] * len(folder.relative_to(results).parts))
-    _write_json(folder / "scene.json", {POINTER: f"{up}/{SCENES}/{name}"})
+    _write_json(folder / SCENE, {ARCHIVED_AS: f"{up}/{SCENES}/{name}"})
 
 
 def _facts(run: Path) -> dict[str, object]:
     facts = RunDirectory(run).read_json(PROVENANCE)
-    machine = facts.get("hardware", {})
-    return {name: facts.get(name) for name in FACTS} | {name: machine.get(name) for name in MACHINE}
+    hardware = facts.get("hardware", {})
+    return {name: facts.get(name) for name in FACTS} | {name: hardware.get(name) for name in HARDWARE}
 
 
 def _compress(source: Path, target: Path, change: Callable[[str], str] = str) -> None:
@@ -85,15 +105,15 @@ def _compress(source: Path, target: Path, change: Callable[[str], str] = str) ->
 
 
 def _thinned(text: str) -> str:
-    """At most `UPDATE_ROWS` rows of a table, evenly apart, the last among them."""
+    """At most `UPDATE_ROWS` evenly spaced rows of a table, including the last one."""
     header, *lines = text.splitlines(keepends=True)
     stride = -(-len(lines) // UPDATE_ROWS) or 1
     return "".join([header, *lines[::-1][::stride][::-1]])
 
 
-def _first_tracks(text: str) -> str:
+def _first_trajectories(text: str) -> str:
     rows = csv.DictReader(io.StringIO(text))
-    return to_csv([row for row in rows if int(row["pose"]) < TRACKS], rows.fieldnames or ())
+    return to_csv([row for row in rows if int(row["pose"]) < TRAJECTORIES], rows.fieldnames or ())
 
 
 def _write_json(path: Path, value: object) -> None:

@@ -24,6 +24,7 @@ Written by the commands that measure the policy:
 ``evaluation.csv/json``   episodes and summary of ``dockctl evaluate``
 ``map.csv/json``          outcome by start pose, of ``dockctl map``
 ``returns.csv/json``      discounted returns of behaviors, of ``dockctl returns``
+``transfer/``             recordings on other scenarios, of ``dockctl record``
 ``figures/``              figures, and ``latency.csv/json`` of ``dockctl latency``
 ========================  =============================================================================
 
@@ -54,6 +55,11 @@ EPISODES_CSV, UPDATES_CSV, EVALUATIONS_CSV = "episodes.csv", "updates.csv", "eva
 TIMING_CSV, TRAJECTORIES_CSV = "timing.csv", "trajectories.csv"
 EVALUATION, MAP, RETURNS, LATENCY = "evaluation", "map", "returns", "figures/latency"
 """Measurements of the policy: a table (.csv), and a .json file with the policy's hash."""
+OVERVIEW = "figures/overview.png"
+TRANSFER, FAILURES = "transfer", "failures"
+"""Folder of the recordings on other scenarios, and in it that of a study's nearest failures."""
+ARCHIVED_AS = "archived_as"
+"""Key in the scene file of an archived run: relative path of the compressed scene that several runs share."""
 FIGURES, CHECKPOINTS, PLUGINS, MESHES = "figures", "checkpoints", "plugins", "meshes"
 BEST, LAST = "best", "last"
 SHIPPED = Path(dockctl.__file__).parent / "checkpoints"

@@ -13,7 +13,7 @@ from pydantic import ValidationError
 
 from dockctl.drawing.scene import Scene
 from dockctl.errors import DockctlError
-from dockctl.experiments.archive import POINTER
+from dockctl.runs.directory import ARCHIVED_AS
 from dockctl.runs.files import reading
 from dockctl.scenarios.base import Pose
 from dockctl.scenarios.schema import Task
@@ -105,15 +105,15 @@ def read_run(folder: Path) -> Run:
 
 
 def read_scene(path: Path) -> Scene:
-    """Read the plan view of the harbor, or the one that a kept run points to.
+    """Read the plan view of the harbor, or the shared one that an archived run points to.
 
     Raises:
         DockctlError: it is missing or broken.
     """
     with reading(path):
         data = json.loads(path.read_text(encoding="utf-8"))
-        if POINTER in data:
-            data = json.loads(gzip.decompress((path.parent / data[POINTER]).read_bytes()))
+        if ARCHIVED_AS in data:
+            data = json.loads(gzip.decompress((path.parent / data[ARCHIVED_AS]).read_bytes()))
         return Scene.from_json(data)
 
 

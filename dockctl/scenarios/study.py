@@ -1,8 +1,9 @@
-"""A study: which scenarios are trained, how often, with what changed, and what is measured afterwards."""
+"""A study: which scenarios are trained, with how many seeds and which settings, and what is measured."""
 
 from __future__ import annotations
 
 import os
+import re
 from collections.abc import Sequence
 from pathlib import Path
 from typing import Annotated, Literal, Self
@@ -11,7 +12,7 @@ from pydantic import Field, ValidationError, model_validator
 
 from dockctl.errors import DockctlError, InputError, nearest
 from dockctl.scenarios import translate
-from dockctl.scenarios.base import Count, Model, Name
+from dockctl.scenarios.base import NAME, Count, Model, Name
 from dockctl.scenarios.catalog import SUFFIXES, packaged, shown
 from dockctl.scenarios.yaml_tree import read_file
 
@@ -22,11 +23,11 @@ class Experiment(Model):
     """One scenario, trained with the seeds 0 to `seeds` - 1.
 
     Attributes:
-        group: experiments that are asked for, and shown, together.
-        title: what is special about it, in a few words.
-        set: values that are changed, ``key=value`` as after ``--set``.
-        evaluate_on: other scenarios that the trained policies are tried on.
-        probes: what else is measured of every policy.
+        group: name that selects several experiments together.
+        title: short description.
+        set: overrides, ``key=value`` as after ``--set``.
+        evaluate_on: other scenarios to evaluate the trained policies on.
+        probes: further measurements of every policy.
     """
 
     name: Name
@@ -39,28 +40,33 @@ class Experiment(Model):
     probes: tuple[Probe, ...] = ()
 
     def overrides(self, seed: int) -> list[str]:
-        """What makes the scenario that of one training."""
+        """Overrides that turn the scenario into that of one training."""
         return [*self.set, f"training.seed={seed}"]
 
 
 class Study(Model):
-    """Experiments in the order in which they are made and shown."""
+    """Experiments in the order in which they run.
 
+    Attributes:
+        name: folder of its runs and results; by default the name of the file.
+    """
+
+    name: Name = "study"
     title: str = ""
     experiments: tuple[Experiment, ...] = Field(min_length=1)
 
     @model_validator(mode="after")
-    def _own_names(self) -> Self:
+    def _unique_names(self) -> Self:
         names = [experiment.name for experiment in self.experiments]
         if twice := sorted({name for name in names if names.count(name) > 1}):
-            raise ValueError(f"several experiments are called {', '.join(twice)}")
+            raise ValueError(f"several experiments are named {', '.join(twice)}")
         return self
 
     def chosen(self, names: Sequence[str]) -> tuple[Experiment, ...]:
-        """Return the experiments called, or in a group called, one of `names`; all where there are none.
+        """Return the experiments that `names` select by name or group; all where it is empty.
 
         Raises:
-            DockctlError: nothing is called so.
+            DockctlError: a name is unknown.
         """
         known = {name for experiment in self.experiments for name in (experiment.name, experiment.group)}
         for name in names:
@@ -71,21 +77,33 @@ class Study(Model):
 
 
 def load_study(source: str) -> Study:
-    """Load the study file `source`, or the packaged study of that name.
+    """Load a study file, or a packaged study by name.
 
     Raises:
-        InputError: every problem of the file, each with its place.
-        DockctlError: there is no such study.
+        InputError: every problem of the file, each with its location.
+        DockctlError: the study is unknown, or its name cannot be used.
     """
     path = Path(source)
+    known = {file.parent.name: file for file in packaged("studies", "studies").glob("*/study.yaml")}
     if path.suffix not in SUFFIXES and not os.path.isfile(path):
-        known = {file.stem: file for file in packaged("studies", "studies").glob("*.yaml")}
         if source not in known:
             message = f"there is no study '{source}' (known: {', '.join(sorted(known))})"
             raise DockctlError(message, code="unknown_name", suggestion=nearest(source, known))
         path = known[source]
     tree = read_file(path, shown(path))
     try:
-        return Study.model_validate(tree.plain())
+        study = Study.model_validate(tree.plain())
     except ValidationError as error:
         raise InputError(translate.problems(error, tree, Study)) from None
+    name = study.name if "name" in study.model_fields_set else path.stem
+    if not re.fullmatch(NAME, name):
+        raise DockctlError(
+            f"{shown(path)}: name: '{name}' cannot be a folder name;"
+            " set a name of letters, digits, dots, dashes and underscores"
+        )
+    if name in known and path.resolve() != known[name].resolve():
+        raise DockctlError(
+            f"{shown(path)}: name: '{name}' is the name of a packaged study, whose results it would replace;"
+            " set another name"
+        )
+    return study.model_copy(update={"name": name})

@@ -11,17 +11,17 @@ from dockctl.scenarios.base import Pose
 from tests.commands.conftest import dockctl
 
 
-def test_a_recording_elsewhere_lies_in_the_run_and_is_drawn_like_one(run: Path, tmp_path: Path) -> None:
+def test_a_recording_transfer_lies_in_the_run_and_is_drawn_like_one(run: Path, tmp_path: Path) -> None:
     outcome = dockctl("record", "--ckpt", run, "--scenario", "s2", "--pose", "20,2,160")
     assert outcome.code == 0, outcome.err
     assert outcome.out.startswith("from 20, 2, 160°: ")
-    recorded = read_run(run / "elsewhere" / "s2")
+    recorded = read_run(run / "transfer" / "s2")
     assert (recorded.scenario, recorded.tests) == ("s2", (Pose(x_m=20, y_m=2, heading_deg=160),))
     assert recorded.trajectories is not None
     first = recorded.trajectories.iloc[0]
     assert (first["x_m"], first["y_m"], first["heading_deg"]) == (20, 2, 160)
-    assert dockctl("plot", run / "elsewhere" / "s2").code == 0
-    assert (run / "elsewhere" / "s2" / "figures" / "docking-poses.png").is_file()
+    assert dockctl("plot", run / "transfer" / "s2").code == 0
+    assert (run / "transfer" / "s2" / "figures" / "docking-poses.png").is_file()
 
 
 def test_without_a_pose_it_records_the_test_poses_as_the_training_did(run: Path, tmp_path: Path) -> None:
@@ -61,4 +61,4 @@ def test_a_pose_that_is_not_free_is_told(run: Path, pose: str, told: str) -> Non
     outcome = dockctl("record", "--ckpt", run, "--pose", pose)
     assert outcome.code == 2
     assert told in outcome.err
-    assert not (run / "elsewhere").exists()
+    assert not (run / "transfer").exists()

@@ -1,4 +1,4 @@
-"""``dockctl reproduce``: what is done is found again, what is not is done, and Ctrl-C leaves it resumable."""
+"""``dockctl reproduce``: finished work is not repeated, the rest is done, and Ctrl-C leaves it resumable."""
 
 from __future__ import annotations
 
@@ -16,22 +16,17 @@ import pytest
 from rich.console import Console
 
 import dockctl as package
-from dockctl.experiments import runner as crew
+from dockctl.experiments import study as study_module
 from dockctl.experiments.jobs import Job, Stage, jobs_of, nearest_failures
-from dockctl.experiments.runner import Crew, Progress
-from dockctl.experiments.study import Display
+from dockctl.experiments.study import Display, JobRunner, Progress
 from dockctl.scenarios.files import naming
 from dockctl.scenarios.loader import dump
-from dockctl.scenarios.study import Experiment, Study, load_study
+from dockctl.scenarios.study import Experiment
 from tests.commands.conftest import QUICK, Outcome, dockctl
 
 Trained = tuple[Path, Outcome]
 EXAMPLES = Path(__file__).parents[2] / "examples"
 SET = (*QUICK, "training.total_steps=300")
-
-
-def study(*experiments: Experiment) -> Study:
-    return Study(experiments=experiments)
 
 
 def tiny(**given: object) -> Experiment:
@@ -40,15 +35,15 @@ def tiny(**given: object) -> Experiment:
 
 
 def write_study(folder: Path, experiment: Experiment) -> Path:
-    path = folder / "study.yaml"
+    path = folder / "mine.yaml"
     path.write_text(json.dumps({"experiments": [experiment.model_dump(mode="json")]}))
     return path
 
 
 @pytest.fixture
 def out(trained: Trained, tmp_path: Path) -> Path:
-    """A folder that holds the finished training of seed 3."""
-    folder = tmp_path / "out"
+    """Run folders of the study `mine`, with the finished training of seed 3."""
+    folder = tmp_path / "runs" / "mine"
     run = folder / "tiny" / "s1" / trained[0].name
     shutil.copytree(trained[0], run, ignore=shutil.ignore_patterns("figures", "evaluation*"))
     return folder
@@ -68,7 +63,7 @@ def change_facts(run: Path, **facts: object) -> None:
     path.write_text(json.dumps(json.loads(path.read_text()) | facts))
 
 
-def test_a_finished_training_is_not_made_again(out: Path) -> None:
+def test_finished_training_is_not_repeated(out: Path) -> None:
     *others, third = jobs(out)
     assert third.training() is None
     assert third.finished() == the_run(out)
@@ -80,22 +75,22 @@ def test_a_finished_training_is_not_made_again(out: Path) -> None:
         assert [*stage.arguments].count("--set") == len(SET)
 
 
-def test_it_is_known_by_its_scenario_whatever_its_folder_is_called(out: Path) -> None:
+def test_run_is_recognized_by_its_scenario_not_its_folder_name(out: Path) -> None:
     the_run(out).rename(the_run(out).parent / "renamed")
     assert jobs(out)[3].training() is None
 
 
-def test_another_training_of_that_seed_is_told_and_left_alone(out: Path) -> None:
+def test_mismatched_run_is_reported_and_not_used(out: Path) -> None:
     job = jobs(out, set=(*SET, "reward.terms.speed=-5"))[3]
     stage = job.training()
     assert stage is not None
     assert stage.name == "train"
-    ((run, difference),) = job.strangers()
+    ((run, difference),) = job.mismatched_runs()
     assert run == the_run(out)
     assert difference.startswith("reward.terms is [")
 
 
-def test_a_mesh_is_known_by_what_it_holds_wherever_it_lies(out: Path) -> None:
+def test_mesh_is_compared_by_content(out: Path) -> None:
     source = EXAMPLES / "custom-harbor" / "s1-pontoon.yaml"
     job = jobs(out, scenario=str(source))[3]
     run, mesh = the_run(out), the_run(out) / "meshes" / "00-pontoon.obj"
@@ -104,11 +99,11 @@ def test_a_mesh_is_known_by_what_it_holds_wherever_it_lies(out: Path) -> None:
     (run / "scenario.yaml").write_text(dump(naming(job.scenario, (), ["meshes/00-pontoon.obj"])))
     assert job.training() is None
     mesh.write_text(mesh.read_text() + "# changed\n")
-    ((_, difference),) = job.strangers()
+    ((_, difference),) = job.mismatched_runs()
     assert difference.startswith("harbor.meshes is [")
 
 
-def test_an_interrupted_training_is_taken_up(out: Path) -> None:
+def test_interrupted_training_is_resumed(out: Path) -> None:
     change_facts(the_run(out), finished=None, stop_reason="interrupted")
     stage = jobs(out)[3].training()
     assert stage is not None
@@ -119,7 +114,7 @@ def test_an_interrupted_training_is_taken_up(out: Path) -> None:
     assert stage.name == "train"
 
 
-def test_what_is_measured_follows_the_experiment(out: Path) -> None:
+def test_measurements_follow_the_experiment(out: Path) -> None:
     job = jobs(out, evaluate_on=["s2"], probes=["latency", "returns"])[3]
     names = ["evaluate", "evaluate on s2", "record on s2", "plot", "latency", "returns"]
     assert [stage.name for stage in job.measurements()] == names
@@ -147,13 +142,13 @@ def test_the_nearest_failures_are_one_of_each_kind(tmp_path: Path) -> None:
 def work(
     jobs: list[Job], stages: dict[int, list[Stage]], monkeypatch: pytest.MonkeyPatch
 ) -> dict[int, Progress]:
-    monkeypatch.setattr(crew, "_stages", lambda job: iter(stages.get(job.seed, [])))
-    workers = Crew(jobs, 2, lambda progress: None)
-    workers.work(lambda: None)
-    return {progress.job.seed: progress for progress in workers.progress}
+    monkeypatch.setattr(study_module, "_stages", lambda job: iter(stages.get(job.seed, [])))
+    runner = JobRunner(jobs, 2, lambda progress: None)
+    runner.work(lambda: None)
+    return {progress.job.seed: progress for progress in runner.progress}
 
 
-def test_one_failure_stops_only_its_own_job(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_failure_stops_only_its_own_job(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     good, bad = Stage("good", ("--version",)), Stage("bad", ("validate", "s9"))
     ended = work(jobs(tmp_path, seeds=3), {0: [good, good], 1: [bad, good]}, monkeypatch)
     assert [ended[seed].state for seed in range(3)] == ["done", "failed", "done"]
@@ -161,64 +156,84 @@ def test_one_failure_stops_only_its_own_job(tmp_path: Path, monkeypatch: pytest.
     assert ended[0].job.log.read_text().count("$ dockctl --version\ndockctl ") == 2
 
 
-@pytest.mark.parametrize(("stage", "told"), [("", "failed: "), ("plot", "plot failed: ")])
-def test_a_failure_is_told_in_a_sentence(tmp_path: Path, stage: str, told: str) -> None:
+@pytest.mark.parametrize(("stage", "expected"), [("", "failed: "), ("plot", "plot failed: ")])
+def test_failure_is_one_line(tmp_path: Path, stage: str, expected: str) -> None:
     (job,) = jobs(tmp_path, seeds=1)
     console = Console(file=io.StringIO())
-    board = Display(console, Crew([job], 1, lambda progress: None))
-    board.tell(Progress(job, state="failed", stage=stage, reason="no  failed [x]"))
+    board = Display(console, JobRunner([job], 1, lambda progress: None))
+    board.report(Progress(job, state="failed", stage=stage, reason="no  failed [x]"))
     assert isinstance(console.file, io.StringIO)
-    assert console.file.getvalue() == f"tiny seed 0: {told}no  failed [x] (see {job.log})\n"
+    assert console.file.getvalue() == f"tiny seed 0: {expected}no  failed [x] (see {job.log})\n"
 
 
-def test_a_stage_that_leaves_nothing_has_failed(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_stage_without_its_file_has_failed(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     stage = Stage("empty", ("--version",), leaves=tmp_path / "nowhere")
     assert work(jobs(tmp_path, seeds=1), {0: [stage]}, monkeypatch)[0].state == "failed"
 
 
-def test_ctrl_c_leaves_a_training_that_is_taken_up(tmp_path: Path) -> None:
+def test_ctrl_c_leaves_a_resumable_training(tmp_path: Path) -> None:
     endless = tiny(seeds=1, set=(*QUICK, "training.total_steps=1000000"))
     command = [
         *(sys.executable, "-m", "dockctl", "reproduce", "--study", str(write_study(tmp_path, endless))),
-        *("--out", "out", "--results", "results", "--docs", "docs"),
+        *("--out", "out", "--results", "results"),
     ]
     paths = {"PYTHONPATH": str(Path(package.__file__).parent.parent)}
     process = subprocess.Popen(
         command, cwd=tmp_path, env=os.environ | paths, stdout=subprocess.PIPE, text=True, process_group=0
     )
     try:
-        while not list(tmp_path.glob("out/tiny/s1/*/checkpoints/last/learner.json")):
+        while not list(tmp_path.glob("out/mine/tiny/s1/*/checkpoints/last/learner.json")):
             assert process.poll() is None
             time.sleep(0.2)
         process.send_signal(signal.SIGINT)
-        said, _ = process.communicate(timeout=60)
+        printed, _ = process.communicate(timeout=60)
     finally:
         process.kill()
     assert process.returncode == 130
-    assert "Trainings are saved. To go on:" in said
-    (job,) = jobs_of([endless], tmp_path / "out")
+    assert "dockctl reproduce --study" in printed
+    (job,) = jobs_of([endless], tmp_path / "out" / "mine")
     stage = job.training()
     assert stage is not None
     assert stage.name == "resume"
     assert not (tmp_path / "results").exists()
 
 
-def test_pages_are_written_from_what_is_finished(out: Path, tmp_path: Path) -> None:
-    run, source = the_run(out), write_study(tmp_path, tiny())
-    assert dockctl("evaluate", "--ckpt", run).code == 0
-    places = ("--study", source, "--out", out, "--results", tmp_path / "results", "--docs", tmp_path / "docs")
-    assert load_study(str(source)).experiments == (tiny(),)
-    outcome = dockctl("reproduce", "--pages", *places)
+def snapshot(folder: Path) -> dict[str, bytes]:
+    files = (path for path in folder.rglob("*") if path.is_file())
+    return {path.relative_to(folder).as_posix(): path.read_bytes() for path in files}
+
+
+def test_study_writes_only_its_own_runs_and_results(
+    trained: Trained, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    source = write_study(tmp_path, tiny(seeds=1, set=(*SET, "training.seed=3")))
+    monkeypatch.setattr(Experiment, "overrides", lambda self, seed: [*self.set, "training.seed=3"])
+    shutil.copytree(trained[0], tmp_path / "runs" / "reproduce" / "mine" / "tiny" / "s1" / trained[0].name)
+    for name in ("docs/results.md", "docs/figures/results/other.png", "results/thesis/s1/seed0/scene.json"):
+        (tmp_path / name).parent.mkdir(parents=True)
+        (tmp_path / name).write_text("of another study")
+    before = snapshot(tmp_path)
+    monkeypatch.chdir(tmp_path)
+    outcome = dockctl("reproduce", "--study", source)
     assert outcome.code == 0, outcome.err
-    assert "| `tiny` |" in (tmp_path / "docs" / "results.md").read_text()
-    assert (tmp_path / "results" / "tiny" / "seed3" / "episodes.csv.gz").is_file()
+    after = snapshot(tmp_path)
+    assert "results/mine/tiny/seed0/episodes.csv.gz" in after
+    assert before.items() <= after.items()
+    own = ("results/mine/", "runs/reproduce/mine/")
+    assert [name for name in after if name not in before and not name.startswith(own)] == []
 
 
-def test_mistakes_are_told_before_anything_is_made(tmp_path: Path) -> None:
+def test_errors_come_before_anything_is_written(tmp_path: Path) -> None:
     outcome = dockctl("reproduce", "s7", "--out", tmp_path / "out")
     assert (outcome.code, (tmp_path / "out").exists()) == (2, False)
-    assert "no experiment or group 's7'" in outcome.err
+    assert "'s7'" in outcome.err
     source = write_study(tmp_path, tiny(set=("training.bots=2",)))
     outcome = dockctl("reproduce", "--study", source, "--out", tmp_path / "out")
     assert (outcome.code, (tmp_path / "out").exists()) == (2, False)
-    assert "experiment tiny: --set training.bots: unknown key 'bots'; did you mean 'boats'?" in outcome.err
+    assert "experiment tiny: --set training.bots: " in outcome.err
+    assert "'boats'" in outcome.err
+    mine = write_study(tmp_path, tiny())
+    mine.rename(tmp_path / "thesis.yaml")
+    outcome = dockctl("reproduce", "--study", tmp_path / "thesis.yaml", "--out", tmp_path / "out")
+    assert (outcome.code, (tmp_path / "out").exists()) == (2, False)
+    assert "thesis.yaml: name: " in outcome.err

@@ -1,4 +1,4 @@
-"""Studies: what may stand in them, what is told of mistakes, and that the packaged one fits the scenarios."""
+"""Study files: their schema, their errors, and that the packaged study fits the scenarios."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ def test_every_experiment_of_the_packaged_study_is_a_valid_scenario(experiment: 
         assert load(other).scenario.task.final
 
 
-def test_the_thesis_learner_sails_its_full_number_of_episodes_in_both_readings() -> None:
+def test_thesis_learner_trains_its_full_number_of_episodes_in_both_units() -> None:
     found = set()
     for experiment in THESIS.chosen(["thesis"]):
         scenario = load(experiment.scenario, overrides=experiment.overrides(0)).scenario
@@ -66,10 +66,25 @@ def test_every_problem_has_its_location(tmp_path: Path) -> None:
     }
 
 
-def test_names_are_used_once(tmp_path: Path) -> None:
+def test_names_are_unique(tmp_path: Path) -> None:
     row = "  - {name: a, group: g, scenario: s1}\n"
-    with pytest.raises(InputError, match="several experiments are called a"):
+    with pytest.raises(InputError, match=r"study\.yaml"):
         load_study(write(tmp_path, "experiments:\n" + row + row))
+
+
+def test_name_comes_from_the_file_unless_it_is_set(tmp_path: Path) -> None:
+    row = "experiments: [{name: a, group: g, scenario: s1}]\n"
+    assert load_study(write(tmp_path, row)).name == "study"
+    assert load_study(write(tmp_path, "name: mine\n" + row)).name == "mine"
+    bad = tmp_path / "my study.yaml"
+    bad.write_text(row)
+    with pytest.raises(DockctlError, match=r"my study\.yaml: name: "):
+        load_study(str(bad))
+
+
+def test_packaged_study_name_cannot_be_reused(tmp_path: Path) -> None:
+    with pytest.raises(DockctlError, match="name: 'thesis'"):
+        load_study(write(tmp_path, "name: thesis\nexperiments: [{name: a, group: g, scenario: s1}]\n"))
 
 
 def test_every_key_is_documented_with_its_default() -> None:

@@ -1,1 +1,0 @@
-"""The pages that lay the thesis' results and ours side by side, made from kept runs alone."""

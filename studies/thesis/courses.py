@@ -1,0 +1,158 @@
+"""Greedy episodes on one sheet: the ways over the harbor, and all that the boat did on them."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import matplotlib as mpl
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure, SubFigure
+
+from dockctl.analysis.trajectories import Track
+from dockctl.drawing import palette
+from dockctl.drawing.scene import Scene
+from dockctl.reports import scene, trajectory
+from dockctl.reports.style import key, panel, sheet
+from dockctl.scenarios.schema import Task
+from dockctl.scenarios.vessel import Vessel
+from studies.thesis.kept import Course, Kept
+
+MOTIONS = (
+    trajectory.draw_distance,
+    trajectory.draw_heading_error,
+    trajectory.draw_velocity,
+    trajectory.draw_yaw_rate,
+)
+TITLED_IN = 8.5
+"""Least width of a sheet, for its title [inches]."""
+CONTROLS = ((trajectory.draw_propeller, "P [N]"), (trajectory.draw_rudder, "φ [°]"))
+
+
+def by_seed(courses: Sequence[tuple[int, Sequence[Track]]]) -> list[Track]:
+    """The first track of every seed, named and colored by seed."""
+    return [
+        Track(f"seed {seed}", palette.SERIES[seed % len(palette.SERIES)], tracks[0].table)
+        for seed, tracks in courses
+        if tracks
+    ]
+
+
+def course_figure(
+    title: str, subtitle: str, plan: Scene, task: Task, tracks: Sequence[Track], cited: Sequence[str]
+) -> Figure:
+    """Pose, distance, heading error, velocities and controls (thesis Figs. 4.4-4.10 and their like).
+
+    Args:
+        cited: the thesis' seven figures, in the order of its sections.
+    """
+    lower_height = 0.55 + 0.85 * len(tracks)
+    figure = sheet(title, subtitle, (13.0, 7.6 + lower_height))
+    rows = figure.add_gridspec(2, 1, height_ratios=(6.9, lower_height))
+    upper, lower = figure.add_subfigure(rows[0]), figure.add_subfigure(rows[1])
+    columns = upper.add_gridspec(1, 2, width_ratios=(1.0, 1.12))
+    left, right = upper.add_subfigure(columns[0]), upper.add_subfigure(columns[1])
+    draw_ways(left.add_subplot(), plan, task, tracks, cited[0])
+    for ax, draw, number in zip(right.subplots(2, 2).ravel(), MOTIONS, cited[1:5], strict=True):
+        with mpl.rc_context({"lines.linewidth": 1.1 if len(tracks) > 1 else 1.6}):
+            draw(ax, tracks, task)
+        if (legend := ax.get_legend()) and len(tracks) > 1:
+            legend.remove()  # the ways carry the same colors
+        _cite(ax, number)
+    _draw_controls(lower, tracks, task, cited[5:])
+    return figure
+
+
+def draw_ways(ax: Axes, plan: Scene, task: Task, tracks: Sequence[Track], number: str) -> None:
+    """The ways over the part of the harbor that holds them."""
+    ways = [track.table[["x_m", "y_m"]].to_numpy(float) for track in tracks]
+    points = np.concatenate([*ways, scene.task_points(task)])
+    whole = scene.embracing(plan, points)
+    view = scene.close_view(whole, points, aspect=(0.9, 0.98))
+    scene.draw_harbor(ax, whole, view)
+    scene.draw_paths(ax, whole, tracks, task)
+    key(ax, [(track.label, track.color) for track in tracks], columns=3)
+    scene.draw_compass(ax, view)
+    _cite(ax, number)
+
+
+def ways_figure(title: str, subtitle: str, panels: Sequence[tuple[str, Course]]) -> Figure:
+    """The ways of several policies side by side, each over its harbor."""
+    columns = min(3, len(panels))
+    rows = -(-len(panels) // columns)
+    figure = sheet(title, subtitle, (max(4.5 * columns, TITLED_IN), 0.8 + 4.5 * rows))
+    axes = np.atleast_1d(figure.subplots(rows, columns)).ravel()
+    before: list[str] = []
+    for ax, (name, course) in zip(axes, panels, strict=False):
+        draw_ways(ax, course.scene, course.task, course.tracks, "")
+        labels = [track.label for track in course.tracks]
+        room = "\n" + ax.get_title() if len(labels) > 1 else ""  # what the key above the axes takes
+        if (legend := ax.get_legend()) and labels == before:
+            legend.remove()  # the panel before it names the same colors
+        ax.set_title("")
+        ax.set_title(name + room, loc="left", fontsize=9, fontweight="bold", linespacing=1.5)
+        before = labels
+    for ax in axes[len(panels) :]:
+        ax.set_visible(False)
+    return figure
+
+
+def starts_figure(runs: Sequence[tuple[str, str, Kept]]) -> Figure:
+    """The poses of the scenarios, side by side (Figs. 3.13-3.15); name, thesis figure and a run of each."""
+    figure = sheet(
+        "Where the scenarios begin and end", "blue: initial poses, violet: further test poses, red: goals",
+        (13.6, 5.6),
+    )  # fmt: skip
+    axes = np.atleast_1d(figure.subplots(1, len(runs)))
+    for ax, (name, number, kept) in zip(axes, runs, strict=True):
+        run = kept.run
+        points = scene.task_points(run.task, run.tests)
+        view = scene.close_view(run.scene, points, aspect=(1.0, 1.0))
+        scene.draw_harbor(ax, run.scene, view)
+        scene.draw_poses(ax, run.scene, run.task, run.tests)
+        ax.set_title(name, loc="left", fontsize=9, fontweight="bold", color=palette.INK)
+        _cite(ax, number)
+    return figure
+
+
+def surge_figure(vessel: Vessel, seconds: float = 30.0) -> Figure:
+    """Surge after the largest force is set on a boat at rest (Fig. 3.10), in closed form.
+
+    With the rudder amidships the boat runs straight, and (m - X_udot) u' = P - X_u u - X_uu u² is Riccati's.
+    """
+    force, mass = vessel.max_propeller_n, vessel.mass_kg - vessel.X_udot_kg
+    linear, square = vessel.X_u_kgps, vessel.X_uu_kgpm
+    root = np.sqrt(linear**2 + 4 * square * force)
+    top = (root - linear) / (2 * square)
+    time = np.linspace(0, seconds, 301)
+    fading = np.exp(-root * time / mass)
+    speed = top * (1 - fading) / (1 + fading * (root - linear) / (root + linear))
+    figure, ax = panel(
+        "Surge at full force", f"{force:g} N and rudder amidships, from rest; it tends to {top:.4f} m/s"
+    )
+    ax.plot(time, speed, color=palette.SINGLE)
+    ax.axhline(top, color=palette.INK_SOFT, lw=1.0, ls=(0, (4, 2)))
+    ax.set_xlabel("Time [s]")
+    ax.set_ylabel("Surge u [m/s]")
+    ax.set_ylim(0, 1.1 * top)
+    _cite(ax, "3.10")
+    return figure
+
+
+def _draw_controls(figure: SubFigure, tracks: Sequence[Track], task: Task, cited: Sequence[str]) -> None:
+    axes = figure.subplots(len(tracks), 2, sharex=True, sharey="col", squeeze=False)
+    end = max(float(track.table["time_s"].iloc[-1]) for track in tracks)
+    for row, track in zip(axes, tracks, strict=True):
+        for ax, (draw, label) in zip(row, CONTROLS, strict=True):
+            draw(ax, [track], task)
+            ax.set_xlim(0, 1.015 * end)
+            ax.set_ylabel(label, fontsize=8.5)
+            ax.set_xlabel("Time [s]" if track is tracks[-1] else "")
+        row[0].set_title(track.label, loc="left", fontsize=8.5, color=track.color, fontweight="bold", pad=2)
+    for ax, number in zip(axes[0], cited, strict=True):
+        _cite(ax, number)
+
+
+def _cite(ax: Axes, number: str) -> None:
+    if number:
+        ax.set_title(f"Fig. {number}", loc="right", fontsize=8.5, color=palette.INK_SOFT)
