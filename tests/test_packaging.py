@@ -20,6 +20,7 @@ from pydantic import BaseModel
 import dockctl
 from dockctl.cli import app
 from dockctl.runs.directory import SHIPPED
+from dockctl.scenarios.harbor import DEFAULT_MODELS
 from dockctl.scenarios.loader import load
 from dockctl.scenarios.schema import Scenario
 from dockctl.scenarios.training import THESIS
@@ -70,6 +71,9 @@ class TestWheel:
         studies = {path.relative_to(ROOT / "studies") for path in (ROOT / "studies").glob("*/study.yaml")}
         assert studies
         assert {f"dockctl/scenarios/studies/{file}" for file in studies} <= contents
+
+    def test_it_carries_every_vessel_model(self, contents: set[str]) -> None:
+        assert {f"dockctl/sim/harbor/vessels/{name}.obj" for name in DEFAULT_MODELS} <= contents
 
     def test_it_carries_every_checkpoint(self, contents: set[str]) -> None:
         files = {path.relative_to(ROOT).as_posix() for path in SHIPPED.rglob("*") if path.is_file()}

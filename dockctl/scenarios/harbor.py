@@ -2,16 +2,21 @@
 
 from __future__ import annotations
 
-from typing import Annotated, Literal, Self, get_args
+from pathlib import Path
+from typing import Annotated, Literal, Self
 
 from pydantic import Field, model_validator
 
+from dockctl.errors import nearest
 from dockctl.scenarios.base import FieldError, Model, Number, Positive
 
-ModelName = Literal[
+VESSEL_MODELS = Path(__file__).parents[1] / "sim" / "harbor" / "vessels"
+"""Folder of the moored vessels' mesh files; the name of a model is the name of its file."""
+DEFAULT_MODELS = (
     "skiff", "console", "cuddy", "dinghy", "daysailer", "sloop", "cruiser",
     "sedan", "express", "flybridge", "inflatable", "catamaran",
-]  # fmt: skip
+)  # fmt: skip
+"""The models of the packaged harbors. They are listed, because another file must not change these harbors."""
 
 Side = Literal["east", "west", "north", "south"]
 
@@ -99,7 +104,16 @@ class Fleet(Model):
 
     seed: int = Field(default=0, ge=0, strict=True)
     stern_gap_m: Positive = 0.7
-    models: tuple[ModelName, ...] = Field(default=get_args(ModelName), min_length=1)
+    models: tuple[str, ...] = Field(default=DEFAULT_MODELS, min_length=1)
+
+    @model_validator(mode="after")
+    def _models_exist(self) -> Self:
+        known = sorted(file.stem for file in VESSEL_MODELS.glob("*.obj"))
+        for index, name in enumerate(self.models):
+            if name not in known:
+                message = f"unknown vessel model '{name}' (known: {', '.join(known)})"
+                raise FieldError(f"models.{index}", message, "unknown_name", nearest(name, known))
+        return self
 
 
 class MeshFile(Model):
@@ -118,7 +132,7 @@ class Marina(Model):
     name: str = "marina"
     basin: Basin
     rows: tuple[PierRow, ...] = Field(min_length=1)
-    fleet: Fleet = Fleet()
+    fleet: Fleet = Field(default_factory=Fleet)
     meshes: tuple[MeshFile, ...] = ()
 
 

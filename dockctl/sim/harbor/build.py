@@ -22,7 +22,7 @@ from dockctl.scenarios.vessel import Hull
 from dockctl.sim.harbor.fleet import MooredModel, moored_model
 from dockctl.sim.harbor.mesh_files import load_bodies
 from dockctl.sim.harbor.outlines import outlines
-from dockctl.sim.harbor.solids import Solid, box, together, tube
+from dockctl.sim.harbor.solids import Solid, box, joined, tube
 from dockctl.sim.hull import hull_outline
 
 Floats = NDArray[np.float64]
@@ -36,7 +36,7 @@ FINGER_HEIGHT_M = 0.5
 DEPTH_M = 1.0
 """How far quays and piles reach below the water; nothing there is seen, but hulls have a draft."""
 ELBOW_ROOM_M = 0.3
-"""Least water on both sides of a moored vessel together."""
+"""Least water on both sides of a moored vessel joined."""
 BERTH_POSE_GAP_M = 2.5
 """From the quay to a docked boat's centre of gravity; (36, 0, 180 deg) at the reference's east quay."""
 INTO_BASIN_DEG: dict[Side, int] = {"east": 180, "west": 0, "north": 270, "south": 90}
@@ -54,7 +54,7 @@ class Part:
     @cached_property
     def mesh(self) -> trimesh.Trimesh:
         """All the solids in one mesh."""
-        return together(self.solids)
+        return joined(self.solids)
 
 
 @dataclass(frozen=True, eq=False)
@@ -150,7 +150,7 @@ def assemble(
     berths: Sequence[Berth] = (),
     basin: tuple[float, float, float, float] | None = None,
 ) -> Harbor:
-    """Put a harbor together from its parts."""
+    """Put a harbor joined from its parts."""
     triangles = np.concatenate([part.mesh.vertices[part.mesh.faces] for part in parts]).astype(np.float64)
     counts = [len(part.mesh.faces) for part in parts]
     digest = hashlib.sha256(triangles.tobytes())
@@ -243,20 +243,22 @@ def _moored(spec: Marina, berths: Sequence[Berth]) -> Iterator[Part]:
         if not berth.occupied:
             continue
         if model is None:
-            narrowest = min(moored_model(name).beam for name in spec.fleet.models)
+            narrowest = min(moored_model(name).beam_m for name in spec.fleet.models)
             raise DockctlError(
                 f"harbor '{spec.name}': the {berth.name} leaves {room:.2f} m for a vessel, "
                 f"and the narrowest model of the fleet is {narrowest:.2f} m wide; widen it or free it"
             )
         place = Place.of(row.side, spec.basin, at, gap=spec.fleet.stern_gap_m)
-        yield Part(f"moored {model.noun}, {berth.name}", "vessel", tuple(map(place.put, model.solids)))
+        yield Part(
+            f"moored {model.vessel_class}, {berth.name}", "vessel", tuple(map(place.put, model.solids))
+        )
 
 
 def _draw(deck: list[str], names: Sequence[str], room: float, rng: np.random.Generator) -> MooredModel | None:
     """Take the first model of the shuffled deck that is at most `room` wide [m]; when none is, add a deck."""
     for _ in range(2):
         for name in deck:
-            if moored_model(name).beam <= room:
+            if moored_model(name).beam_m <= room:
                 deck.remove(name)
                 return moored_model(name)
         deck += [names[i] for i in np.argsort(rng.random(len(names)))]

@@ -1,59 +1,104 @@
-"""The twelve models of moored vessels, of our own drawing, in the classes of the thesis' appendix A."""
+"""Models of moored vessels, one OBJ file each in ``vessels/``.
+
+A file can be edited or replaced (in Blender: import and export with Z up), and a new file is a new model. The
+first line is a comment with the class of the vessel. Every object is one closed solid, named
+``<number>-<kind>``: drawings paint the solids in the order of their numbers, and the kinds are those of
+`dockctl.drawing.scene.KINDS`.
+"""
 
 from __future__ import annotations
 
-from collections.abc import Callable
+import math
 from dataclasses import dataclass
 from functools import cache, cached_property
+from itertools import pairwise
+from pathlib import Path
 
+import numpy as np
 import trimesh
 
-from dockctl.sim.harbor.motorboats import console, cuddy, express, flybridge, inflatable, sedan, skiff
-from dockctl.sim.harbor.sailboats import catamaran, cruiser, daysailer, dinghy, sloop
-from dockctl.sim.harbor.solids import Solid, together
-
-MODELS: dict[str, tuple[str, Callable[[], list[Solid]]]] = {
-    "skiff": ("open boat", skiff),
-    "console": ("open boat", console),
-    "cuddy": ("open boat", cuddy),
-    "dinghy": ("sailing boat", dinghy),
-    "daysailer": ("sailing boat", daysailer),
-    "sloop": ("sailing boat", sloop),
-    "cruiser": ("sailing boat", cruiser),
-    "sedan": ("motor yacht", sedan),
-    "express": ("motor yacht", express),
-    "flybridge": ("motor yacht", flybridge),
-    "inflatable": ("inflatable boat", inflatable),
-    "catamaran": ("catamaran", catamaran),
-}
-"""Name to (what a message calls it, recipe)."""
+from dockctl.errors import InputError, Problem
+from dockctl.runs.files import reading
+from dockctl.scenarios.harbor import VESSEL_MODELS
+from dockctl.sim.harbor.solids import Solid, joined
 
 
 @dataclass(frozen=True, eq=False)
 class MooredModel:
-    """A vessel in its own frame: aftmost point at x = 0, bow along +x, water at z = 0 [m].
+    """A vessel in its own frame: stern at x = 0, bow along +x, waterline at z = 0 [m].
 
-    `solids` are its closed pieces, in the order in which a drawing from above paints them.
+    Attributes:
+        vessel_class: for example "sailing boat", for messages.
+        solids: closed solids in painting order.
     """
 
-    name: str
-    noun: str
+    vessel_class: str
     solids: tuple[Solid, ...]
 
     @cached_property
     def mesh(self) -> trimesh.Trimesh:
-        """All the solids in one mesh."""
-        return together(self.solids)
+        """All solids in one mesh."""
+        return joined(self.solids)
 
     @property
-    def beam(self) -> float:
+    def beam_m(self) -> float:
+        """Greatest breadth [m]."""
         return float(self.mesh.extents[1])
 
 
 @cache
 def moored_model(name: str) -> MooredModel:
-    """Build the model called `name`, a key of `MODELS`."""
-    noun, build = MODELS[name]
-    solids = build()
+    """Return the model `name`, read from its file.
+
+    Raises:
+        InputError: the file is damaged.
+        DockctlError: the file cannot be read.
+    """
+    return read_model(VESSEL_MODELS / f"{name}.obj")
+
+
+def read_model(path: Path) -> MooredModel:
+    """Read a vessel from an OBJ file; the coordinates are the file's numbers as float64, shifted to x >= 0.
+
+    Raises:
+        InputError: a line is not valid, an object has no triangles, or there are no objects.
+        DockctlError: the file cannot be read.
+    """
+    with reading(path):
+        lines = path.read_text(encoding="utf-8").splitlines()
+    vertices: list[list[float]] = []
+    objects: dict[str, list[list[int]]] = {}
+    faces: list[list[int]] = []
+    for number, line in enumerate(lines, start=1):
+        keyword, *words = line.split() or ["#"]
+        try:
+            if keyword == "o":
+                faces = objects[words[0]] = []
+            elif keyword == "v":
+                x, y, z = map(float, words[:3])
+                if not math.isfinite(x + y + z):
+                    raise ValueError(line)
+                vertices.append([x, y, z])
+            elif keyword == "f":
+                corners = [int(word.partition("/")[0]) - 1 for word in words]
+                if len(corners) < 3 or min(corners) < 0 or max(corners) >= len(vertices):
+                    raise ValueError(line)
+                faces += [[corners[0], *pair] for pair in pairwise(corners[1:])]
+        except (ValueError, IndexError):
+            message = f"not a valid '{keyword}' line of an OBJ file: {line.strip()!r}"
+            raise InputError([Problem(str(path), number, 1, "", message, "not_readable")]) from None
+    if not objects or not all(objects.values()):
+        message = "contains no objects" if not objects else "contains an object without faces"
+        raise InputError([Problem(str(path), 0, 0, "", message, "not_readable")])
+    points = np.array(vertices)
+    solids = [_solid(name, points, np.array(objects[name])) for name in sorted(objects)]
     stern = min(solid.mesh.bounds[0, 0] for solid in solids)
-    return MooredModel(name, noun, tuple(solid.shifted((-stern, 0.0, 0.0)) for solid in solids))
+    vessel_class = lines[0].removeprefix("#").strip() if lines[0].startswith("#") else "vessel"
+    return MooredModel(vessel_class, tuple(solid.shifted((-stern, 0.0, 0.0)) for solid in solids))
+
+
+def _solid(name: str, points: np.ndarray, faces: np.ndarray) -> Solid:
+    """Return one object of a file; Blender appends a number to names that occur twice: ``00-hull.001``."""
+    used, index = np.unique(faces, return_inverse=True)
+    mesh = trimesh.Trimesh(points[used], index.reshape(-1, 3), process=False)
+    return Solid(name.partition("-")[2].partition(".")[0], mesh)

@@ -27,8 +27,8 @@ class Solid:
         return Solid(self.kind, trimesh.Trimesh(vertices, self.mesh.faces, process=False))
 
 
-def together(solids: Iterable[Solid]) -> trimesh.Trimesh:
-    """Return all the solids in one mesh; their vertices stay apart, so that each remains closed."""
+def joined(solids: Iterable[Solid]) -> trimesh.Trimesh:
+    """Return all solids in one mesh; vertices are not merged, so that each solid remains closed."""
     meshes = [solid.mesh for solid in solids]
     offsets = np.cumsum([0, *(len(mesh.vertices) for mesh in meshes)])
     faces = [mesh.faces + offset for mesh, offset in zip(meshes, offsets, strict=False)]
@@ -86,15 +86,6 @@ def tube(path: Points, radius: ArrayLike, sides: int = 6) -> trimesh.Trimesh:
         across = np.cross(tangent, normal)
         rings.append(point + r * (np.outer(np.cos(angles), normal) + np.outer(np.sin(angles), across)))
     return loft(rings)
-
-
-def rounded(half_length: float, half_width: float, corners: float = 5.0, sides: int = 16) -> Floats:
-    """Return a (sides, 2) superellipse around the origin; `corners` 2 is an ellipse, larger is squarer."""
-    angles = np.arange(sides) * (2 * np.pi / sides)
-    cosine, sine = np.cos(angles), np.sin(angles)
-    xy = np.column_stack((cosine, sine))
-    xy = np.sign(xy) * np.abs(xy) ** (2 / corners)
-    return np.asarray(np.where(np.abs(xy) < 1e-9, 0.0, xy) * (half_length, half_width))
 
 
 def _cap(k: int) -> NDArray[np.int64]:

@@ -1,10 +1,9 @@
-"""Recipes of the open boats, the motor yachts and the inflatable."""
+"""Open boats, motor yachts and the inflatable."""
 
 from __future__ import annotations
 
 import numpy as np
-
-from dockctl.sim.harbor.boatyard import (
+from boatyard import (
     CHINE,
     FLAT,
     House,
@@ -20,11 +19,12 @@ from dockctl.sim.harbor.boatyard import (
     pair,
     pulpit,
 )
+
 from dockctl.sim.harbor.solids import Solid
 
 
 def skiff() -> list[Solid]:
-    """A rowing boat with thwarts and its oars laid in."""
+    """A rowing boat with thwarts and oars."""
     lines = Lines(5.2, 1.7, 0.15, (0.52, 0.42, 0.74), FLAT, transom=0.68, rake=0.45, stern_rake=0.15)
     well = Well(0.12, 4.5, 0.08, 0.07)
     oar = [(1.0, 0.28, 0.42), (3.0, 0.36, 0.42), (3.3, 0.37, 0.42), (3.6, 0.38, 0.42)]
@@ -42,7 +42,7 @@ def skiff() -> list[Solid]:
 
 
 def console() -> list[Solid]:
-    """A fishing boat with a centre console under a hard top."""
+    """A fishing boat with a center console under a hard top."""
     lines = Lines(6.5, 2.3, 0.35, (0.75, 0.8, 1.15), CHINE, transom=0.9, rake=0.8, fullness=2.6)
     well = Well(0.55, 4.9, 0.3, 0.16)
     post = House(2.7, 3.6, 0.42, 0.4, 0.3, 1.25, rake_fore=0.25, tumble=0.04)
@@ -64,7 +64,7 @@ def console() -> list[Solid]:
 
 
 def cuddy() -> list[Solid]:
-    """A small fishing boat with its wheelhouse forward."""
+    """A small fishing boat with the wheelhouse forward."""
     lines = Lines(5.8, 2.2, 0.35, (0.75, 0.78, 1.15), CHINE, transom=0.9, rake=0.6, fullness=2.8)
     well = Well(0.4, 2.9, 0.28, 0.16)
     house = House(2.85, 4.55, 0.8, 0.6, 0.72, 2.15, rake_aft=-0.1, rake_fore=0.35, tumble=0.1, corners=6)
@@ -131,7 +131,7 @@ def express() -> list[Solid]:
 
 
 def flybridge() -> list[Solid]:
-    """A motor yacht of two floors."""
+    """A motor yacht with two decks."""
     lines = Lines(9.3, 3.0, 0.6, (1.05, 1.2, 1.75), CHINE, transom=0.92, rake=1.1, fullness=2.8)
     well = Well(0.35, 2.3, 0.65, 0.2)
     trunk = House(5.6, 8.0, 1.0, 0.55, 1.25, 1.95, rake_aft=0.0, rake_fore=1.1, tumble=0.14, corners=3.5)

@@ -1,8 +1,8 @@
-"""Recipes of the sailing boats and the catamaran."""
+"""Sailing boats and the catamaran."""
 
 from __future__ import annotations
 
-from dockctl.sim.harbor.boatyard import (
+from boatyard import (
     FLAT,
     House,
     Lines,
@@ -18,6 +18,7 @@ from dockctl.sim.harbor.boatyard import (
     rig,
     rudder,
 )
+
 from dockctl.sim.harbor.solids import Solid
 
 
@@ -99,7 +100,7 @@ def cruiser() -> list[Solid]:
 
 
 def catamaran() -> list[Solid]:
-    """Two slender hulls, a bridge deck with its house, and a net between the bows."""
+    """Two slender hulls, a bridge deck with a house, and a net between the bows."""
     lines = Lines(
         8.6, 0.9, 0.4, (0.75, 0.95, 1.05), FLAT, transom=0.8, stern_rake=-0.5, rake=0.15, fullness=2.6
     )

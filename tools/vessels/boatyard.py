@@ -1,6 +1,6 @@
-"""What boats are made of: hulls lofted from their lines, deckhouses, rigs, rails, engines.
+"""Parts of boats: hulls lofted from their lines, deckhouses, rigs, rails, engines.
 
-The frame is the boat's: x from the transom forward, y to port, z up from the waterline; metres.
+The frame has x from the transom forward, y to port, z up from the waterline; meters.
 """
 
 from __future__ import annotations
@@ -12,25 +12,25 @@ import numpy as np
 import trimesh
 from numpy.typing import ArrayLike, NDArray
 
-from dockctl.sim.harbor.solids import Points, Solid, box, loft, rounded, tube
+from dockctl.sim.harbor.solids import Points, Solid, box, loft, tube
 
 Floats = NDArray[np.float64]
 
 Section = tuple[tuple[float, float], ...]
-"""Half a cross-section from keel to sheer: (part of the half-breadth, part of the depth)."""
+"""Half a cross-section from keel to sheer: (fraction of the half-breadth, fraction of the depth)."""
 ROUND: Section = ((0, 0), (0.42, 0.06), (0.72, 0.22), (0.88, 0.45), (0.96, 0.72), (1, 1))
 CHINE: Section = ((0, 0), (0.5, 0.17), (0.86, 0.33), (0.89, 0.36), (0.96, 0.7), (1, 1))
 FLAT: Section = ((0, 0), (0.62, 0.06), (0.8, 0.12), (0.88, 0.45), (0.95, 0.75), (1, 1))
 
 WIDEST = 0.42
-"""Where a boat is broadest, as a part of its length from the transom."""
+"""Position of the greatest breadth, as a fraction of the length from the transom."""
 STEM_BREADTH = 0.03
-"""Half-breadth of the stem, as a part of the greatest one."""
+"""Half-breadth of the stem, as a fraction of the greatest."""
 
 
 @dataclass(frozen=True)
 class Well:
-    """A recess in the deck from x0 to x1 [m], `margin` inside the sheer, its sole at the height `sole`."""
+    """A recess in the deck from x0 to x1, `margin` inside the sheer, its sole at the height `sole` [m]."""
 
     x0: float
     x1: float
@@ -43,11 +43,11 @@ class Lines:
     """The lines of a hull [m].
 
     Attributes:
-        sheer: height of the deck's edge at the transom, at the broadest place, and at the stem.
-        transom: breadth of the transom as a part of the beam.
+        sheer: height of the deck edge at the transom, at the greatest breadth, and at the stem.
+        transom: breadth of the transom as a fraction of the beam.
         fullness: how bluff the bow is in plan; 2 is fine, 3 is full.
-        rake, stern_rake: how far the stem leans forward, and the transom aft, from keel to sheer.
-        rise: how far the keel rises towards the transom.
+        rake, stern_rake: forward lean of the stem, and aft lean of the transom, from keel to sheer.
+        rise: rise of the keel towards the transom.
     """
 
     length: float
@@ -70,7 +70,7 @@ class Lines:
         return np.asarray(self.beam / 2 * np.where(t < WIDEST, aft, forward))
 
     def deck(self, x: ArrayLike, y: ArrayLike = 0.0) -> Floats:
-        """Height of the deck, which is cambered."""
+        """Height of the cambered deck."""
         t = np.asarray(x, dtype=np.float64) / self.length
         sheer = np.polyval(np.polyfit((0, WIDEST, 1), self.sheer, 2), t)
         return np.asarray(sheer + self.camber * (1 - (np.asarray(y) / self.half_breadth(x)) ** 2))
@@ -150,7 +150,7 @@ class House:
     sides: int = 20
 
     def ring(self, part: float, grow: float = 0.0) -> Floats:
-        """Return the outline at a part of the height, `grow` metres outside of the wall."""
+        """Return the outline at a fraction of the height, `grow` meters outside of the wall."""
         x0, x1 = self.x0 + part * self.rake_aft, self.x1 - part * self.rake_fore
         xy = rounded(1.0, 1.0, self.corners, self.sides)
         half = self.aft + (self.fore - self.aft) * (xy[:, 0] + 1) / 2 - part * self.tumble + grow
@@ -170,7 +170,7 @@ class House:
         return Solid(kind, loft([edge, edge + 0.6 * up, crown + up]))
 
     def floor(self, inset: float) -> Solid:
-        """Return a dark sheet over an open top, so that it reads as a cockpit."""
+        """Return a dark sheet over an open top, so that it looks like a cockpit."""
         top = self.ring(1, -inset)
         return Solid("cockpit", loft([top, top + np.array([0, 0, 0.01])]))
 
@@ -180,6 +180,15 @@ class House:
         """Walls, windows and roof; of cloth if `canvas`."""
         wall, roof = ("canvas", "canvas") if canvas else ("cabin", "roof")
         return [self.walls(wall), self.windows(low, high), self.roof(overhang, kind=roof)]
+
+
+def rounded(half_length: float, half_width: float, corners: float = 5.0, sides: int = 16) -> Floats:
+    """Return a (sides, 2) superellipse around the origin; `corners` 2 is an ellipse, larger is squarer."""
+    angles = np.arange(sides) * (2 * np.pi / sides)
+    cosine, sine = np.cos(angles), np.sin(angles)
+    xy = np.column_stack((cosine, sine))
+    xy = np.sign(xy) * np.abs(xy) ** (2 / corners)
+    return np.asarray(np.where(np.abs(xy) < 1e-9, 0.0, xy) * (half_length, half_width))
 
 
 def bar(kind: str, path: Points, radius: ArrayLike = 0.015, sides: int = 4) -> Solid:
@@ -209,10 +218,11 @@ def rig(
     stem: Sequence[float] | None = None,
     backstay: bool = True,
 ) -> list[Solid]:
-    """Return mast at `x`, boom with mainsail, spreaders, stays, and a jib rolled around the forestay [m].
+    """Return the mast at `x`, boom with mainsail, spreaders, stays, and a jib rolled around the forestay [m].
 
-    `top` and `foot` are the heights of the mast's ends, `boom` is the boom's length. The shrouds end
-    `shrouds` from the centre line and the forestay at `stem`, if not at the deck's edge and the bow.
+    `top` and `foot` are the heights of the ends of the mast, `boom` is the length of the boom. By default the
+    shrouds end at the deck edge and the forestay at the bow; `shrouds` is another distance from the center
+    line, `stem` another point.
     """
     radius = 0.006 * top + 0.02
     gooseneck = foot + 1.0
@@ -274,7 +284,7 @@ def lifelines(lines: Lines, x0: float, x1: float, height: float = 0.6, posts: in
 
 
 def fenders(lines: Lines, xs: Sequence[float], radius: float = 0.09) -> list[Solid]:
-    """Return fenders that hang from both sides."""
+    """Return fenders on both sides."""
     solids = []
     for x in xs:
         y = float(lines.half_breadth(x)) + 0.8 * radius
