@@ -1,4 +1,4 @@
-"""``dockctl plot``: the figures of a run."""
+"""``dockctl plot``: figures of a run."""
 
 from __future__ import annotations
 
@@ -13,31 +13,26 @@ from dockctl.errors import DockctlError
 
 
 def plot(
-    run: Annotated[
-        Path | None, typer.Argument(help="Run folder; the latest in ./runs if none is given.")
-    ] = None,
-    out: Annotated[Path | None, typer.Option(help="Folder of the figures; <run>/figures by default.")] = None,
+    run: Annotated[Path | None, typer.Argument(help="Run folder; the latest in ./runs by default.")] = None,
+    out: Annotated[Path | None, typer.Option(help="Output folder; <run>/figures by default.")] = None,
 ) -> None:
-    """Draw how a run learned and how its best policy docks, as PNG and SVG; reads only the run folder.
+    """Draw the training and the trajectories of the best policy (PNG, SVG) from a run folder.
 
     Example: dockctl plot runs/s3/20250101-120000-seed0
     """
     from dockctl.reports.figures import figures
     from dockctl.reports.style import house_style, save
-    from dockctl.runs.directory import RunDirectory
+    from dockctl.runs.directory import FIGURES, RunDirectory
     from dockctl.runs.reader import read_run
 
     folder = RunDirectory.latest(RUNS).path if run is None else run
     if not os.path.isdir(folder):
-        raise DockctlError(f"{folder}: no such run folder")
+        raise DockctlError(f"{folder}: no such run folder", code="not_found")
     with house_style():
         data = read_run(folder)
-        written = save(dict(figures(data)), out or folder / "figures")
+        written = save(dict(figures(data)), out or folder / FIGURES)
     for name in data.missing:
-        typer.secho(
-            f"note: {folder / name} is missing or has no rows; its figures are left out",
-            fg="yellow",
-            err=True,
-        )
+        note = f"note: {folder / name} is missing or has no rows; its figures are left out"
+        typer.secho(note, fg="yellow", err=True)
     for path in written:
         typer.echo(path)

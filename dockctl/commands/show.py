@@ -1,13 +1,25 @@
-"""``dockctl show``: what a scenario looks like."""
+"""``dockctl show``: drawings of a scenario."""
 
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated
 
 import typer
+from rich import box
+from rich.console import Console
+from rich.table import Table
 
-from dockctl.commands.options import DEFAULT_SCENARIO
+from dockctl.commands.options import DEFAULT_SCENARIO, parse_pose
+from dockctl.console import say
+from dockctl.errors import DockctlError
+
+if TYPE_CHECKING:
+    from dockctl.reports.show import Scan
+    from dockctl.reports.view3d import Body
+    from dockctl.scenarios.base import Pose
+    from dockctl.scenarios.schema import Scenario
+    from dockctl.sim.harbor.build import Harbor
 
 
 def show(
@@ -16,20 +28,74 @@ def show(
         str | None,
         typer.Option(
             metavar="X,Y,HEADING",
-            help="Where the LiDARs scan, in m and °; the first initial pose by default.",
+            help="Pose of the LiDAR scan, in m, m and degrees; the first initial pose by default.",
         ),
     ] = None,
-    out: Annotated[
-        Path | None, typer.Option(help="Folder of the drawings; figures/<scenario> by default.")
-    ] = None,
+    out: Annotated[Path | None, typer.Option(help="Output folder; figures/<scenario> by default.")] = None,
     plugin: Annotated[
-        list[Path] | None, typer.Option(help="Local .py file with reward terms or parts.")
+        list[Path] | None, typer.Option(help="Local .py file with reward terms or observation parts.")
     ] = None,
 ) -> None:
-    """Draw the harbor, the poses and what the LiDARs see (PNG, SVG); print the distance in each sector.
+    """Draw the harbor, the poses and a LiDAR scan (PNG, SVG); print the distance in each sector.
 
     Example: dockctl show s3 --pose 30,0.5,175
     """
-    from dockctl.commands import drawing
+    from dockctl.reports.show import figures
+    from dockctl.reports.style import house_style, save
+    from dockctl.runs.directory import require_writable
+    from dockctl.sim.checks import PoseCheck, load_checked
+    from dockctl.sim.harbor.build import build_harbor, scene_of
 
-    drawing.show(scenario, pose, out, plugin or [])
+    loaded = load_checked(scenario, plugin_files=plugin or ())
+    spec = loaded.scenario
+    harbor = build_harbor(spec.harbor, loaded.base_dir)
+    start = spec.task.initial[0] if pose is None else parse_pose(pose)
+    if flaw := PoseCheck.of(spec, harbor).flaw(start):
+        raise DockctlError(f"--pose {pose}: {flaw}")
+    folder = out or Path("figures") / spec.name
+    require_writable(folder)
+    measured = scan(spec, harbor, start)
+    with house_style():
+        drawn = figures(scene_of(harbor, spec.vessel.hull), spec, *bodies(spec, harbor), measured)
+        written = save(drawn, folder)
+    console = Console()
+    say(console, f"{len(measured.points):,} LiDAR points from {measured.label}")
+    console.print(sector_table(measured))
+    for path in written:
+        say(console, str(path))
+
+
+def scan(scenario: Scenario, harbor: Harbor, pose: Pose) -> Scan:
+    """One LiDAR scan from a pose."""
+    from dockctl.geometry import pose_array
+    from dockctl.reports.show import Scan
+
+    eta = pose_array(pose)
+    sensor = scenario.sensors.lidar.build(harbor.triangles)
+    return Scan(eta, sensor.points(eta), sensor.sector_ranges(eta[None])[0], scenario.sensors.lidar.range_m)
+
+
+def bodies(scenario: Scenario, harbor: Harbor) -> tuple[list[Body], Body]:
+    """The solids of the harbor in the world frame, and the hull of the own boat in the body frame."""
+    import numpy as np
+
+    from dockctl.reports.view3d import Body
+    from dockctl.sim.hull import hull_mesh
+
+    solids = [(part.name, solid) for part in harbor.parts for solid in part.solids]
+    return (
+        [Body(name, solid.kind, np.array(solid.mesh.triangles)) for name, solid in solids],
+        Body("own boat", "own", np.array(hull_mesh(scenario.vessel.hull).triangles)),
+    )
+
+
+def sector_table(scan: Scan) -> Table:
+    """Distance by sector."""
+    table = Table(box=box.SIMPLE_HEAD)
+    for name in ("sector", "from", "to", "nearest"):
+        table.add_column(name, justify="right")
+    width = 360 / len(scan.ranges_m)
+    for i, distance in enumerate(scan.ranges_m):
+        nearest = f"{distance:.3f} m" if distance < scan.range_m else f"nothing within {scan.range_m:g} m"
+        table.add_row(f"d{i + 1}", f"{i * width - 180:g}°", f"{(i + 1) * width - 180:g}°", nearest)
+    return table

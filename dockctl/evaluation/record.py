@@ -8,7 +8,7 @@ from collections.abc import Sequence
 from pathlib import Path
 
 from dockctl.analysis.episodes import ending
-from dockctl.commands.drawing import pose_of
+from dockctl.commands.options import parse_pose
 from dockctl.envs.vector import DockingVectorEnv
 from dockctl.errors import DockctlError
 from dockctl.evaluation.policies import find
@@ -41,7 +41,7 @@ def record(ckpt: Path | None, source: str | None, poses: Sequence[str], out: Pat
     site = own_site(scenario)
     starts = shown_starts(scenario, worlds)
     if poses:
-        given = [pose_of(text) for text in poses]
+        given = [parse_pose(text) for text in poses]
         check = pose_check(loaded)
         if flaws := [flaw for pose in given if (flaw := check.flaw(pose))]:
             raise DockctlError("\n".join(f"--pose: {flaw}" for flaw in flaws))

@@ -51,10 +51,10 @@ def test_only_an_earlier_recording_is_replaced(
 @pytest.mark.parametrize(
     ("pose", "told"),
     [
-        ("20,2", "give three numbers"),
+        ("20,2", "--pose"),
         ("36,4,180", "is blocked by"),
         ("90,0,0", "is outside of the basin"),
-        ("1e9,0,0", "must lie within"),
+        ("1e9,0,0", "--pose"),
     ],
 )
 def test_a_pose_that_is_not_free_is_told(run: Path, pose: str, told: str) -> None:
