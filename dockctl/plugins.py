@@ -237,6 +237,7 @@ BUILTINS = (
     "dockctl.envs.observation",
     "dockctl.sim.lidar.spinning",
     "dockctl.sim.lidar.planar",
+    "dockctl.sim.conditions.current",
 )
 """Modules that register what the package itself brings."""
 

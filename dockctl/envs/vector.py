@@ -194,7 +194,7 @@ class DockingVectorEnv(VectorEnv[Observations, NDArray[Any], NDArray[Any]]):
         return [given_start(self._own, self.scenario.task, poses[row], int(row)) for row in rows]
 
     def _begin(self, rows: Ints, starts: Sequence[Start]) -> None:
-        self.simulator.reset(rows, starts)
+        self.simulator.reset(rows, starts, [self._rngs[row] for row in rows])
         self._start_kind[rows] = [start.kind for start in starts]
         self._start_index[rows] = [start.index for start in starts]
         self._ended[rows] = False

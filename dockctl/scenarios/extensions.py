@@ -7,11 +7,12 @@ fields, and register it with `dockctl.scenarios.kinds.register`. A section is va
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
-from typing import TYPE_CHECKING, Any, Protocol
+from collections.abc import Sequence
+from typing import TYPE_CHECKING, Annotated, Any, Protocol, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
-from pydantic import Field
+from pydantic import AfterValidator, BeforeValidator, Field, PlainSerializer
 
 from dockctl.scenarios.base import Count, Positive
 from dockctl.scenarios.kinds import Kind
@@ -20,7 +21,9 @@ from dockctl.scenarios.vessel import Vessel
 if TYPE_CHECKING:
     import gymnasium
 
+T = TypeVar("T")
 Floats = NDArray[np.float64]
+Ints = NDArray[np.int64]
 
 
 class ActionType(Kind, ABC):
@@ -43,7 +46,7 @@ class ActionType(Kind, ABC):
         """Check that no command exceeds the limits of the vessel.
 
         Raises:
-            ValueError: one does; the message begins with the path of the field, ``actions.key``.
+            FieldError: one does; the field begins with ``actions.``.
         """
         return
 
@@ -81,3 +84,59 @@ class RangeSensorSpec(Kind, ABC):
     @abstractmethod
     def build(self, triangles: Floats) -> RangeSensor:
         """Return the sensor in a harbor with this surface (m, 3, 3) [m], in the world frame."""
+
+
+class Disturbance:
+    """A condition at run time, for n boats; a hook that a subclass does not override changes nothing."""
+
+    def reset(self, rows: Ints, rngs: Sequence[np.random.Generator]) -> None:
+        """Draw the values of the episodes that begin in `rows` (k,), each from the generator of its boat."""
+
+    def water_velocity(self) -> Floats | float:
+        """Return the velocity of the water over ground (n, 2) [m/s], in the world frame.
+
+        It must be constant during an episode: the equations of motion hold for the velocity relative to the
+        water only where the water does not accelerate.
+        """
+        return 0.0
+
+
+class Condition(Kind, ABC):
+    """A departure from calm water and exact sensors and actuators; registered in `CONDITIONS`.
+
+    Register it with a group: water, air, sensing or actuation. A key may be `Drawn`: a number, or a range
+    from which each episode draws.
+    """
+
+    @abstractmethod
+    def build(self, num_boats: int) -> Disturbance:
+        """Return the condition for so many boats."""
+
+
+def _as_bounds(given: Any) -> Any:
+    return (given,) if isinstance(given, int | float) else given
+
+
+def _ordered(bounds: tuple[T, ...]) -> tuple[T, ...]:
+    if list(bounds) != sorted(bounds):  # type: ignore[type-var]  # numbers
+        raise ValueError(f"found {list(bounds)}, expected the lower bound first")
+    return bounds
+
+
+def _shortest(bounds: tuple[T, ...]) -> T | list[T]:
+    return bounds[0] if len(bounds) == 1 else list(bounds)
+
+
+Drawn = Annotated[
+    tuple[T, ...],
+    Field(min_length=1, max_length=2),
+    BeforeValidator(_as_bounds),
+    AfterValidator(_ordered),
+    PlainSerializer(_shortest),
+]
+"""A number, or a range [low, high] from which each episode draws; `draw` takes it."""
+
+
+def draw(bounds: tuple[float, ...], rng: np.random.Generator) -> float:
+    """Return the number, or one drawn uniformly from the range; a number takes nothing from `rng`."""
+    return bounds[0] if len(bounds) == 1 else rng.uniform(bounds[0], bounds[1])

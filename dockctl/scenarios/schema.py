@@ -5,12 +5,12 @@ from __future__ import annotations
 import math
 from typing import Annotated, Any, Self
 
-from pydantic import Field, model_validator
+from pydantic import Field, field_validator, model_validator
 
-from dockctl.plugins import ACTIONS, RANGE_SENSORS
+from dockctl.plugins import ACTIONS, CONDITIONS, RANGE_SENSORS
 from dockctl.scenarios.base import Count, FieldError, Model, Name, NonNegative, Number, Pose, Positive
 from dockctl.scenarios.berths import Berths, missing_berth
-from dockctl.scenarios.extensions import ActionType, RangeSensorSpec
+from dockctl.scenarios.extensions import ActionType, Condition, RangeSensorSpec
 from dockctl.scenarios.harbor import HarborSpec
 from dockctl.scenarios.kinds import Kinds
 from dockctl.scenarios.training import Evaluation, Training
@@ -131,12 +131,25 @@ class Scenario(Model):
     vessel: Vessel
     harbor: HarborSpec
     sensors: Sensors = Field(default_factory=Sensors)
+    conditions: dict[str, Annotated[Condition, Kinds(CONDITIONS)]] = {}
     actions: Annotated[ActionType, ACTION_KINDS] = Field(default_factory=ACTION_KINDS.make_default)
     observation: tuple[ObservationPart, ...] = Field(min_length=1)
     task: Task
     reward: Reward
     training: Training = Training()
     evaluation: Evaluation = Evaluation()
+
+    @field_validator("conditions", mode="before")
+    @classmethod
+    def _conditions_by_name(cls, given: Any) -> Any:
+        """A condition's key names its kind, unless it has a `kind` of its own; null removes it."""
+        if not isinstance(given, dict):
+            return given
+        return {
+            name: {"kind": name, **body} if isinstance(body, dict) else body
+            for name, body in given.items()
+            if body is not None
+        }
 
     @model_validator(mode="after")
     def _commands_within_limits(self) -> Self:

@@ -1,4 +1,4 @@
-"""n boats, each in its harbor: integrate, collide, measure the goal, scan; one boat is a batch of one."""
+"""n boats, each in its harbor: integrate, check for collisions, measure the goal, scan."""
 
 from __future__ import annotations
 
@@ -19,14 +19,14 @@ Answer = TypeVar("Answer", bound=NDArray[Any])
 
 
 class Simulator:
-    """The state of n boats and the one rule by which a control step changes it.
+    """The state of n boats and the control step that changes it; a single boat is a batch of one.
 
     Args:
-        worlds: the harbors of the scenario; a boat is in the one that its start names.
+        worlds: the harbors of the scenario; each boat is in the one that its start names.
 
-    Attributes (rows are boats):
+    Attributes (one row per boat):
         eta: (n, 3) x, y [m] and heading [rad].
-        nu: (n, 3) u, v [m/s] and r [rad/s].
+        nu: (n, 3) u, v [m/s] and r [rad/s] over ground.
         command: (n, 2) propeller force [N] and rudder angle [rad] of the last step; zero at a start.
         phase: (n,) 0 on the way to the intermediate pose, 1 on the way to the final pose.
         goals: (n, 2, 3) intermediate and final pose of each boat.
@@ -41,6 +41,7 @@ class Simulator:
         self.task = scenario.task
         self.worlds = worlds
         self.vessel = VesselModel(scenario.vessel)
+        self.disturbances = [condition.build(num_boats) for condition in scenario.conditions.values()]
         self.eta = np.zeros((num_boats, 3))
         self.nu = np.zeros((num_boats, 3))
         self.command = np.zeros((num_boats, 2))
@@ -59,8 +60,13 @@ class Simulator:
         current: Floats = self.goals[np.arange(len(self.phase)), self.phase]
         return current
 
-    def reset(self, rows: Ints, starts: Sequence[Start]) -> None:
-        """Begin an episode in each of the rows (k,), as the k starts say."""
+    def reset(self, rows: Ints, starts: Sequence[Start], rngs: Sequence[np.random.Generator] = ()) -> None:
+        """Begin an episode in each of the rows (k,).
+
+        Args:
+            starts: k starts.
+            rngs: k generators from which the conditions draw, where a start has no seed of its own.
+        """
         self.eta[rows] = [start.eta for start in starts]
         self.nu[rows] = [start.nu for start in starts]
         self.phase[rows] = [start.phase for start in starts]
@@ -69,18 +75,25 @@ class Simulator:
         self.max_steps[rows] = [start.max_steps for start in starts]
         self.steps[rows] = 0
         self.command[rows] = 0.0
+        if self.disturbances:
+            drawn = [
+                rngs[i] if start.seed is None else np.random.default_rng(start.seed)
+                for i, start in enumerate(starts)
+            ]
+            for disturbance in self.disturbances:
+                disturbance.reset(rows, drawn)
         self._measure()
         self.sector_ranges_m[rows] = self.scan(rows)
 
     def step(self, command: Floats) -> StepStatus:
-        """Hold the commands (n, 2) [N, rad] for one control period and return what came of it.
+        """Hold the commands (n, 2) [N, rad] for one control period and return the result.
 
-        Events exclude each other: a boat that collides reaches no pose in that step. A boat that reaches the
-        intermediate pose is on its way to the final one from the next step on.
+        Events exclude each other: a boat that collides reaches no pose in that step. For a boat that reaches
+        the intermediate pose, the final pose is the goal from the next step on.
         """
         phase, distance, heading_error = self.phase.copy(), self.distance_m, self.heading_error_rad
         previous_command, self.command = self.command, command.astype(float)
-        self.eta, self.nu = self.vessel.step(self.eta, self.nu, self.command)
+        self._move()
         self.steps += 1
         collided = self.in_harbors(lambda world, eta: world.obstacles.collides(eta))
         self._measure()
@@ -107,14 +120,14 @@ class Simulator:
         return status
 
     def scan(self, rows: Ints | None = None) -> Floats:
-        """Return what the LiDARs of the boats, or of some rows (k,), see now: (k, sectors) [m]."""
+        """Return the sector ranges (k, sectors) [m] of the boats in `rows` (k,), by default of all."""
         return self.in_harbors(lambda world, eta: world.lidar.sector_ranges(eta), rows)
 
     def in_harbors(self, query: Callable[[World, Floats], Answer], rows: Ints | None = None) -> Answer:
-        """Ask each boat's own world about the boat's pose.
+        """Evaluate a function of world and pose for each boat, in the boat's own world.
 
         Args:
-            query: takes a world and poses (m, 3), and answers with m rows.
+            query: takes a world and poses (m, 3), and returns m rows.
             rows: (k,) which boats; all by default.
 
         Returns:
@@ -129,5 +142,29 @@ class Simulator:
         answers = [query(self.worlds[i], eta[group]) for i, group in zip(numbers, groups, strict=True)]
         return cast(Answer, np.concatenate(answers)[np.argsort(order)])
 
+    def _move(self) -> None:
+        """Integrate the equations of motion over one control period.
+
+        In a constant current V_c they hold for the velocity relative to the water,
+        nu_r = nu - R(psi)^T V_c, with eta' = R(psi) nu_r + V_c (Fossen 2012).
+        """
+        if not self.disturbances:
+            self.eta, self.nu = self.vessel.step(self.eta, self.nu, self.command)
+            return
+        current = np.zeros((len(self.eta), 2))
+        for disturbance in self.disturbances:
+            current += disturbance.water_velocity()
+        nu_r = self.nu - _in_body_frame(current, self.eta[:, 2])
+        self.eta, nu_r = self.vessel.step(self.eta, nu_r, self.command)
+        self.eta[:, :2] += current * self.vessel.vessel.control_period_s
+        self.nu = nu_r + _in_body_frame(current, self.eta[:, 2])
+
     def _measure(self) -> None:
         self.distance_m, self.heading_error_rad = measure(self.eta, self.goal)
+
+
+def _in_body_frame(velocity: Floats, heading: Floats) -> Floats:
+    """Return R(psi)^T [V_x, V_y, 0], (n, 3), of velocities (n, 2) in the world frame [m/s]."""
+    c, s = np.cos(heading), np.sin(heading)
+    x, y = velocity.T
+    return np.column_stack([c * x + s * y, c * y - s * x, np.zeros(len(velocity))])

@@ -32,6 +32,7 @@ class Start:
         index: of the initial pose, or of the given pose.
         harbor: index of the harbor in which the boat is.
         berth: name of the berth; empty where the task stays where it is written.
+        seed: of what the conditions draw in this episode; None for the boat's own generator.
     """
 
     eta: Floats
@@ -43,6 +44,7 @@ class Start:
     index: int
     harbor: int = 0
     berth: str = ""
+    seed: int | None = None
 
 
 def given_start(site: Site, task: Task, pose: Floats, index: int, kind: str = "pose") -> Start:
