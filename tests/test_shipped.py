@@ -13,7 +13,7 @@ from dockctl.evaluation.policies import find
 from dockctl.evaluation.starts import judging_starts, player
 from dockctl.experiments.export import CARD, training_starts
 from dockctl.runs.directory import shipped
-from dockctl.scenarios.difference import difference
+from dockctl.scenarios.content import first_difference
 from dockctl.scenarios.loader import load
 from dockctl.sim.world import build_worlds
 from tests.commands.conftest import dockctl
@@ -49,7 +49,8 @@ def test_the_files_are_those_of_the_card(name: str) -> None:
 def test_it_was_trained_on_the_scenario_as_it_stands(name: str) -> None:
     theirs = load(find(Path(name)).own_scenario).scenario
     assert (
-        difference(load(name, overrides=[f"training.seed={theirs.training.seed}"]).scenario, theirs) is None
+        first_difference(load(name, overrides=[f"training.seed={theirs.training.seed}"]).scenario, theirs)
+        is None
     )
 
 

@@ -96,9 +96,9 @@ def _describe_file(path: Path, sort: Sort) -> tuple[str, str, str]:
     if sort is Sort.vessels:
         vessel = loader.load_vessel(path)
         size = f"{vessel.hull.length_m:g} x {vessel.hull.beam_m:g} m, {vessel.mass_kg:g} kg"
-        return "3-DOF", catalog.shown(path), size
+        return "3-DOF", catalog.display_path(path), size
     harbor = loader.load_harbor(path)
-    return harbor.kind, catalog.shown(path), harbor.name
+    return harbor.kind, catalog.display_path(path), harbor.name
 
 
 def _print(title: str, rows: list[tuple[str, ...]]) -> None:

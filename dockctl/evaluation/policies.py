@@ -16,7 +16,7 @@ from dockctl.envs.vector import DockingVectorEnv
 from dockctl.errors import DockctlError
 from dockctl.plugins import OBSERVATION_PARTS
 from dockctl.runs.directory import SCENARIO, RunDirectory
-from dockctl.scenarios.difference import difference
+from dockctl.scenarios.content import first_difference
 from dockctl.scenarios.interface import PolicyInterface
 from dockctl.scenarios.loader import LoadedScenario, load
 from dockctl.scenarios.schema import Scenario
@@ -71,7 +71,7 @@ class Trained:
         """Whether `scenario` is another than the policy's own; how one trains in it does not count."""
         try:
             own = self.on(load(self.own_scenario).scenario)
-            return difference(own, scenario, but=("training",)) is not None
+            return first_difference(own, scenario, ignore=("training",)) is not None
         except (DockctlError, OSError):  # its own is not there
             return True
 

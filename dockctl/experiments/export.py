@@ -23,7 +23,7 @@ from dockctl.experiments import model_card
 from dockctl.runs.directory import SCENARIO, RunDirectory, require_replaceable
 from dockctl.runs.files import new_folder
 from dockctl.scenarios.base import NAME
-from dockctl.scenarios.files import mesh_files, naming
+from dockctl.scenarios.content import mesh_files, with_paths
 from dockctl.scenarios.interface import PolicyInterface
 from dockctl.scenarios.loader import LoadedScenario, dump
 from dockctl.scenarios.schema import Scenario
@@ -168,7 +168,7 @@ def write(
         home = RunDirectory(new)
         plugins = home.copy_files("plugins", loaded.plugin_files)
         meshes = home.copy_files("meshes", mesh_files(scenario))
-        home.write_text(SCENARIO, dump(naming(scenario, plugins, meshes)))
+        home.write_text(SCENARIO, dump(with_paths(scenario, plugins, meshes)))
         others = [(one.trained.card.seed, one.shares) for one in candidates]
         files = sorted(path for path in new.rglob("*") if path.is_file())
         card = replace(card, interface=interface)

@@ -23,7 +23,7 @@ from dockctl.runs.directory import (
     TRANSFER,
     RunDirectory,
 )
-from dockctl.scenarios.difference import difference
+from dockctl.scenarios.content import first_difference
 from dockctl.scenarios.loader import load
 from dockctl.scenarios.schema import Scenario
 from dockctl.scenarios.study import Experiment
@@ -82,7 +82,7 @@ class Job:
     def difference(self, run: Path) -> str | None:
         """First field in which the run's scenario differs from the job's; None where they are the same."""
         try:
-            return difference(self.scenario, load(run / SCENARIO).scenario)
+            return first_difference(self.scenario, load(run / SCENARIO).scenario)
         except (DockctlError, OSError) as error:
             return str(error).splitlines()[0]
 

@@ -25,7 +25,7 @@ from dockctl.experiments.memory import Estimate, require_memory
 from dockctl.runs import provenance
 from dockctl.runs.directory import PROVENANCE, SCENARIO, RunDirectory, require_writable
 from dockctl.runs.lock import exclusive_lock
-from dockctl.scenarios.files import mesh_files, naming
+from dockctl.scenarios.content import mesh_files, with_paths
 from dockctl.scenarios.interface import PolicyInterface
 from dockctl.scenarios.loader import LoadedScenario, dump
 from dockctl.sim.checks import load_checked
@@ -61,7 +61,7 @@ def begin(source: str, overrides: list[str], plugin_files: list[Path], out: Path
         facts = provenance.collect(seed, sys.argv)
         facts["plugins"] = run.copy_files("plugins", loaded.plugin_files)
         facts["meshes"] = run.copy_files("meshes", mesh_files(loaded.scenario))
-        run.write_text(SCENARIO, dump(naming(loaded.scenario, facts["plugins"], facts["meshes"])))
+        run.write_text(SCENARIO, dump(with_paths(loaded.scenario, facts["plugins"], facts["meshes"])))
         run.write_json("scene.json", worlds[own_site(loaded.scenario).harbor].scene().to_json())
         run.write_json(PROVENANCE, facts)
         yield Session(loaded, worlds, run, memory, taken_up=False)
@@ -102,7 +102,7 @@ def _taken_up(run: RunDirectory, steps: int | None) -> Session:
     if overrides:
         plugins = map(run.inside, loaded.scenario.plugins)
         meshes = [run.inside(str(path)) for path in mesh_files(loaded.scenario)]
-        run.write_text(SCENARIO, dump(naming(loaded.scenario, plugins, meshes)))
+        run.write_text(SCENARIO, dump(with_paths(loaded.scenario, plugins, meshes)))
     again = {"at": provenance.now(), "env_steps": card["env_steps"], "command": sys.argv}
     facts |= {"finished": None, "stop_reason": None, "taken_up": [*facts.get("taken_up", []), again]}
     run.write_json(PROVENANCE, facts)

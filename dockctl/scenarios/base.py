@@ -1,4 +1,4 @@
-"""Ground of all the scenario models: frozen, strict numbers, unknown keys refused."""
+"""Base of the scenario models: frozen, strict numbers, no unknown keys."""
 
 from __future__ import annotations
 
@@ -16,12 +16,12 @@ Count = Annotated[int, Strict(), Field(ge=1)]
 Flag = Annotated[bool, Strict()]
 
 NAME = r"^[A-Za-z0-9][A-Za-z0-9_.-]*$"
-"""Of scenarios, experiments and checkpoints: part of a path and of a command line as it is."""
+"""Pattern of the names of scenarios, experiments and checkpoints: safe in paths and on command lines."""
 Name = Annotated[str, Field(pattern=NAME, max_length=64)]
 
 
 class Model(BaseModel):
-    """A frozen model that refuses unknown keys."""
+    """A frozen model that rejects unknown keys."""
 
     model_config = ConfigDict(frozen=True, extra="forbid")
 
@@ -42,7 +42,7 @@ class FieldError(ValueError):
 
 
 class Pose(Model):
-    """Planar pose in the world frame: metres, and degrees counter-clockwise from +x."""
+    """Planar pose in the world frame: meters, and degrees counter-clockwise from +x."""
 
     x_m: Number
     y_m: Number

@@ -1,4 +1,4 @@
-"""Berths to which a task is carried: which are trained, which held out, and what is free meanwhile."""
+"""Berths to which a task is moved: berths of the training, held-out berths, and which are free together."""
 
 from __future__ import annotations
 
@@ -13,14 +13,14 @@ BerthKind = Literal["trained", "held_out"]
 
 
 class BerthPlace(NamedTuple):
-    """One berth: its quay, and its centre line along the quay [m]."""
+    """One berth: its quay, and the position of its center line along the quay [m]."""
 
     side: Side
     at_m: float
 
 
 class BerthPlaces(Model):
-    """Berths by quay: their centre lines, y on the east and west quay, x on the north and south quay [m]."""
+    """Center lines of berths by quay [m]: y at the east and west quay, x at the north and south quay."""
 
     east: tuple[Number, ...] = ()
     west: tuple[Number, ...] = ()
@@ -29,38 +29,39 @@ class BerthPlaces(Model):
 
     @property
     def places(self) -> tuple[BerthPlace, ...]:
-        """All of them, quay after quay."""
+        """All berths, quay by quay."""
         return tuple(BerthPlace(side, at) for side in get_args(Side) for at in getattr(self, side))
 
 
 class Berths(Model):
-    """Every episode is carried, with all the task's poses, to one of these berths.
+    """Berths for the episodes: each episode moves all poses of the task to one of them.
 
-    `vacant` of them are free at a time, in a harbor of their own, and every other berth there holds a vessel.
+    They are split into groups of at most `vacant` berths. Each group has its own copy of the harbor, in which
+    only these berths are free.
     """
 
     trained: BerthPlaces = Field(description="berths of the training")
-    held_out: BerthPlaces = Field(default=BerthPlaces(), description="berths of the evaluation alone")
-    mirrored: Flag = Field(default=True, description="begin on either side of the berth")
+    held_out: BerthPlaces = Field(default=BerthPlaces(), description="berths used only by the evaluation")
+    mirrored: Flag = Field(default=True, description="also mirror the task about the berth")
     vacant: Count = 6
 
     @model_validator(mode="after")
     def _apart(self) -> Self:
         if not self.trained.places:
-            raise FieldError("trained", "name at least one berth", "missing_key")
+            raise FieldError("trained", "expected at least one berth", "missing_key")
         if common := set(self.trained.places) & set(self.held_out.places):
             side, at = min(common)
-            raise FieldError("held_out", f"the {side} berth at {at:g} is trained already", "duplicate")
+            raise FieldError("held_out", f"the {side} berth at {at:g} is also in trained", "duplicate")
         return self
 
     def places(self, kind: BerthKind) -> tuple[BerthPlace, ...]:
-        """The berths of one kind."""
+        """Return the berths of one kind."""
         listed: BerthPlaces = getattr(self, kind)
         return listed.places
 
 
 class Layout(NamedTuple):
-    """A harbor of a scenario, and the berths that are free in it for the task to be carried to."""
+    """A harbor of a scenario and the free berths in it to which the task can be moved."""
 
     harbor: HarborSpec
     kind: BerthKind | None
@@ -70,11 +71,11 @@ class Layout(NamedTuple):
 def layouts(harbor: HarborSpec, berths: Berths | None) -> tuple[Layout, ...]:
     """Return the harbors of a scenario: its own, or one for each group of berths that are free together.
 
-    A group takes every k-th berth of the list, so that those next to a free berth are taken.
+    A group has every k-th berth of the list, so that the neighbors of a free berth are occupied.
     """
     if berths is None:
         return (Layout(harbor, None, ()),)
-    assert isinstance(harbor, Marina)  # held by the scenario's validator
+    assert isinstance(harbor, Marina)  # checked by the scenario's validator
     kinds: tuple[BerthKind, ...] = ("trained", "held_out")
     groups = []
     for kind in kinds:
@@ -85,7 +86,7 @@ def layouts(harbor: HarborSpec, berths: Berths | None) -> tuple[Layout, ...]:
 
 
 def _freed(marina: Marina, places: tuple[BerthPlace, ...]) -> Marina:
-    """Return the marina with just these berths free."""
+    """Return the marina with only these berths free."""
     rows = [
         row.model_copy(update={f"free_{row.axis}_m": tuple(at for side, at in places if side == row.side)})
         for row in marina.rows
@@ -94,14 +95,14 @@ def _freed(marina: Marina, places: tuple[BerthPlace, ...]) -> Marina:
 
 
 def missing_berth(harbor: HarborSpec, berths: Berths) -> str:
-    """Return which berth of the list the harbor lacks, or an empty string."""
+    """Describe the first berth of the list that the harbor lacks; an empty string if it has all."""
     if not isinstance(harbor, Marina):
-        return "only a harbor of kind marina has berths"
+        return "the harbor has no berths: expected kind marina"
     there = {BerthPlace(row.side, at) for row in harbor.rows for at in row.berths}
     for place in berths.trained.places + berths.held_out.places:
         if place not in there:
             on_side = [berth.at_m for berth in there if berth.side == place.side]
             nearest = min(on_side, key=lambda at: abs(at - place.at_m), default=None)
-            hint = "there is none on that quay" if nearest is None else f"the nearest one is at {nearest:g}"
+            hint = "that quay has none" if nearest is None else f"the nearest one is at {nearest:g}"
             return f"no berth on the {place.side} quay at {place.at_m:g}; {hint}"
     return ""

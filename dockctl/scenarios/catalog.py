@@ -1,4 +1,4 @@
-"""Where scenarios, vessels and harbors are found: by name in the registries, or as YAML files."""
+"""Find scenarios, vessels and harbors: by registered name, or by the path of a YAML file."""
 
 from __future__ import annotations
 
@@ -15,50 +15,54 @@ PACKAGE = Path(__file__).resolve().parent
 FOLDERS: dict[str, Registry[Path]] = {".": SCENARIOS, "vessels": VESSELS, "harbors": HARBORS}
 
 
-def packaged(inside: str, name: str) -> Path:
-    """Return a folder of packaged YAML files, called `inside` in the wheel and `name` in the sources."""
+def packaged_folder(inside: str, name: str) -> Path:
+    """Return a folder of packaged YAML files: `inside` this package in the wheel, `name` in the sources."""
     folder = PACKAGE / inside
     return folder if folder.is_dir() else PACKAGE.parent.parent / name
 
 
 @cache
 def fill() -> None:
-    """Register the packaged files, then what installed packages offer."""
+    """Register the packaged files and what installed packages offer."""
     for folder, registry in FOLDERS.items():
-        for path in sorted((packaged("data", "scenarios") / folder).glob("*.yaml")):
+        for path in sorted((packaged_folder("data", "scenarios") / folder).glob("*.yaml")):
             registry.register(path.stem, path)
     plugins.discover()
 
 
 def find(registry: Registry[Path], text: str, directory: Path) -> tuple[Path, str]:
-    """Return the file that `text` means, and how to call it in messages.
+    """Return the file that `text` refers to, and its path for messages.
 
-    A path (it exists as a file, or it ends in .yaml or .yml), relative to `directory`, wins over a name.
+    A path, which exists or ends in .yaml or .yml, takes precedence over a registered name. It is relative to
+    `directory`.
 
     Raises:
-        DockctlError: neither a file nor a known name.
+        DockctlError: neither a file nor a registered name.
     """
     fill()
     path = directory / text
-    there = _on_disk(path)
-    if there and (path.is_file() or path.suffix in SUFFIXES or text not in registry):
+    exists = _exists(path)
+    if exists and (path.is_file() or path.suffix in SUFFIXES or text not in registry):
+        if path.is_dir():
+            message = f"'{text}' is a directory, expected a YAML file or the name of a {registry.noun}"
+            raise DockctlError(message, code="not_readable")
         return path, os.path.normpath(path)
     if path.suffix in SUFFIXES:
-        known = f"{registry.noun}s known by name: {', '.join(sorted(registry.names()))}"
-        raise DockctlError(f"there is no file {os.path.normpath(path)}; {known}", code="not_found")
+        known = f"known {registry.noun}s: {', '.join(sorted(registry.names()))}"
+        raise DockctlError(f"no such file: {os.path.normpath(path)} ({known})", code="not_found")
     path = Path(registry.get(text).value)
-    return path, shown(path)
+    return path, display_path(path)
 
 
-def _on_disk(path: Path) -> bool:
+def _exists(path: Path) -> bool:
     try:
         return path.exists()
-    except (OSError, ValueError):  # too long for a file name, or holding a null byte
+    except (OSError, ValueError):  # too long for a file name, or with a null byte
         return False
 
 
-def shown(path: Path) -> str:
-    """Return `path` as a reader wants it: relative where it lies below the working folder."""
+def display_path(path: Path) -> str:
+    """Return `path` for messages: relative if it is below the working directory, else absolute."""
     normal = os.path.normpath(path)
     relative = os.path.relpath(normal)
     return normal if relative.startswith("..") else relative

@@ -1,4 +1,4 @@
-"""Harbors as data: a marina described by its rows of piers, or mesh files."""
+"""Harbors as data: a marina with rows of finger piers, or mesh files."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ Side = Literal["east", "west", "north", "south"]
 
 
 class Basin(Model):
-    """The water, between the faces of the quays; metres."""
+    """Water area between the faces of the quays [m]."""
 
     x_min_m: Number
     x_max_m: Number
@@ -39,24 +39,24 @@ class Basin(Model):
 
 
 class _Row(Model):
-    """Finger piers along one quay, and the berths two by two between them."""
+    """Finger piers along one quay, with two berths between neighboring fingers."""
 
     finger_length_m: Positive = 8.0
     finger_width_m: Positive = 1.0
 
     @property
     def fingers(self) -> tuple[float, ...]:
-        """Centre lines of the fingers, along the quay [m]."""
+        """Positions of the fingers' center lines along the quay [m]."""
         return self._along("finger")
 
     @property
     def berths(self) -> tuple[float, ...]:
-        """Centre lines of the berths, along the quay [m]."""
+        """Positions of the berths' center lines along the quay [m]."""
         return self._along("berth")
 
     @property
     def free(self) -> tuple[float, ...]:
-        """Berths without a moored vessel, a part of `berths` [m]."""
+        """Berths without a moored vessel, a subset of `berths` [m]."""
         return self._along("free")
 
     @property
@@ -82,8 +82,8 @@ class SideRow(_Row):
     """A row along the east or west quay; positions are y."""
 
     side: Literal["east", "west"]
-    finger_y_m: tuple[Number, ...] = Field(default=(), description="centre lines of the fingers")
-    berth_y_m: tuple[Number, ...] = Field(min_length=1, description="centre lines of the berths")
+    finger_y_m: tuple[Number, ...] = Field(default=(), description="center lines of the fingers")
+    berth_y_m: tuple[Number, ...] = Field(min_length=1, description="center lines of the berths")
     free_y_m: tuple[Number, ...] = Field(default=(), description="berths without a moored vessel")
 
 
@@ -91,8 +91,8 @@ class EndRow(_Row):
     """A row along the north or south quay; positions are x."""
 
     side: Literal["north", "south"]
-    finger_x_m: tuple[Number, ...] = Field(default=(), description="centre lines of the fingers")
-    berth_x_m: tuple[Number, ...] = Field(min_length=1, description="centre lines of the berths")
+    finger_x_m: tuple[Number, ...] = Field(default=(), description="center lines of the fingers")
+    berth_x_m: tuple[Number, ...] = Field(min_length=1, description="center lines of the berths")
     free_x_m: tuple[Number, ...] = Field(default=(), description="berths without a moored vessel")
 
 
@@ -100,7 +100,7 @@ PierRow = Annotated[SideRow | EndRow, Field(discriminator="side")]
 
 
 class Fleet(Model):
-    """The moored vessels: drawn from `models` with a fixed seed, each model once before any comes again."""
+    """The moored vessels: drawn from `models` with a fixed seed, every model once before any is repeated."""
 
     seed: int = Field(default=0, ge=0, strict=True)
     stern_gap_m: Positive = 0.7
@@ -117,16 +117,16 @@ class Fleet(Model):
 
 
 class MeshFile(Model):
-    """A GLB, OBJ, STL or PLY file in metres with the water at z = 0, after turning, scale and shift."""
+    """A GLB, OBJ, STL or PLY file; rotated, scaled and shifted it is in meters with the water at z = 0."""
 
     path: str
-    up: Literal["z", "y"] = Field(default="z", description="the file's upward axis; glTF says y")
+    up: Literal["z", "y"] = Field(default="z", description="upward axis of the file; y in glTF")
     scale: Positive = 1.0
     shift_m: tuple[Number, Number, Number] = (0.0, 0.0, 0.0)
 
 
 class Marina(Model):
-    """A basin with rows of finger piers and moored vessels; more solids may come from mesh files."""
+    """A basin with rows of finger piers, moored vessels, and optional solids from mesh files."""
 
     kind: Literal["marina"]
     name: str = "marina"
@@ -137,7 +137,7 @@ class Marina(Model):
 
 
 class MeshHarbor(Model):
-    """A harbor from mesh files alone."""
+    """A harbor from mesh files only."""
 
     kind: Literal["meshes"]
     name: str = "meshes"

@@ -1,4 +1,4 @@
-"""From a YAML file, what it extends and the overrides of the command line, to one checked `Scenario`."""
+"""Load a `Scenario`: a YAML file, the files that it extends, and the overrides from the command line."""
 
 from __future__ import annotations
 
@@ -21,13 +21,21 @@ from dockctl.scenarios.harbor import HarborSpec
 from dockctl.scenarios.parameters import function_problems
 from dockctl.scenarios.schema import Scenario
 from dockctl.scenarios.vessel import Vessel
-from dockctl.scenarios.yaml_tree import Node, Place, PlainDumper, described, read_file, read_text, refusal
+from dockctl.scenarios.yaml_tree import (
+    Location,
+    Node,
+    PlainDumper,
+    described,
+    input_error,
+    read_file,
+    read_text,
+)
 
 OWN_KEYS = ("name", "title", "description")
-"""Keys that tell about one file and are not inherited by those that extend it."""
+"""Keys that are not inherited by files that extend a file."""
 
 SELECTORS = ("preset", "kind")
-"""Keys that choose the meaning of their whole section: a section that changes one inherits nothing."""
+"""Keys that select the meaning of their section: a section that changes one of them inherits nothing."""
 
 BY_NAME: dict[str, Registry[Path]] = {"vessel": VESSELS, "harbor": HARBORS}
 
@@ -45,7 +53,13 @@ class _HarborFile(Model):
 
 @dataclass(frozen=True)
 class LoadedScenario:
-    """A checked scenario, where it comes from, and the local plugins that it runs with."""
+    """A validated scenario, its source, and the local plugins that it uses.
+
+    Attributes:
+        base_dir: directory of the scenario file.
+        source: path or name that was loaded.
+        tree: the merged YAML tree, for the location of later problems.
+    """
 
     scenario: Scenario
     base_dir: Path
@@ -54,7 +68,7 @@ class LoadedScenario:
     tree: Node | None = field(default=None, compare=False, repr=False)
 
     def problem(self, path: str, message: str, code: Code = "invalid") -> Problem:
-        """Return a problem with the field `path`, for example ``task.final``, at its place in the input."""
+        """Return a problem of the field `path`, for example ``task.final``, with its location."""
         if self.tree is None:
             return Problem(self.source, 0, 0, path, message, code)
         return translate.locate(self.tree, path.split(".")).problem(message, code)
@@ -63,26 +77,27 @@ class LoadedScenario:
 def load(
     source: str | Path, *, overrides: Sequence[str] = (), plugin_files: Sequence[Path] = ()
 ) -> LoadedScenario:
-    """Load the scenario file or the known scenario `source`.
+    """Load and validate a scenario.
 
     Args:
         source: path of a YAML file, or the name of a scenario.
-        overrides: ``a.b.c=value`` with a YAML value; a number in the path is an index of a list.
-        plugin_files: local ``.py`` files to load beside those that the scenario names.
+        overrides: ``a.b.c=value`` with a YAML value; a number in the path is a list index.
+        plugin_files: local ``.py`` files to load in addition to those that the scenario lists.
 
     Raises:
-        InputError: every problem of the scenario, each with its place.
-        DockctlError: the scenario or a plugin of `plugin_files` does not exist.
+        InputError: all problems of the scenario, with their locations.
+        DockctlError: the scenario or one of `plugin_files` does not exist.
     """
     catalog.fill()
     for path in plugin_files:
         plugins.load_file(path)
-    path, shown = catalog.find(SCENARIOS, str(source), Path())
-    tree = reduce(_override, sorted(overrides, key=_is_detail), _read(path, shown, SCENARIOS, ()))
+    path, display = catalog.find(SCENARIOS, str(source), Path())
+    tree = _read(path, display, SCENARIOS, ())
+    tree = reduce(_override, sorted(overrides, key=_changes_a_value), tree)
     hint = ""
     if tree.get("name") is None:
-        tree = tree.replaced("name", Node(path.stem, Place(shown)))
-        hint = "; it is the file's name: add 'name: ...' to the file"
+        tree = tree.replaced("name", Node(path.stem, Location(display)))
+        hint = "; the name is that of the file: add 'name: ...' to the file"
     problems = list(_load_plugins(tree))
     problems += function_problems(tree)
     try:
@@ -90,31 +105,31 @@ def load(
     except ValidationError as error:
         found = translate.problems(error, tree, Scenario)
         problems += [replace(p, message=p.message + hint) if p.field == "name" else p for p in found]
-        raise InputError(sorted(problems, key=_by_place)) from None
+        raise InputError(sorted(problems, key=_by_location)) from None
     if problems:
-        raise InputError(sorted(problems, key=_by_place))
+        raise InputError(sorted(problems, key=_by_location))
     files = tuple(dict.fromkeys([*(p.resolve() for p in plugin_files), *map(Path, scenario.plugins)]))
     scenario = scenario.model_copy(update={"plugins": tuple(map(str, files))})
     return LoadedScenario(scenario, path.resolve().parent, str(source), files, tree)
 
 
 def load_vessel(source: str | Path) -> Vessel:
-    """Load a vessel by path or name.
+    """Load and validate a vessel by path or name.
 
     Raises:
-        InputError: every problem of the file.
-        DockctlError: there is no such vessel.
+        InputError: all problems of the file, with their locations.
+        DockctlError: the vessel does not exist.
     """
     return _load_part(source, VESSELS, _VesselFile).vessel
 
 
 def load_harbor(source: str | Path) -> HarborSpec:
-    """Load a harbor by path or name; errors as in `load_vessel`."""
+    """Load and validate a harbor by path or name; raises as `load_vessel`."""
     return _load_part(source, HARBORS, _HarborFile).harbor
 
 
 def dump(scenario: Scenario) -> str:
-    """Return YAML that loads as an equal scenario; it stands alone, extending nothing."""
+    """Return YAML that loads as an equal scenario and extends no other file."""
     data = scenario.model_dump(mode="json")
     data["observation"] = [
         {part["part"]: part["params"]} if part["params"] else part["part"] for part in data["observation"]
@@ -126,9 +141,9 @@ def dump(scenario: Scenario) -> str:
 
 
 def merge(base: Node, over: Node, path: tuple[str, ...] = ()) -> Node:
-    """Lay `over` on `base`: mappings key by key, everything else replaced; places come along.
+    """Merge `over` into `base`: mappings key by key; other values are replaced. Locations are preserved.
 
-    A number laid on a reward term replaces its weight and keeps its parameters.
+    A number for a reward term replaces its weight and keeps its parameters.
     """
     if path[:-1] == ("reward", "terms"):
         base, over = _as_term(base), _as_term(over)
@@ -142,52 +157,56 @@ def merge(base: Node, over: Node, path: tuple[str, ...] = ()) -> Node:
         else over.value.get(key, base.value.get(key))
         for key in {**base.value, **over.value}
     }
-    return Node(merged, over.place, {**base.keys, **over.keys})  # type: ignore[arg-type]  # one of the two has the key
+    return Node(merged, over.location, {**base.keys, **over.keys})  # type: ignore[arg-type]  # one of the two has the key
 
 
 def _as_term(node: Node) -> Node:
     is_weight = isinstance(node.value, int | float) and not isinstance(node.value, bool)
-    return Node({"weight": node}, node.place, {"weight": node.place}) if is_weight else node
+    return Node({"weight": node}, node.location, {"weight": node.location}) if is_weight else node
 
 
 def _plain(node: Node | None) -> Any:
     return node.plain() if node else None
 
 
-def _by_place(problem: Problem) -> tuple[str, int, int]:
+def _by_location(problem: Problem) -> tuple[str, int, int]:
     return problem.file, problem.line, problem.column
 
 
-def _read(path: Path, shown: str, registry: Registry[Path], chain: tuple[str, ...]) -> Node:
-    """Read a file and lay it on what it extends."""
-    tree = _expanded(read_file(path, shown), path.parent)
+def _read(path: Path, display: str, registry: Registry[Path], chain: tuple[str, ...]) -> Node:
+    """Read a file and merge it into the file that it extends.
+
+    Args:
+        display: path for messages.
+        chain: real paths of the files that extend this one.
+    """
+    tree = _expanded(read_file(path, display), path.parent)
     extends = tree.get("extends")
     if extends is None:
         return tree
     tree = tree.without("extends")
     chain = (*chain, os.path.realpath(path))
-    parent_path, parent_shown = _find(registry, extends, path.parent)
+    parent_path, parent_display = _find(registry, extends, path.parent)
     if os.path.realpath(parent_path) in chain:
-        raise refusal(extends.place, f"'{extends.value}' extends this file again, in a circle", "extends")
-    parent = _read(parent_path, parent_shown, registry, chain)
+        raise input_error(
+            extends.location, f"'{extends.value}' extends this file: circular reference", "extends"
+        )
+    parent = _read(parent_path, parent_display, registry, chain)
     return merge(parent.without(*OWN_KEYS), tree)
 
 
 def _find(registry: Registry[Path], node: Node, directory: Path, path: str = "extends") -> tuple[Path, str]:
     if not isinstance(node.value, str):
         message = f"found {described(node.plain())}, expected the name or the path of a {registry.noun}"
-        raise refusal(node.place, message, path, "wrong_type")
+        raise input_error(node.location, message, path, "wrong_type")
     try:
-        found = catalog.find(registry, node.value, directory)
+        return catalog.find(registry, node.value, directory)
     except DockctlError as error:
-        raise refusal(node.place, error.message, path, error.code, error.suggestion) from None
-    if found[0].is_dir():
-        raise refusal(node.place, f"'{node.value}' is a directory; name a YAML file", path, "not_readable")
-    return found
+        raise input_error(node.location, error.message, path, error.code, error.suggestion) from None
 
 
 def _expanded(tree: Node, directory: Path) -> Node:
-    """Put vessels and harbors in the place of their names, and make paths absolute."""
+    """Replace the names of vessels and harbors by their content, and make paths absolute."""
     for key, registry in BY_NAME.items():
         node = tree.get(key)
         if node is not None and isinstance(node.value, str):
@@ -202,31 +221,31 @@ def _expanded(tree: Node, directory: Path) -> Node:
 
 
 def _absolute(node: Node, directory: Path) -> Node:
-    """Make the texts of a list, or the ``path`` of a mapping, absolute paths."""
+    """Make absolute paths of a string, the strings of a list, or the ``path`` of a mapping."""
     if isinstance(node.value, str):
-        return Node(os.path.realpath(directory / node.value), node.place)
+        return Node(os.path.realpath(directory / node.value), node.location)
     if isinstance(node.value, list):
-        return Node([_absolute(item, directory) for item in node.value], node.place)
+        return Node([_absolute(item, directory) for item in node.value], node.location)
     path = node.get("path")
     return node.replaced("path", _absolute(path, directory)) if path and isinstance(path.value, str) else node
 
 
-def _is_detail(override: str) -> bool:
-    """Order the overrides that choose a section before those that change a value in it."""
+def _changes_a_value(override: str) -> bool:
+    """Sort key: overrides that select the meaning of a section come before those of its values."""
     return override.partition("=")[0].rpartition(".")[2] not in SELECTORS
 
 
 def _override(tree: Node, override: str) -> Node:
-    """Apply one ``a.b.c=value``."""
+    """Apply one override ``a.b.c=value``."""
     name, equals, text = override.partition("=")
-    place = Place(f"--set {name}")
+    location = Location(f"--set {name}")
     if not equals or not all(name.split(".")):
-        raise refusal(Place(f"--set {override}"), "expected KEY=VALUE, for example training.seed=3")
-    value = _at(read_text(text, place.file), place)
-    return _expanded(_put(tree, name.split("."), value, place, ()), Path())
+        raise input_error(Location(f"--set {override}"), "expected KEY=VALUE, for example training.seed=3")
+    value = _at(read_text(text, location.file), location)
+    return _expanded(_put(tree, name.split("."), value, location, ()), Path())
 
 
-def _put(node: Node, keys: list[str], value: Node, place: Place, done: tuple[str, ...]) -> Node:
+def _put(node: Node, keys: list[str], value: Node, location: Location, done: tuple[str, ...]) -> Node:
     if not keys:
         return merge(node, value, done)
     key, *rest = keys
@@ -234,37 +253,37 @@ def _put(node: Node, keys: list[str], value: Node, place: Place, done: tuple[str
         if not key.isdecimal() or int(key) >= len(node.value):
             last = len(node.value) - 1
             message = f"'{key}' is not an index of the list {'.'.join(done)} (0 to {last})"
-            raise refusal(place, message, code="out_of_range" if key.isdecimal() else "wrong_type")
+            raise input_error(location, message, code="out_of_range" if key.isdecimal() else "wrong_type")
         items = list(node.value)
-        items[int(key)] = _put(items[int(key)], rest, value, place, (*done, key))
-        return Node(items, node.place)
+        items[int(key)] = _put(items[int(key)], rest, value, location, (*done, key))
+        return Node(items, node.location)
     inner = value
     for part in reversed(keys):
-        inner = Node({part: inner}, place, {part: place})
+        inner = Node({part: inner}, location, {part: location})
     child = node.get(key)
     if child is None or not rest:
         return merge(node, inner, done)
-    return node.replaced(key, _put(child, rest, value, place, (*done, key)))
+    return node.replaced(key, _put(child, rest, value, location, (*done, key)))
 
 
-def _at(node: Node, place: Place) -> Node:
-    """Return the tree with every place set to `place`."""
+def _at(node: Node, location: Location) -> Node:
+    """Return the tree with every location set to `location`."""
     if isinstance(node.value, dict):
-        moved = {key: _at(child, place) for key, child in node.value.items()}
-        return Node(moved, place, dict.fromkeys(moved, place))
+        moved = {key: _at(child, location) for key, child in node.value.items()}
+        return Node(moved, location, dict.fromkeys(moved, location))
     if isinstance(node.value, list):
-        return Node([_at(item, place) for item in node.value], place)
-    return Node(node.value, place)
+        return Node([_at(item, location) for item in node.value], location)
+    return Node(node.value, location)
 
 
 def _load_part(source: str | Path, registry: Registry[Path], model: type[P]) -> P:
     (key,) = model.model_fields
     node = _read(*catalog.find(registry, str(source), Path()), registry, ())
-    tree = Node({key: node}, node.place, {key: node.place})
+    tree = Node({key: node}, node.location, {key: node.location})
     try:
         return model.model_validate(tree.plain())
     except ValidationError as error:
-        raise InputError(sorted(translate.problems(error, tree, model), key=_by_place)) from None
+        raise InputError(sorted(translate.problems(error, tree, model), key=_by_location)) from None
 
 
 def _load_plugins(tree: Node) -> Iterable[Problem]:
@@ -274,4 +293,4 @@ def _load_plugins(tree: Node) -> Iterable[Problem]:
             try:
                 plugins.load_file(Path(node.value))
             except DockctlError as error:
-                yield node.place.problem(error.message, f"plugins.{index}", error.code, error.suggestion)
+                yield node.location.problem(error.message, f"plugins.{index}", error.code, error.suggestion)

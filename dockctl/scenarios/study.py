@@ -13,7 +13,7 @@ from pydantic import Field, ValidationError, model_validator
 from dockctl.errors import DockctlError, InputError, nearest
 from dockctl.scenarios import translate
 from dockctl.scenarios.base import NAME, Count, Model, Name
-from dockctl.scenarios.catalog import SUFFIXES, packaged, shown
+from dockctl.scenarios.catalog import SUFFIXES, display_path, packaged_folder
 from dockctl.scenarios.yaml_tree import read_file
 
 Probe = Literal["map", "latency", "returns"]
@@ -84,13 +84,13 @@ def load_study(source: str) -> Study:
         DockctlError: the study is unknown, or its name cannot be used.
     """
     path = Path(source)
-    known = {file.parent.name: file for file in packaged("studies", "studies").glob("*/study.yaml")}
+    known = {file.parent.name: file for file in packaged_folder("studies", "studies").glob("*/study.yaml")}
     if path.suffix not in SUFFIXES and not os.path.isfile(path):
         if source not in known:
             message = f"there is no study '{source}' (known: {', '.join(sorted(known))})"
             raise DockctlError(message, code="unknown_name", suggestion=nearest(source, known))
         path = known[source]
-    tree = read_file(path, shown(path))
+    tree = read_file(path, display_path(path))
     try:
         study = Study.model_validate(tree.plain())
     except ValidationError as error:
@@ -98,12 +98,12 @@ def load_study(source: str) -> Study:
     name = study.name if "name" in study.model_fields_set else path.stem
     if not re.fullmatch(NAME, name):
         raise DockctlError(
-            f"{shown(path)}: name: '{name}' cannot be a folder name;"
+            f"{display_path(path)}: name: '{name}' cannot be a folder name;"
             " set a name of letters, digits, dots, dashes and underscores"
         )
     if name in known and path.resolve() != known[name].resolve():
         raise DockctlError(
-            f"{shown(path)}: name: '{name}' is the name of a packaged study, whose results it would replace;"
+            f"{display_path(path)}: name: '{name}' is the name of a packaged study, whose results it would replace;"
             " set another name"
         )
     return study.model_copy(update={"name": name})

@@ -1,4 +1,4 @@
-"""Say in the words of the YAML file what pydantic found wrong, and where."""
+"""Translate pydantic's errors to problems with a location in the YAML file."""
 
 from __future__ import annotations
 
@@ -15,12 +15,12 @@ from dockctl.errors import Code, Problem, nearest
 from dockctl.plugins import HARBORS, VESSELS
 from dockctl.scenarios.base import FieldError
 from dockctl.scenarios.kinds import Kind, Kinds
-from dockctl.scenarios.yaml_tree import Node, Place, described
+from dockctl.scenarios.yaml_tree import Location, Node, described
 
 Step = str | int
 
 TAGS = ("kind", "side")
-"""Keys whose value says which of several models a mapping is."""
+"""Keys whose value selects the model of a mapping."""
 
 EXPECTED = {
     "float_type": "a number",
@@ -54,25 +54,25 @@ RANGES = (
 
 
 @dataclass(frozen=True)
-class Spot:
-    """A field of the input: its path, the places of its key and its value, and the value (None if absent)."""
+class Located:
+    """A field of the input: path, location of its key and of its value, and the value (None if missing)."""
 
     path: str
-    key: Place
-    place: Place
+    key: Location
+    location: Location
     node: Node | None
 
     def problem(
         self, message: str, code: Code = "invalid", suggestion: str = "", *, at_key: bool = False
     ) -> Problem:
-        """Return a problem at the value, or at the key; an absent field is placed at the key of its owner."""
-        place = self.key if at_key or self.node is None else self.place
-        return place.problem(message, self.path, code, suggestion)
+        """Return a problem at the value or at the key; a missing field is located at its parent's key."""
+        location = self.key if at_key or self.node is None else self.location
+        return location.problem(message, self.path, code, suggestion)
 
 
-def locate(tree: Node, steps: Sequence[Step]) -> Spot:
-    """Walk from the root along pydantic's location or a dotted path, through short forms and union tags."""
-    spot = Spot("", tree.place, tree.place, tree)
+def locate(tree: Node, steps: Sequence[Step]) -> Located:
+    """Follow a location of pydantic, or a dotted path, from the root; handles short forms and union tags."""
+    spot = Located("", tree.location, tree.location, tree)
     for step in steps:
         if spot.node is None:
             break
@@ -80,15 +80,15 @@ def locate(tree: Node, steps: Sequence[Step]) -> Spot:
     return spot
 
 
-def _descend(spot: Spot, node: Node, step: Step) -> Spot:
-    def child(key: Step, value: Node | None, key_place: Place | None = None) -> Spot:
+def _descend(spot: Located, node: Node, step: Step) -> Located:
+    def child(key: Step, value: Node | None, key_location: Location | None = None) -> Located:
         path = f"{spot.path}.{key}" if spot.path else str(key)
-        return Spot(path, key_place or spot.key, value.place if value else spot.place, value)
+        return Located(path, key_location or spot.key, value.location if value else spot.location, value)
 
     value = node.value
     if isinstance(value, list):
         inside = str(step).isdecimal() and int(step) < len(value)
-        return child(step, value[int(step)], value[int(step)].place) if inside else child(step, None)
+        return child(step, value[int(step)], value[int(step)].location) if inside else child(step, None)
     if not isinstance(value, dict):  # the short forms `final: 30000` and `- phase` are a weight and a part
         return spot
     if step in value:
@@ -104,11 +104,13 @@ def _descend(spot: Spot, node: Node, step: Step) -> Spot:
 
 
 def problems(error: ValidationError, tree: Node, model: type[BaseModel]) -> Iterator[Problem]:
-    """Translate every error of a validation."""
+    """Translate all errors of a validation."""
     details = error.errors(include_url=False)
     for detail in details:
-        if detail["type"] == "too_short" and any(_lies_in(other["loc"], detail["loc"]) for other in details):
-            continue  # pydantic does not count the items that have errors of their own
+        if detail["type"] == "too_short" and any(
+            _is_inside(other["loc"], detail["loc"]) for other in details
+        ):
+            continue  # pydantic does not count items that have errors themselves
         spot = locate(tree, detail["loc"])
         models = _models_at(model, tree, detail["loc"][:-1])
         if detail["type"] == "extra_forbidden":
@@ -125,8 +127,8 @@ def problems(error: ValidationError, tree: Node, model: type[BaseModel]) -> Iter
             yield _named(spot, tree, detail).problem(*description(detail, spot.path))
 
 
-def _named(spot: Spot, tree: Node, detail: ErrorDetails) -> Spot:
-    """Return the field that a validator of a whole model reports, or `spot` if the input lacks it."""
+def _named(spot: Located, tree: Node, detail: ErrorDetails) -> Located:
+    """Return the field that a model's validator reports; `spot` if the input does not contain it."""
     context = detail.get("ctx", {})
     error = context.get("error")
     if detail["type"] == "union_tag_invalid":
@@ -139,18 +141,18 @@ def _named(spot: Spot, tree: Node, detail: ErrorDetails) -> Spot:
     return inner if inner.node is not None else spot
 
 
-def _lies_in(inner: Sequence[Step], outer: Sequence[Step]) -> bool:
+def _is_inside(inner: Sequence[Step], outer: Sequence[Step]) -> bool:
     return len(inner) > len(outer) and list(inner[: len(outer)]) == list(outer)
 
 
-def unknown_key(spot: Spot, key: str, known: Sequence[str], noun: str = "key") -> Problem:
+def unknown_key(spot: Located, key: str, known: Sequence[str], noun: str = "key") -> Problem:
     """Return the problem of a key that does not exist; it lists all known ones."""
     message = f"unknown {noun} '{key}' (known: {', '.join(sorted(known)) or 'none'})"
     return spot.problem(message, "unknown_key", nearest(key, known), at_key=True)
 
 
 def description(detail: ErrorDetails, path: str = "") -> tuple[str, Code, str]:
-    """Return the message, the code and the suggestion of an error that pydantic found."""
+    """Return the message, the code and the suggestion for an error of pydantic."""
     context: Mapping[str, Any] = detail.get("ctx", {})
     kind, found = detail["type"], detail["input"]
     if kind == "value_error":
@@ -196,14 +198,18 @@ def _example(annotation: Any) -> str:
 
 
 def _models_at(model: type[BaseModel], tree: Node, steps: Sequence[Step]) -> list[type[BaseModel]]:
-    """Return the models that may stand at a location."""
-    models = [model]
+    """Return the models that are possible at a location."""
+    models: list[type[BaseModel]] = [model]
+    by_name: Kinds | None = None  # the kinds of a mapping whose keys are names of kinds
     for depth, step in enumerate(steps, start=1):
         if isinstance(step, int):
             continue
+        node = locate(tree, steps[:depth]).node
         fields = [owner.model_fields[step] for owner in models if step in owner.model_fields]
-        if fields:
-            node = locate(tree, steps[:depth]).node
+        if by_name is not None:
+            models, by_name = _selected(by_name, node, step), None
+        elif fields:
+            by_name = next(filter(None, map(_kinds_by_name, fields)), None)
             models = [inner for info in fields for inner in _models_of(info, node)]
         elif not any(issubclass(owner, Kind) for owner in models):  # the tag of a union
             models = [owner for owner in models if any(step in _choices(owner, tag) for tag in TAGS)]
@@ -211,13 +217,22 @@ def _models_at(model: type[BaseModel], tree: Node, steps: Sequence[Step]) -> lis
 
 
 def _models_of(info: FieldInfo, node: Node | None) -> list[type[BaseModel]]:
-    """Return the models that a field may hold; `node` is its value, which may select one by its `kind`."""
+    """Return the possible models of a field; `node` is its value, whose key `kind` may select one."""
     kinds = next((mark for mark in info.metadata if isinstance(mark, Kinds)), None)
-    if kinds is None:
-        return _models_in(info.annotation)
-    selected = node.get("kind") if node else None
-    selected_model = kinds.model(selected.plain() if selected else None)
-    return [] if selected_model is None else [selected_model]
+    return _models_in(info.annotation) if kinds is None else _selected(kinds, node)
+
+
+def _kinds_by_name(info: FieldInfo) -> Kinds | None:
+    """Return the kinds of a field like ``dict[str, Annotated[Kind, Kinds(...)]]``."""
+    marks = (mark for argument in get_args(info.annotation) for mark in get_args(argument)[1:])
+    return next((mark for mark in marks if isinstance(mark, Kinds)), None)
+
+
+def _selected(kinds: Kinds, node: Node | None, name: str | None = None) -> list[type[BaseModel]]:
+    """Return the model selected by the key `kind` of a section, else by `name` or the default."""
+    kind = node.get("kind") if node else None
+    model = kinds.model(kind.plain() if kind else name)
+    return [] if model is None else [model]
 
 
 def _choices(model: type[BaseModel], field: str) -> tuple[Any, ...]:

@@ -1,7 +1,7 @@
-"""YAML text as a tree in which every node knows its file, line and column.
+"""Read YAML into a tree in which every node has its file, line and column.
 
-Plain data only: no tags that build objects, ``true`` and ``false`` as the only booleans (YAML 1.2),
-``1e-3`` is a number, NaN and infinity are refused, and so is whatever would exhaust the machine.
+Only plain data is accepted: no tags that construct objects, no NaN or infinity, limited size and depth. As in
+YAML 1.2, ``true`` and ``false`` are the only booleans, and ``1e-3`` is a number.
 """
 
 from __future__ import annotations
@@ -24,36 +24,36 @@ Scalar = str | int | float | bool | None
 
 
 @dataclass(frozen=True, order=True)
-class Place:
-    """Where something stands in an input; line and column count from 1, 0 is unknown."""
+class Location:
+    """Location in an input; line and column are counted from 1, 0 if unknown."""
 
     file: str
     line: int = 0
     column: int = 0
 
     def problem(self, message: str, path: str = "", code: Code = "invalid", suggestion: str = "") -> Problem:
-        """Return a problem at this place; an override has its field as its file already."""
+        """Return a problem here; the field is omitted where the file, ``--set field``, already names it."""
         path = "" if self.file == f"--set {path}" else path
         return Problem(self.file, self.line, self.column, path, message, code, suggestion)
 
 
-def refusal(
-    place: Place, message: str, path: str = "", code: Code = "invalid", suggestion: str = ""
+def input_error(
+    location: Location, message: str, path: str = "", code: Code = "invalid", suggestion: str = ""
 ) -> InputError:
     """Return an error with one problem."""
-    return InputError([place.problem(message, path, code, suggestion)])
+    return InputError([location.problem(message, path, code, suggestion)])
 
 
 @dataclass(frozen=True)
 class Node:
-    """A scalar, mapping or list of YAML with its place; `keys` holds the places of a mapping's keys."""
+    """A YAML scalar, mapping or list; `keys` has the locations of a mapping's keys."""
 
     value: Scalar | dict[str, Node] | list[Node]
-    place: Place
-    keys: dict[str, Place] = field(default_factory=dict)
+    location: Location
+    keys: dict[str, Location] = field(default_factory=dict)
 
     def plain(self) -> Any:
-        """Return the tree as ordinary dicts, lists and scalars."""
+        """Return the tree as dicts, lists and scalars."""
         if isinstance(self.value, dict):
             return {key: node.plain() for key, node in self.value.items()}
         if isinstance(self.value, list):
@@ -61,76 +61,90 @@ class Node:
         return self.value
 
     def get(self, key: str) -> Node | None:
-        """Return the value under `key` of a mapping, None where there is none."""
+        """Return the value of `key`; None if this is not a mapping or lacks the key."""
         return self.value.get(key) if isinstance(self.value, dict) else None
 
     def replaced(self, key: str, node: Node) -> Node:
-        """Return this mapping with `node` under `key`."""
+        """Return this mapping with `node` as the value of `key`."""
         assert isinstance(self.value, dict)
-        return Node({**self.value, key: node}, self.place, {**self.keys, key: self.keys.get(key, node.place)})
+        return Node(
+            {**self.value, key: node}, self.location, {**self.keys, key: self.keys.get(key, node.location)}
+        )
 
     def without(self, *keys: str) -> Node:
         """Return this mapping without `keys`."""
         assert isinstance(self.value, dict)
-        return Node({key: node for key, node in self.value.items() if key not in keys}, self.place, self.keys)
+        return Node(
+            {key: node for key, node in self.value.items() if key not in keys}, self.location, self.keys
+        )
 
 
-def read_file(path: Path, shown: str) -> Node:
-    """Read the YAML file at `path`, called `shown` in messages.
+def read_file(path: Path, display: str) -> Node:
+    """Read a YAML file that contains one mapping.
+
+    Args:
+        display: path for messages.
 
     Raises:
-        InputError: it cannot be read, is too large, is not UTF-8, or is not one YAML mapping.
+        InputError: the file cannot be read, is too large, is not UTF-8, or is not one YAML mapping.
     """
     if path.is_dir():
-        raise refusal(Place(shown), "is a directory; name a YAML file", code="not_readable")
+        raise input_error(Location(display), "is a directory, expected a YAML file", code="not_readable")
     if path.exists() and not path.is_file():
-        raise refusal(Place(shown), "is not a regular file; name a YAML file", code="not_readable")
+        raise input_error(
+            Location(display), "is not a regular file, expected a YAML file", code="not_readable"
+        )
     try:
         with path.open("rb") as stream:
             data = stream.read(MAX_BYTES + 1)
     except OSError as error:
         code: Code = "not_found" if isinstance(error, FileNotFoundError) else "not_readable"
-        raise refusal(Place(shown), f"cannot be read: {error.strerror or error}", code=code) from None
+        raise input_error(
+            Location(display), f"cannot be read: {error.strerror or error}", code=code
+        ) from None
     if len(data) > MAX_BYTES:
         message = f"is larger than {MAX_BYTES / 1e6:.0f} MB, too large for a scenario file"
-        raise refusal(Place(shown), message, code="out_of_range")
+        raise input_error(Location(display), message, code="out_of_range")
     try:
         text = data.decode("utf-8-sig")
     except UnicodeDecodeError as error:
-        place = _place_in(data[: error.start].decode("utf-8", "replace"), shown)
-        raise refusal(
-            place, f"is not UTF-8 text (byte 0x{data[error.start]:02x})", code="yaml_syntax"
+        location = _location_at(data[: error.start].decode("utf-8", "replace"), display)
+        raise input_error(
+            location, f"is not UTF-8 text (byte 0x{data[error.start]:02x})", code="yaml_syntax"
         ) from None
-    tree = read_text(text, shown)
+    tree = read_text(text, display)
     if tree.value is None:
-        raise refusal(Place(shown, 1, 1), "is empty; expected keys and values", code="wrong_type")
+        raise input_error(Location(display, 1, 1), "is empty; expected keys and values", code="wrong_type")
     if not isinstance(tree.value, dict):
         message = f"expected a mapping of keys to values, found {described(tree.plain())}"
-        raise refusal(tree.place, message, code="wrong_type")
+        raise input_error(tree.location, message, code="wrong_type")
     return tree
 
 
-def read_text(text: str, shown: str) -> Node:
-    """Read one YAML document; an empty text is a null node.
+def read_text(text: str, display: str) -> Node:
+    """Read one YAML document; empty text gives a null node.
+
+    Args:
+        display: name of the input for messages.
 
     Raises:
-        InputError: a syntax error, several documents, or something that plain data does not need.
+        InputError: a syntax error, several documents, or more than plain data.
     """
     try:
         loader = _Loader(text)
-        loader.name = shown
+        loader.name = display
         root = loader.get_single_node()
     except yaml.reader.ReaderError as error:
-        place = _place_in(text[: error.position], shown)
+        location = _location_at(text[: error.position], display)
         message = f"is not text: character {_hex(error.character)}"
-        raise refusal(place, message, code="yaml_syntax") from None
+        raise input_error(location, message, code="yaml_syntax") from None
     except yaml.MarkedYAMLError as error:
         mark = error.problem_mark or error.context_mark
-        place = _place(shown, mark) if mark else Place(shown)
-        raise refusal(place, _syntax_message(error), code="yaml_syntax") from None
+        location = _location(display, mark) if mark else Location(display)
+        raise input_error(location, _syntax_message(error), code="yaml_syntax") from None
     if root is None:
-        return Node(None, Place(shown, 1, 1))
-    builder = _Builder(shown)
+        return Node(None, Location(display, 1, 1))
+    builder = _Builder(display)
     tree = builder.build(root)
     if builder.problems:
         raise InputError(builder.problems)
@@ -138,7 +152,7 @@ def read_text(text: str, shown: str) -> Node:
 
 
 def described(value: object) -> str:
-    """Say what a value is, for messages: ``the text 'abc'``, ``a list``, ``true``, ``3``."""
+    """Describe a value for messages: ``the text 'abc'``, ``a list``, ``true``, ``3``."""
     if value is None:
         return "nothing"
     if isinstance(value, bool):
@@ -171,7 +185,7 @@ def _use_resolvers(cls: type[yaml.SafeLoader] | type[yaml.SafeDumper]) -> None:
 
 
 class _Loader(yaml.SafeLoader):
-    """PyYAML's reader up to its node graph, with a bound on depth and size."""
+    """PyYAML's loader up to the node graph, with limits on depth and size."""
 
     depth = 0
     count = 0
@@ -189,7 +203,7 @@ class _Loader(yaml.SafeLoader):
 
 
 class PlainDumper(yaml.SafeDumper):
-    """Writes what `read_text` reads back: it quotes every text that would be read as something else."""
+    """Writes YAML that `read_text` reads back: quotes every string that would be read as another type."""
 
     def ignore_aliases(self, data: Any) -> bool:
         return True
@@ -200,62 +214,62 @@ _use_resolvers(PlainDumper)
 
 
 class _Builder:
-    """Turns PyYAML's node graph into a tree, expanding aliases up to a limit; gathers unfit scalars."""
+    """Converts PyYAML's node graph to a tree; expands aliases up to a limit and collects invalid scalars."""
 
-    def __init__(self, shown: str) -> None:
-        self.shown = shown
+    def __init__(self, display: str) -> None:
+        self.display = display
         self.count = 0
         self.problems: list[Problem] = []
 
     def build(self, node: yaml.Node, path: tuple[str, ...] = ()) -> Node:
-        place = _place(self.shown, node.start_mark)
+        location = _location(self.display, node.start_mark)
         self.count += 1
         if self.count > MAX_NODES or len(path) > MAX_DEPTH:
             limit = f"{MAX_NODES} values or {MAX_DEPTH} levels"
             message = f"anchors and aliases expand to more than {limit}"
-            raise refusal(place, message, code="out_of_range")
+            raise input_error(location, message, code="out_of_range")
         if isinstance(node, yaml.MappingNode) and node.tag == "tag:yaml.org,2002:map":
-            return self._mapping(node, place, path)
+            return self._mapping(node, location, path)
         if isinstance(node, yaml.SequenceNode) and node.tag == "tag:yaml.org,2002:seq":
-            return Node([self.build(item, (*path, str(i))) for i, item in enumerate(node.value)], place)
+            return Node([self.build(item, (*path, str(i))) for i, item in enumerate(node.value)], location)
         try:
             if isinstance(node, yaml.ScalarNode):
-                return Node(_scalar(node, place, ".".join(path)), place)
+                return Node(_scalar(node, location, ".".join(path)), location)
             message = f"the tag {node.tag} is not allowed; write plain values"
-            raise refusal(place, message, ".".join(path), "yaml_syntax")
+            raise input_error(location, message, ".".join(path), "yaml_syntax")
         except InputError as error:
             self.problems += error.problems
-            return Node(None, place)
+            return Node(None, location)
 
-    def _mapping(self, node: yaml.MappingNode, place: Place, path: tuple[str, ...]) -> Node:
+    def _mapping(self, node: yaml.MappingNode, location: Location, path: tuple[str, ...]) -> Node:
         values: dict[str, Node] = {}
-        keys: dict[str, Place] = {}
+        keys: dict[str, Location] = {}
         for key_node, value_node in node.value:
-            key_place = _place(self.shown, key_node.start_mark)
+            key_location = _location(self.display, key_node.start_mark)
             if not isinstance(key_node, yaml.ScalarNode):
-                raise refusal(key_place, "a key must be a plain name", code="yaml_syntax")
-            key = _text(key_node, key_place)
+                raise input_error(key_location, "a key must be a plain name", code="yaml_syntax")
+            key = _text(key_node, key_location)
             if key == "<<":
                 message = "merge keys (<<) are not supported; use extends"
-                raise refusal(key_place, message, code="yaml_syntax")
+                raise input_error(key_location, message, code="yaml_syntax")
             if key in values:
                 message = f"duplicate key '{key}'; the first one is in line {keys[key].line}"
-                raise refusal(key_place, message, code="duplicate")
+                raise input_error(key_location, message, code="duplicate")
             values[key] = self.build(value_node, (*path, key))
-            keys[key] = key_place
-        return Node(values, place, keys)
+            keys[key] = key_location
+        return Node(values, location, keys)
 
 
-def _text(node: yaml.ScalarNode, place: Place, path: str = "") -> str:
-    """Return the text of a scalar; escapes may name characters that no file name or terminal takes."""
+def _text(node: yaml.ScalarNode, location: Location, path: str = "") -> str:
+    """Return the text of a scalar; refuse characters that file names and terminals cannot represent."""
     text = str(node.value)
     if bad := re.search("[\0\ud800-\udfff]", text):
-        raise refusal(place, f"is not text: character {_hex(bad[0])}", path, "yaml_syntax")
+        raise input_error(location, f"is not text: character {_hex(bad[0])}", path, "yaml_syntax")
     return text
 
 
-def _scalar(node: yaml.ScalarNode, place: Place, path: str) -> Scalar:
-    text = _text(node, place, path)
+def _scalar(node: yaml.ScalarNode, location: Location, path: str) -> Scalar:
+    text = _text(node, location, path)
     kind = node.tag.removeprefix("tag:yaml.org,2002:")
     if kind == "str":
         return text
@@ -270,8 +284,10 @@ def _scalar(node: yaml.ScalarNode, place: Place, path: str) -> Scalar:
         if kind == "float" and "n" not in digits.lower() and math.isfinite(float(digits)):
             return float(digits)
         message = f"found {text[:40]}, expected a finite number of ordinary size"
-        raise refusal(place, message, path, "out_of_range")
-    raise refusal(place, f"the tag {node.tag} does not fit the value '{text[:40]}'", path, "yaml_syntax")
+        raise input_error(location, message, path, "out_of_range")
+    raise input_error(
+        location, f"the tag {node.tag} does not fit the value '{text[:40]}'", path, "yaml_syntax"
+    )
 
 
 def _syntax_message(error: yaml.MarkedYAMLError) -> str:
@@ -288,9 +304,9 @@ def _hex(character: object) -> str:
     return f"U+{code:04X}" if isinstance(code, int) else str(code)
 
 
-def _place(shown: str, mark: yaml.Mark) -> Place:
-    return Place(shown, mark.line + 1, mark.column + 1)
+def _location(display: str, mark: yaml.Mark) -> Location:
+    return Location(display, mark.line + 1, mark.column + 1)
 
 
-def _place_in(before: str, shown: str) -> Place:
-    return Place(shown, before.count("\n") + 1, len(before) - (before.rfind("\n") + 1) + 1)
+def _location_at(before: str, display: str) -> Location:
+    return Location(display, before.count("\n") + 1, len(before) - (before.rfind("\n") + 1) + 1)

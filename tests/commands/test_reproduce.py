@@ -19,7 +19,7 @@ import dockctl as package
 from dockctl.experiments import study as study_module
 from dockctl.experiments.jobs import Job, Stage, jobs_of, nearest_failures
 from dockctl.experiments.study import Display, JobRunner, Progress
-from dockctl.scenarios.files import naming
+from dockctl.scenarios.content import with_paths
 from dockctl.scenarios.loader import dump
 from dockctl.scenarios.study import Experiment
 from tests.commands.conftest import QUICK, Outcome, dockctl
@@ -96,7 +96,7 @@ def test_mesh_is_compared_by_content(out: Path) -> None:
     run, mesh = the_run(out), the_run(out) / "meshes" / "00-pontoon.obj"
     mesh.parent.mkdir()
     shutil.copy(source.with_name("pontoon.obj"), mesh)
-    (run / "scenario.yaml").write_text(dump(naming(job.scenario, (), ["meshes/00-pontoon.obj"])))
+    (run / "scenario.yaml").write_text(dump(with_paths(job.scenario, (), ["meshes/00-pontoon.obj"])))
     assert job.training() is None
     mesh.write_text(mesh.read_text() + "# changed\n")
     ((_, difference),) = job.mismatched_runs()

@@ -5,7 +5,7 @@ from __future__ import annotations
 from typing import Annotated, Any, Literal
 
 import pytest
-from pydantic import Field, ValidationError
+from pydantic import BeforeValidator, Field, ValidationError
 
 from dockctl.errors import Problem
 from dockctl.plugins import Registry
@@ -36,11 +36,20 @@ class Drawing(Model):
     shape: Annotated[Kind, SHAPE] = Field(default_factory=SHAPE.make_default)
 
 
-def problem(text: str) -> Problem:
+def with_names(given: Any) -> Any:
+    """Add the keys of a mapping as `kind` of its sections."""
+    return {name: {"kind": name, **section} for name, section in given.items()}
+
+
+class Shapes(Model):
+    shapes: Annotated[dict[str, Annotated[Kind, SHAPE]], BeforeValidator(with_names)]
+
+
+def problem(text: str, model: type[Model] = Drawing) -> Problem:
     tree = read_text(text, "drawing.yaml")
     with pytest.raises(ValidationError) as caught:
-        Drawing.model_validate(tree.plain())
-    (found,) = translate.problems(caught.value, tree, Drawing)
+        model.model_validate(tree.plain())
+    (found,) = translate.problems(caught.value, tree, model)
     return found
 
 
@@ -87,3 +96,17 @@ def test_an_unknown_key_has_a_key_of_that_kind_as_suggestion() -> None:
     found = problem("shape: {kind: path, x_m: [1], y_m: 2}")
     assert (found.code, found.suggestion) == ("unknown_key", "x_m")
     assert "radius_m" not in found.message
+
+
+@pytest.mark.parametrize(
+    ("text", "field", "code", "suggestion"),
+    [
+        ("shapes: {circle: {radius: 1}}", "shapes.circle.radius", "unknown_key", "radius_m"),
+        ("shapes: {mine: {kind: path, x_m: [1], y_m: 2}}", "shapes.mine.y_m", "unknown_key", "x_m"),
+        ("shapes: {path: {}}", "shapes.path.x_m", "missing_key", ""),
+        ("shapes: {cicle: {}}", "shapes.cicle", "unknown_name", "circle"),
+    ],
+)
+def test_a_mapping_of_kinds_selects_them_by_name(text: str, field: str, code: str, suggestion: str) -> None:
+    found = problem(text, Shapes)
+    assert (found.field, found.code, found.suggestion) == (field, code, suggestion)

@@ -135,7 +135,7 @@ def test_places_count_from_one_and_keys_have_their_own() -> None:
     tree = read_text("a: 1\nb:\n  - {c: 2}\n", "x.yaml")
     inner = tree.value["b"].value[0]  # type: ignore[index, union-attr]  # the text above says so
     assert str(inner.keys["c"].problem("!")) == "x.yaml:3:6: !"
-    assert str(inner.value["c"].place.problem("!", "b.0.c")) == "x.yaml:3:9: b.0.c: !"
+    assert str(inner.value["c"].location.problem("!", "b.0.c")) == "x.yaml:3:9: b.0.c: !"
 
 
 def test_a_byte_order_mark_is_nothing(tmp_path: Path) -> None:
@@ -167,7 +167,7 @@ def test_what_the_dumper_writes_is_read_back(data: object) -> None:
 @given(st.text(max_size=80) | st.text("[]{}:-#&*!|>'\"%@ \n\tab1.,?", max_size=80))
 def test_any_text_is_a_tree_or_an_input_error(text: str) -> None:
     with suppress(InputError):
-        assert read_text(text, "x").place.file == "x"
+        assert read_text(text, "x").location.file == "x"
 
 
 def test_described() -> None:

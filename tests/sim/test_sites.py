@@ -123,16 +123,16 @@ def test_random_starts_lie_around_their_own_site() -> None:
 
 
 @pytest.mark.parametrize(
-    ("override", "message"),
+    ("override", "code"),
     [
-        ("task.berths.held_out.east=[1]", "no berth on the east quay at 1; the nearest one is at 0"),
-        ("task.berths.held_out.north=[1]", "no berth on the north quay at 1; there is none on that quay"),
-        ("task.berths.held_out.east=[4]", "the east berth at 4 is trained already"),
-        ("task.berths.trained={east: [], west: []}", "name at least one berth"),
+        ("task.berths.held_out.east=[1]", "mismatch"),
+        ("task.berths.held_out.north=[1]", "mismatch"),
+        ("task.berths.held_out.east=[4]", "duplicate"),
+        ("task.berths.trained={east: [], west: []}", "missing_key"),
     ],
 )
-def test_berths_that_cannot_be_are_refused(override: str, message: str) -> None:
-    with pytest.raises(InputError, match=message):
+def test_invalid_berths_are_refused(override: str, code: str) -> None:
+    with pytest.raises(InputError, check=lambda error: error.code == code):
         load("marina", overrides=[override])
 
 

@@ -1,0 +1,61 @@
+"""The local files that a scenario uses, and whether two scenarios are the same apart from names and paths."""
+
+from __future__ import annotations
+
+import hashlib
+import json
+from collections.abc import Collection, Iterable
+from pathlib import Path
+from typing import Any
+
+from dockctl.scenarios.schema import Scenario
+
+LABELS = {"title", "description", "plugins"}
+"""Fields that affect neither a training nor an episode."""
+
+
+def mesh_files(scenario: Scenario) -> tuple[Path, ...]:
+    """Return the mesh files of the harbor."""
+    return tuple(Path(mesh.path) for mesh in scenario.harbor.meshes)
+
+
+def with_paths(scenario: Scenario, plugins: Iterable[str], meshes: Iterable[str]) -> Scenario:
+    """Return `scenario` with other paths for its plugins and, in their order, for its meshes."""
+    harbor, pairs = scenario.harbor, zip(scenario.harbor.meshes, meshes, strict=True)
+    moved = tuple(mesh.model_copy(update={"path": path}) for mesh, path in pairs)
+    changed = {"plugins": tuple(plugins), "harbor": harbor.model_copy(update={"meshes": moved})}
+    return scenario.model_copy(update=changed)
+
+
+def first_difference(expected: Scenario, found: Scenario, *, ignore: Collection[str] = ()) -> str | None:
+    """Describe the first field in which two scenarios differ; None if they are the same.
+
+    Meshes are compared by their content, not by their path.
+
+    Args:
+        ignore: top-level fields that are not compared.
+
+    Raises:
+        OSError: a mesh cannot be read.
+    """
+    return _first_difference(_content(expected, ignore), _content(found, ignore))
+
+
+def _content(scenario: Scenario, ignore: Collection[str]) -> dict[str, Any]:
+    hashes = [hashlib.sha256(path.read_bytes()).hexdigest() for path in mesh_files(scenario)]
+    return with_paths(scenario, (), hashes).model_dump(exclude={*LABELS, *ignore})
+
+
+def _first_difference(expected: Any, found: Any, path: str = "") -> str | None:
+    if isinstance(expected, dict) and isinstance(found, dict):
+        fields = (
+            _first_difference(expected.get(key), found.get(key), f"{path}.{key}".lstrip("."))
+            for key in {**expected, **found}
+        )
+        return next((difference for difference in fields if difference), None)
+    return None if expected == found else f"{path} is {_short(found)}, expected {_short(expected)}"
+
+
+def _short(value: Any) -> str:
+    text = json.dumps(value, default=str)
+    return text if len(text) <= 40 else f"{text[:37]}..."
