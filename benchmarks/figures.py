@@ -10,7 +10,7 @@ from matplotlib.figure import Figure
 from matplotlib.ticker import FuncFormatter, NullFormatter, NullLocator
 
 from dockctl.drawing import palette
-from dockctl.reports.style import key, sheet
+from dockctl.reports.style import legend_above, titled_figure
 
 OURS, PEER = palette.SINGLE, palette.SECOND_MEAN
 Json = dict[str, Any]
@@ -57,7 +57,7 @@ def short(value: float) -> str:
 def growth_figure(growth: Json) -> Figure:
     """Times against rays, triangles and the batch, beside a peer's."""
     subtitle = "one core; bars from the least to the greatest of the rounds"
-    figure = sheet("How costs grow", subtitle, (10.4, 4.0))
+    figure = titled_figure("How costs grow", subtitle, (10.4, 4.0))
     panels = (
         ("rays", "rays a scan", "a scan [ms]", "trimesh + embree + numpy"),
         ("triangles", "triangles in the harbor", "a scan [ms]", "trimesh + embree + numpy"),
@@ -69,7 +69,7 @@ def growth_figure(growth: Json) -> Figure:
         curve(ax, x, [point["peer"] for point in points], 1e3, PEER)
         curve(ax, x, [point["dockctl"] for point in points], 1e3, OURS)
         logarithmic(ax, x, x_label, y_label)
-        key(ax, [("dockctl", OURS), (peer, PEER)])
+        legend_above(ax, [("dockctl", OURS), (peer, PEER)])
     return figure
 
 
@@ -77,7 +77,7 @@ def boats_figure(environment: Json) -> Figure:
     """Time of one boat's step, and memory, against the number of boats."""
     facts = environment["facts"]
     subtitle = f"environment of scenario 3, every ray, {facts['cores']} cores"
-    figure = sheet("What a boat costs among others", subtitle)
+    figure = titled_figure("What a boat costs among others", subtitle)
     left, right = figure.subplots(1, 2)
     curve(left, facts["boats"], facts["processor_seconds"], 1e6, OURS)
     logarithmic(left, facts["boats"], "boats", "processor time a boat and step [µs]")
@@ -88,7 +88,7 @@ def boats_figure(environment: Json) -> Figure:
     right.plot(facts["boats"], held, "o", color=OURS, ms=5)
     logarithmic(right, facts["boats"], "boats", "memory, harbor and tables apart [MB]")
     per_boat = number(facts["held_bytes_a_boat"] / 1e3)
-    key(right, [("measured", OURS), (f"{per_boat} kB a boat", palette.RULE, "--")])
+    legend_above(right, [("measured", OURS), (f"{per_boat} kB a boat", palette.RULE, "--")])
     left.set_title(" ", fontsize=8.5, pad=7)
     return figure
 
@@ -97,7 +97,7 @@ def ways_figure(lidar: Json) -> Figure:
     """Time of a scan on one core by each way, on a scale of decades."""
     facts = lidar["facts"]
     subtitle = f"{facts['rays']:,} rays, {facts['triangles']:,} triangles; one core, median of the rounds"
-    figure = sheet("Ways to scan the marina", subtitle, (7.6, 2.7))
+    figure = titled_figure("Ways to scan the marina", subtitle, (7.6, 2.7))
     ax = figure.add_subplot()
     ways = [(name, 1e3 * s["median"]) for name, s in lidar["seconds"].items() if "wall" not in name]
     ways.sort(key=lambda way: -way[1])

@@ -12,8 +12,8 @@ from matplotlib.figure import Figure
 from dockctl.analysis.learning import RECENT, term_columns
 from dockctl.analysis.trajectories import Track, tracks_of
 from dockctl.drawing.scene import Scene
-from dockctl.reports import learning, scene, trajectory
-from dockctl.reports.style import panel, sheet
+from dockctl.reports import learning, plan_view, trajectory
+from dockctl.reports.style import titled_axes, titled_figure
 from dockctl.runs.reader import Run
 from dockctl.scenarios.schema import Task
 
@@ -61,7 +61,7 @@ def training_figures(run: Run, episodes: pd.DataFrame) -> Iterator[tuple[str, Fi
             continue
         if draw is learning.draw_terms and not term_columns(episodes):
             continue
-        figure, ax = panel(title, f"{run.caption}, {len(episodes):,} episodes")
+        figure, ax = titled_axes(title, f"{run.caption}, {len(episodes):,} episodes")
         draw(ax, episodes)
         yield name, figure
 
@@ -69,9 +69,9 @@ def training_figures(run: Run, episodes: pd.DataFrame) -> Iterator[tuple[str, Fi
 def evaluation_figure(run: Run, evaluations: pd.DataFrame) -> Figure:
     """How the greedy policy ended from every test pose, over the training."""
     rows = evaluations["pose"].nunique()
-    figure, ax = panel("The greedy policy at every evaluation", run.caption, (7.6, 2.3 + 0.3 * rows))
+    figure, ax = titled_axes("The greedy policy at every evaluation", run.caption, (7.6, 2.3 + 0.3 * rows))
     at_berths = run.task.berths is not None  # judged from random starts there, not from the test poses
-    names = [] if at_berths else [scene.pose_names([pose]) for pose in run.tests]
+    names = [] if at_berths else [plan_view.pose_names([pose]) for pose in run.tests]
     learning.draw_evaluations(ax, evaluations, names)
     return figure
 
@@ -80,27 +80,27 @@ def pose_figure(run: Run, tracks: Sequence[Track]) -> Figure:
     """Paths of the greedy policy over the harbor (Fig. 4.4)."""
     plan, view = _plan_and_view(run, tracks)
     height = 6.9 * (view[3] - view[1]) / (view[2] - view[0]) + (1.45 if len(tracks) > 1 else 1.2)
-    interval = scene.outline_interval(tracks)
+    interval = plan_view.outline_interval(tracks)
     title = (
         "How the best policy docks" if all(track.docked for track in tracks) else "Where the best policy goes"
     )
-    figure, ax = panel(title, f"{run.caption}, one outline every {interval:g} s", (7.8, height))
-    scene.draw_harbor(ax, plan, view)
-    scene.draw_paths(ax, plan, tracks, run.task)
-    scene.draw_compass(ax, view)
+    figure, ax = titled_axes(title, f"{run.caption}, one outline every {interval:g} s", (7.8, height))
+    plan_view.draw_harbor(ax, plan, view)
+    plan_view.draw_paths(ax, plan, tracks, run.task)
+    plan_view.draw_compass(ax, view)
     return figure
 
 
 def docking_figures(run: Run, tracks: Sequence[Track]) -> Iterator[tuple[str, Figure]]:
     """Yield distance, heading, velocities and controls over time (Figs. 4.5-4.10)."""
     for name, (title, draw) in DOCKING.items():
-        figure, ax = panel(f"{title} while docking", run.caption)
+        figure, ax = titled_axes(f"{title} while docking", run.caption)
         draw(ax, tracks, run.task)
         trajectory.mark_phases(ax, tracks)
         yield name, figure
     for name, (title, draw) in CONTROLS.items():
         size = (7.6, 4.3) if len(tracks) == 1 else (7.6, 1.2 + 1.25 * len(tracks))
-        figure = sheet(f"{title} while docking", run.caption, size)
+        figure = titled_figure(f"{title} while docking", run.caption, size)
         axes = np.atleast_1d(figure.subplots(len(tracks), sharex=True, sharey=True))
         for ax, track in zip(axes, tracks, strict=True):
             draw(ax, [track], run.task)
@@ -125,7 +125,7 @@ def overview(run: Run, episodes: pd.DataFrame, tracks: Sequence[Track]) -> Figur
     docked = sum(track.docked for track in tracks)
     last = episodes.tail(RECENT)
     share = float((last["outcome"] == "docked").mean())
-    figure = sheet(
+    figure = titled_figure(
         f"Scenario {run.scenario} at a glance",
         f"seed {run.seed}, {len(episodes):,} training episodes, {share:.0%} of the last {len(last)} docked; "
         f"the best policy docks from {docked} of {len(tracks)} test pose{'s' * (len(tracks) > 1)}",
@@ -135,9 +135,9 @@ def overview(run: Run, episodes: pd.DataFrame, tracks: Sequence[Track]) -> Figur
     left, right, lower = (figure.add_subfigure(cell) for cell in (grid[0, 0], grid[0, 1], grid[1, :]))
     plan, view = _plan_and_view(run, tracks, aspect=(1.3, 1.3))
     paths = left.add_subplot()
-    scene.draw_harbor(paths, plan, view)
-    scene.draw_paths(paths, plan, tracks, run.task)
-    scene.draw_compass(paths, view)
+    plan_view.draw_harbor(paths, plan, view)
+    plan_view.draw_paths(paths, plan, tracks, run.task)
+    plan_view.draw_compass(paths, view)
     for ax, learned in zip(right.subplots(2), (learning.draw_reward, learning.draw_outcomes), strict=True):
         learned(ax, episodes)
     motions = (
@@ -156,9 +156,9 @@ def overview(run: Run, episodes: pd.DataFrame, tracks: Sequence[Track]) -> Figur
 
 def _plan_and_view(
     run: Run, tracks: Sequence[Track], aspect: tuple[float, float] = (0.85, 1.75)
-) -> tuple[Scene, scene.Bounds]:
+) -> tuple[Scene, plan_view.Bounds]:
     """The harbor, with water wherever the boat went, and the part of it that holds paths and poses."""
     paths = [track.table[["x_m", "y_m"]].to_numpy(float) for track in tracks]
-    points = np.concatenate([*paths, scene.task_points(run.task)])
-    plan = scene.embracing(run.scene, points)
-    return plan, scene.close_view(plan, points, aspect=aspect)
+    points = np.concatenate([*paths, plan_view.task_points(run.task)])
+    plan = plan_view.embracing(run.scene, points)
+    return plan, plan_view.close_view(plan, points, aspect=aspect)

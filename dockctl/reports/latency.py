@@ -10,7 +10,7 @@ from matplotlib.ticker import FuncFormatter, NullFormatter
 
 from dockctl.analysis.latency import PARTS, STATISTICS, THESIS_FORWARD_MS, summarize
 from dockctl.drawing import palette
-from dockctl.reports.style import HALO, sheet
+from dockctl.reports.style import HALO, titled_figure
 
 COLORS = {
     "scan_ms": palette.BLUE,
@@ -28,7 +28,7 @@ def latency_figure(samples: pd.DataFrame, subtitle: str, control_period_ms: floa
         subtitle: what was timed.
         control_period_ms: the time in which a decision must be made.
     """
-    figure = sheet("How long the boat takes to decide", subtitle, (7.8, 5.6))
+    figure = titled_figure("How long the boat takes to decide", subtitle, (7.8, 5.6))
     axes = figure.subplots(len(PARTS), sharex=True)
     least, most = float(samples.to_numpy().min()), float(max(samples.to_numpy().max(), control_period_ms))
     edges = np.geomspace(max(least, 1e-4) / 1.5, 2.5 * most, 140)

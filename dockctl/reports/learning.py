@@ -12,7 +12,7 @@ from matplotlib.ticker import PercentFormatter
 
 from dockctl.analysis.learning import from_initial_poses, moving_average, smoothing_window, term_columns
 from dockctl.drawing import palette
-from dockctl.reports.style import key, thousands
+from dockctl.reports.style import legend_above, thousands
 
 TERM_COLORS = {
     "collision": palette.COLLISION,
@@ -81,7 +81,9 @@ def draw_phase(ax: Axes, episodes: pd.DataFrame) -> None:
     ax.set_yticks([0, 0.25, 0.5, 0.75, 1], ["0  aligning", "25 %", "50 %", "75 %", "1  docking"])
     ax.set_ylim(-0.08, 1.08)
     ax.set_ylabel("Task at the end of the episode")
-    key(ax, [("episode", palette.RAW), (f"share past the intermediate pose, of {window}", palette.MEAN)])
+    legend_above(
+        ax, [("episode", palette.RAW), (f"share past the intermediate pose, of {window}", palette.MEAN)]
+    )
     _episode_axis(ax, episodes)
 
 
@@ -97,7 +99,7 @@ def draw_outcomes(ax: Axes, episodes: pd.DataFrame) -> None:
     ax.yaxis.set_major_formatter(PercentFormatter(1, symbol=" %"))
     ax.set_ylabel(f"Share of the last {window} episodes")
     ax.grid(False)
-    key(ax, list(palette.OUTCOMES.items()))
+    legend_above(ax, list(palette.OUTCOMES.items()))
     _episode_axis(ax, episodes)
 
 
@@ -121,7 +123,7 @@ def draw_terms(ax: Axes, episodes: pd.DataFrame) -> None:
     ax.axhline(0, color=palette.INK_SOFT, lw=0.8)
     ax.set_ylabel(f"Reward an episode, mean of {window}")
     thousands(ax, "y")
-    key(ax, [*entries, ("total", palette.INK)], columns=7)
+    legend_above(ax, [*entries, ("total", palette.INK)], columns=7)
     _episode_axis(ax, episodes)
 
 
@@ -145,7 +147,7 @@ def draw_evaluations(ax: Axes, evaluations: pd.DataFrame, names: Sequence[str]) 
     ax.set_xlim(-0.6, len(steps) - 0.4)
     ax.set_xlabel("Environment steps at the evaluation   (★ best policy so far)")
     ax.grid(False)
-    key(ax, list(palette.OUTCOMES.items()))
+    legend_above(ax, list(palette.OUTCOMES.items()))
 
 
 def _dots_and_means(ax: Axes, episodes: pd.DataFrame, column: str) -> None:
@@ -175,9 +177,9 @@ def _dots_and_means(ax: Axes, episodes: pd.DataFrame, column: str) -> None:
             label=f"{name}, mean of {window}",
         )
     if len(groups) > 1:
-        key(ax, [(f"{name}, mean of {window}", dark) for name, _, _, dark in groups])
+        legend_above(ax, [(f"{name}, mean of {window}", dark) for name, _, _, dark in groups])
     else:
-        key(ax, [("episode", groups[0][2]), (f"mean of {window}", groups[0][3])])
+        legend_above(ax, [("episode", groups[0][2]), (f"mean of {window}", groups[0][3])])
     _episode_axis(ax, episodes)
 
 

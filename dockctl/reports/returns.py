@@ -11,7 +11,7 @@ from dockctl.analysis.learning import term_columns
 from dockctl.analysis.returns import DOCKING, INTERMEDIATE, break_even, unit_words, value
 from dockctl.drawing import palette
 from dockctl.reports.learning import OTHER_TERMS, TERM_COLORS
-from dockctl.reports.style import HALO, key, sheet, thousands
+from dockctl.reports.style import HALO, legend_above, thousands, titled_figure
 
 READING_COLORS = (palette.MEAN, palette.SECOND_MEAN, palette.PURPLE, palette.GREEN)
 
@@ -27,7 +27,7 @@ def returns_figure(table: pd.DataFrame, caption: str) -> Figure:
     readings = [table[table["distance_unit_m"] == unit] for unit in units]
     gate = break_even(readings[0]) is not None
     widths = [1.0] * len(units) + [0.8] * gate
-    figure = sheet(
+    figure = titled_figure(
         "What the reward prefers: discounted returns, made of their terms",
         caption,
         (2.2 + 4.3 * sum(widths), 1.9 + 0.46 * len(readings[0])),
@@ -37,13 +37,15 @@ def returns_figure(table: pd.DataFrame, caption: str) -> Figure:
         draw_returns(axes[i], rows)
         axes[i].set_xlabel(f"Discounted return, δd in {unit_words(unit)}")
         axes[i].tick_params(labelleft=i == 0)
-    key(axes[0], [(_name(column), _color(table, column)) for column in term_columns(table)], columns=6)
+    legend_above(
+        axes[0], [(_name(column), _color(table, column)) for column in term_columns(table)], columns=6
+    )
     if gate:
         colors = [READING_COLORS[i % len(READING_COLORS)] for i in range(len(units))]
         for rows, color in zip(readings, colors, strict=True):
             draw_lead(axes[-1], rows, color)
         names = [f"δd in {unit_words(unit)}" for unit in units]
-        key(axes[-1], list(zip(names, colors, strict=True)), columns=2)
+        legend_above(axes[-1], list(zip(names, colors, strict=True)), columns=2)
     return figure
 
 

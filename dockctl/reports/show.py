@@ -15,8 +15,8 @@ from dockctl.analysis.trajectories import pose_label
 from dockctl.drawing import palette
 from dockctl.drawing.plan import water
 from dockctl.drawing.scene import Scene
-from dockctl.reports import cloud, scene, view3d
-from dockctl.reports.style import panel, sheet
+from dockctl.reports import cloud, plan_view, view3d
+from dockctl.reports.style import titled_axes, titled_figure
 from dockctl.reports.view3d import Body, Camera
 from dockctl.scenarios.schema import Scenario
 
@@ -57,7 +57,7 @@ def figures(
         own: the own boat in the body frame.
         scan: what the LiDARs see from one pose.
     """
-    plan = scene.embracing(plan, scene.task_points(scenario.task, scenario.evaluation.poses))
+    plan = plan_view.embracing(plan, plan_view.task_points(scenario.task, scenario.evaluation.poses))
     boat = Body(own.name, own.kind, view3d.placed(own.triangles, scan.pose))
     return {
         "harbor": harbor_figure(plan, scenario),
@@ -70,22 +70,22 @@ def figures(
 def harbor_figure(plan: Scene, scenario: Scenario) -> Figure:
     """The whole harbor, and the poses of the task close up (Figs. 3.13-3.15)."""
     task, tests = scenario.task, scenario.evaluation.poses
-    whole = scene.whole_view(plan)
-    close = scene.close_view(plan, scene.task_points(task, tests), aspect=(1.0, 1.0))
+    whole = plan_view.whole_view(plan)
+    close = plan_view.close_view(plan, plan_view.task_points(task, tests), aspect=(1.0, 1.0))
     shape = (whole[2] - whole[0]) / (whole[3] - whole[1])
     height = 8.2
     overall = float(np.clip((height - 1.2) * shape + 0.7, 2.6, 9.0))
-    figure = sheet(
+    figure = titled_figure(
         f"Harbor and poses of scenario {scenario.name}", _poses_line(scenario), (overall + 7.4, height)
     )
     left, right = figure.subplots(1, 2, width_ratios=(overall, 7.2))
-    scene.draw_harbor(left, plan, whole)
+    plan_view.draw_harbor(left, plan, whole)
     x, y, width, depth = close[0], close[1], close[2] - close[0], close[3] - close[1]
     left.add_patch(Rectangle((x, y), width, depth, fc="none", ec=palette.INK, lw=1.1, zorder=7))
-    scene.draw_harbor(right, plan, close)
+    plan_view.draw_harbor(right, plan, close)
     for ax, named in ((left, False), (right, True)):
-        scene.draw_poses(ax, plan, task, tests, named=named)
-    scene.draw_compass(right, close)
+        plan_view.draw_poses(ax, plan, task, tests, named=named)
+    plan_view.draw_compass(right, close)
     return figure
 
 
@@ -105,7 +105,7 @@ def marina_figure(plan: Scene, scenario: Scenario, bodies: Sequence[Body]) -> Fi
     tops = np.concatenate([body.triangles.reshape(-1, 3) for body in trimmed])
     extent = view3d.extent(camera, np.concatenate([corners, tops[tops[:, 2] > 0]]))
     width, height = extent[1] - extent[0]
-    figure, ax = panel(
+    figure, ax = titled_axes(
         f"The harbor '{plan.name}'",
         f"scenario {scenario.name}; the boat that learns to dock is red",
         (10.4, 10.0 * height / width + 0.9),
@@ -121,7 +121,7 @@ def cloud_figure(plan: Scene, scenario: Scenario, boat: Body, scan: Scan) -> Fig
     points = view3d.placed(scan.points, scan.pose)
     centre = np.array([scan.pose[0], scan.pose[1], 0.0])
     camera = Camera(tuple((centre + CLOUD_EYE_M).tolist()), tuple(centre.tolist()))
-    figure, ax = panel(
+    figure, ax = titled_axes(
         f"{len(points):,} LiDAR points around the boat",
         f"scenario {scenario.name}, one scan from {scan.label}; dark outlines: the harbor's plan",
         (9.6, 6.6),
@@ -141,7 +141,7 @@ def cloud_figure(plan: Scene, scenario: Scenario, boat: Body, scan: Scan) -> Fig
 
 def sectors_figure(plan: Scene, scenario: Scenario, scan: Scan) -> Figure:
     """The points from above in their sectors, with the distances that the policy sees (Fig. 3.9)."""
-    figure, ax = panel(
+    figure, ax = titled_axes(
         f"The {len(scan.ranges_m)} distances that the policy sees",
         f"scenario {scenario.name}, from {scan.label}: points from above, the nearest of each sector marked",
         (7.6, 8.1),
@@ -152,8 +152,8 @@ def sectors_figure(plan: Scene, scenario: Scenario, scan: Scan) -> Figure:
 
 def _poses_line(scenario: Scenario) -> str:
     task = scenario.task
-    ways = [f"from {scene.pose_names(task.initial[:3])}{' …' if len(task.initial) > 3 else ''}"]
+    ways = [f"from {plan_view.pose_names(task.initial[:3])}{' …' if len(task.initial) > 3 else ''}"]
     if task.intermediate is not None:
-        ways.append(f"by {scene.pose_names([task.intermediate])}")
-    ways.append(f"to {scene.pose_names([task.final])}")
+        ways.append(f"by {plan_view.pose_names([task.intermediate])}")
+    ways.append(f"to {plan_view.pose_names([task.final])}")
     return f"{' '.join(ways)}; x [m], y [m], heading"

@@ -70,7 +70,7 @@ def house_style() -> Iterator[None]:
         yield
 
 
-def sheet(title: str, subtitle: str, size_in: tuple[float, float] = (7.6, 4.3)) -> Figure:
+def titled_figure(title: str, subtitle: str, size_in: tuple[float, float] = (7.6, 4.3)) -> Figure:
     """Return an empty figure with a bold title and a quiet line under it, both at the left edge."""
     width, height = size_in
     head = 0.62 / height  # inches kept for the two lines, whatever the height of the figure
@@ -82,13 +82,15 @@ def sheet(title: str, subtitle: str, size_in: tuple[float, float] = (7.6, 4.3)) 
     return figure
 
 
-def panel(title: str, subtitle: str, size_in: tuple[float, float] = (7.6, 4.3)) -> tuple[Figure, Axes]:
+def titled_axes(title: str, subtitle: str, size_in: tuple[float, float] = (7.6, 4.3)) -> tuple[Figure, Axes]:
     """Return a sheet with one pair of axes."""
-    figure = sheet(title, subtitle, size_in)
+    figure = titled_figure(title, subtitle, size_in)
     return figure, figure.add_subplot()
 
 
-def key(ax: Axes, entries: Sequence[tuple[str, str] | tuple[str, str, str]], columns: int = 5) -> None:
+def legend_above(
+    ax: Axes, entries: Sequence[tuple[str, str] | tuple[str, str, str]], columns: int = 5
+) -> None:
     """Name lines above the axes: (name, color) or (name, color, line style); a single one needs no name."""
     if len(entries) < 2:
         return

@@ -30,8 +30,8 @@ from dockctl.analysis.success_map import (
 from dockctl.analysis.trajectories import pose_label
 from dockctl.drawing import palette
 from dockctl.drawing.scene import Scene
-from dockctl.reports import scene
-from dockctl.reports.style import HALO, key, sheet
+from dockctl.reports import plan_view
+from dockctl.reports.style import HALO, legend_above, titled_figure
 from dockctl.scenarios.schema import Task
 
 Floats = NDArray[np.float64]
@@ -67,7 +67,7 @@ def map_figure(table: pd.DataFrame, plan: Scene, task: Task, caption: str) -> Fi
     straight, askew = (
         format_radius(success_radius(within_heading(free, limit), reach)) for limit in (0, SMALL_OFFSET_DEG)
     )
-    figure = sheet(
+    figure = titled_figure(
         f"Where it docks from: starts within ±{reach:g} m of {pose}",
         f"{caption}; {len(free):,} free starts, {free['docked'].mean():.0%} dock. Success radius, up to which"
         f" every free start docks (dashed): {straight} with the heading of the pose, {askew} up to 20° askew",
@@ -78,7 +78,7 @@ def map_figure(table: pd.DataFrame, plan: Scene, task: Task, caption: str) -> Fi
     axes = np.atleast_1d(upper.subplots(rows, columns, sharex=True, sharey=True)).ravel()
     for ax, heading in zip(axes, headings, strict=False):
         part = table[table["dheading_deg"] == heading]
-        scene.draw_harbor(ax, plan, view)
+        plan_view.draw_harbor(ax, plan, view)
         draw_cells(ax, part, plan.hull, reach)
         for goal in goals[:1]:
             ax.plot(*goal, marker="P", ms=6, color=palette.GOAL, mec="white", mew=0.6, zorder=6)
@@ -109,8 +109,8 @@ def draw_cells(ax: Axes, part: pd.DataFrame, hull: Floats, reach_m: float) -> No
     )
     middle = part[(part["dx_m"] == 0) & (part["dy_m"] == 0)].iloc[0]
     place = np.array([middle["x_m"], middle["y_m"], np.radians(middle["heading_deg"])])
-    scene.draw_boat(ax, hull, place, palette.INK, fill=0.25, lw=1.2)
-    scene.draw_heading(ax, hull, place, palette.INK)
+    plan_view.draw_boat(ax, hull, place, palette.INK, fill=0.25, lw=1.2)
+    plan_view.draw_heading(ax, hull, place, palette.INK)
     if radius := success_radius(free_starts(part), reach_m):
         ax.add_patch(
             Circle(
@@ -169,7 +169,7 @@ def _curves(ax: Axes, groups: Sequence[tuple[str, pd.DataFrame]], column: str) -
     ax.set_ylim(0, 1.02)
     ax.yaxis.set_major_formatter(PercentFormatter(1, symbol=" %"))
     ax.set_ylabel("Starts that dock, with 95 % interval")
-    key(ax, [(name, color) for (name, _), color in zip(groups, COLORS, strict=False)], columns=3)
+    legend_above(ax, [(name, color) for (name, _), color in zip(groups, COLORS, strict=False)], columns=3)
 
 
 def _limits(values: pd.Series, wanted: Sequence[float], widest: float) -> list[float]:
@@ -190,7 +190,7 @@ def _spacing(table: pd.DataFrame) -> float:
     return float(np.diff(places).min()) if len(places) > 1 else 1.0
 
 
-def _view(plan: Scene, table: pd.DataFrame, goals: Floats) -> scene.Bounds:
+def _view(plan: Scene, table: pd.DataFrame, goals: Floats) -> plan_view.Bounds:
     """The cells and the goals, with a margin."""
     margin = _spacing(table) / 2 + 0.6
     points = np.concatenate([table[["x_m", "y_m"]].to_numpy(float), goals])

@@ -10,7 +10,7 @@ from matplotlib.axes import Axes
 
 from dockctl.analysis.trajectories import Track
 from dockctl.drawing import palette
-from dockctl.reports.style import HALO, key
+from dockctl.reports.style import HALO, legend_above
 from dockctl.scenarios.schema import Task, Tolerance
 
 
@@ -42,7 +42,7 @@ def draw_velocity(ax: Axes, tracks: Sequence[Track], task: Task) -> None:
         ax.set_ylabel("u (full), v (dotted) [m/s]")
     else:
         ax.set_ylabel("Velocity [m/s]")
-        key(ax, [("surge u", tracks[0].color), ("sway v", tracks[0].color, ":")])
+        legend_above(ax, [("surge u", tracks[0].color), ("sway v", tracks[0].color, ":")])
 
 
 def draw_yaw_rate(ax: Axes, tracks: Sequence[Track], task: Task) -> None:
@@ -126,7 +126,7 @@ def _steps(ax: Axes, tracks: Sequence[Track], column: str) -> None:
 def _time_axis(ax: Axes, tracks: Sequence[Track]) -> None:
     ax.set_xlim(0, 1.015 * max(track.table["time_s"].iloc[-1] for track in tracks))
     ax.set_xlabel("Time [s]")
-    key(ax, [(track.label, track.color) for track in tracks])
+    legend_above(ax, [(track.label, track.color) for track in tracks])
 
 
 def mark_phases(ax: Axes, tracks: Sequence[Track], *, names: bool = True) -> None:

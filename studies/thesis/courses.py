@@ -12,8 +12,8 @@ from matplotlib.figure import Figure, SubFigure
 from dockctl.analysis.trajectories import Track
 from dockctl.drawing import palette
 from dockctl.drawing.scene import Scene
-from dockctl.reports import scene, trajectory
-from dockctl.reports.style import key, panel, sheet
+from dockctl.reports import plan_view, trajectory
+from dockctl.reports.style import legend_above, titled_axes, titled_figure
 from dockctl.scenarios.schema import Task
 from dockctl.scenarios.vessel import Vessel
 from studies.thesis.kept import Course, Kept
@@ -47,7 +47,7 @@ def course_figure(
         cited: the thesis' seven figures, in the order of its sections.
     """
     lower_height = 0.55 + 0.85 * len(tracks)
-    figure = sheet(title, subtitle, (13.0, 7.6 + lower_height))
+    figure = titled_figure(title, subtitle, (13.0, 7.6 + lower_height))
     rows = figure.add_gridspec(2, 1, height_ratios=(6.9, lower_height))
     upper, lower = figure.add_subfigure(rows[0]), figure.add_subfigure(rows[1])
     columns = upper.add_gridspec(1, 2, width_ratios=(1.0, 1.12))
@@ -66,13 +66,13 @@ def course_figure(
 def draw_ways(ax: Axes, plan: Scene, task: Task, tracks: Sequence[Track], number: str) -> None:
     """The ways over the part of the harbor that holds them."""
     ways = [track.table[["x_m", "y_m"]].to_numpy(float) for track in tracks]
-    points = np.concatenate([*ways, scene.task_points(task)])
-    whole = scene.embracing(plan, points)
-    view = scene.close_view(whole, points, aspect=(0.9, 0.98))
-    scene.draw_harbor(ax, whole, view)
-    scene.draw_paths(ax, whole, tracks, task)
-    key(ax, [(track.label, track.color) for track in tracks], columns=3)
-    scene.draw_compass(ax, view)
+    points = np.concatenate([*ways, plan_view.task_points(task)])
+    whole = plan_view.embracing(plan, points)
+    view = plan_view.close_view(whole, points, aspect=(0.9, 0.98))
+    plan_view.draw_harbor(ax, whole, view)
+    plan_view.draw_paths(ax, whole, tracks, task)
+    legend_above(ax, [(track.label, track.color) for track in tracks], columns=3)
+    plan_view.draw_compass(ax, view)
     _cite(ax, number)
 
 
@@ -80,7 +80,7 @@ def ways_figure(title: str, subtitle: str, panels: Sequence[tuple[str, Course]])
     """The ways of several policies side by side, each over its harbor."""
     columns = min(3, len(panels))
     rows = -(-len(panels) // columns)
-    figure = sheet(title, subtitle, (max(4.5 * columns, TITLED_IN), 0.8 + 4.5 * rows))
+    figure = titled_figure(title, subtitle, (max(4.5 * columns, TITLED_IN), 0.8 + 4.5 * rows))
     axes = np.atleast_1d(figure.subplots(rows, columns)).ravel()
     before: list[str] = []
     for ax, (name, course) in zip(axes, panels, strict=False):
@@ -99,17 +99,17 @@ def ways_figure(title: str, subtitle: str, panels: Sequence[tuple[str, Course]])
 
 def starts_figure(runs: Sequence[tuple[str, str, Kept]]) -> Figure:
     """The poses of the scenarios, side by side (Figs. 3.13-3.15); name, thesis figure and a run of each."""
-    figure = sheet(
+    figure = titled_figure(
         "Where the scenarios begin and end", "blue: initial poses, violet: further test poses, red: goals",
         (13.6, 5.6),
     )  # fmt: skip
     axes = np.atleast_1d(figure.subplots(1, len(runs)))
     for ax, (name, number, kept) in zip(axes, runs, strict=True):
         run = kept.run
-        points = scene.task_points(run.task, run.tests)
-        view = scene.close_view(run.scene, points, aspect=(1.0, 1.0))
-        scene.draw_harbor(ax, run.scene, view)
-        scene.draw_poses(ax, run.scene, run.task, run.tests)
+        points = plan_view.task_points(run.task, run.tests)
+        view = plan_view.close_view(run.scene, points, aspect=(1.0, 1.0))
+        plan_view.draw_harbor(ax, run.scene, view)
+        plan_view.draw_poses(ax, run.scene, run.task, run.tests)
         ax.set_title(name, loc="left", fontsize=9, fontweight="bold", color=palette.INK)
         _cite(ax, number)
     return figure
@@ -127,7 +127,7 @@ def surge_figure(vessel: Vessel, seconds: float = 30.0) -> Figure:
     time = np.linspace(0, seconds, 301)
     fading = np.exp(-root * time / mass)
     speed = top * (1 - fading) / (1 + fading * (root - linear) / (root + linear))
-    figure, ax = panel(
+    figure, ax = titled_axes(
         "Surge at full force", f"{force:g} N and rudder amidships, from rest; it tends to {top:.4f} m/s"
     )
     ax.plot(time, speed, color=palette.SINGLE)

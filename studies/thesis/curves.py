@@ -13,7 +13,7 @@ from matplotlib.ticker import MaxNLocator, PercentFormatter
 from dockctl.analysis.learning import RECENT, from_initial_poses, moving_average
 from dockctl.drawing import palette
 from dockctl.reports import learning
-from dockctl.reports.style import key, sheet, thousands
+from dockctl.reports.style import legend_above, thousands, titled_figure
 from studies.thesis.kept import Kept
 from studies.thesis.statistics import POINTS, interquartile_mean, interval, on_a_grid
 
@@ -40,7 +40,7 @@ def training_figure(title: str, runs: Sequence[Kept], cited: Sequence[str]) -> F
     """
     has_phase = runs[0].run.task.intermediate is not None
     panels = (REWARD, DURATION, PHASE if has_phase else EPSILON, DOCKED)
-    figure = sheet(
+    figure = titled_figure(
         title,
         f"{_seeds(runs)}; episodes from an initial pose, means of {WINDOW}; dark: interquartile mean of the"
         " seeds with its 95 % bootstrap interval; a dot where a training ended: its last value counts on",
@@ -51,7 +51,7 @@ def training_figure(title: str, runs: Sequence[Kept], cited: Sequence[str]) -> F
         draw_seeds(ax, runs, panel)
         if all(cited) or panel is DOCKED:
             ax.set_title(panel[1].format(*cited), loc="right", fontsize=8.5, color=palette.INK_SOFT)
-    key(
+    legend_above(
         axes[0],
         [(f"seed {run.seed}", SEED_COLORS[i % len(SEED_COLORS)]) for i, run in enumerate(runs)],
     )
@@ -87,7 +87,7 @@ def compared_figure(
         groups: title of the panel, then name of the set and its runs.
     """
     rows = -(-len(groups) // columns)
-    figure = sheet(title, subtitle, (12.4, 0.8 + 3.1 * rows))
+    figure = titled_figure(title, subtitle, (12.4, 0.8 + 3.1 * rows))
     axes = np.atleast_1d(figure.subplots(rows, columns, sharey=True)).ravel()
     for ax, (name, sets) in zip(axes, groups.items(), strict=False):
         longest = 0.0
@@ -101,7 +101,7 @@ def compared_figure(
             longest = max(longest, *(curve.index[-1] for curve in curves))
         _frame(ax, DOCKED, longest, "Environment steps")
         ax.set_ylabel("")
-        key(ax, [(set_name, color) for set_name, color in zip(sets, colors, strict=False)])
+        legend_above(ax, [(set_name, color) for set_name, color in zip(sets, colors, strict=False)])
         ax.set_title(name, loc="right", fontsize=9, fontweight="bold", color=palette.INK)
     for ax in axes[len(groups) :]:
         ax.set_visible(False)
@@ -112,7 +112,7 @@ def compared_figure(
 def endings_figure(title: str, runs: Sequence[tuple[str, Kept]], columns: int = 2) -> Figure:
     """How the episodes of single runs ended, over the training."""
     rows = -(-len(runs) // columns)
-    figure = sheet(
+    figure = titled_figure(
         title, f"share of the last {RECENT} episodes by ending; dark: share past the intermediate pose",
         (12.4, 0.8 + 2.6 * rows),
     )  # fmt: skip
@@ -135,7 +135,7 @@ def endings_figure(title: str, runs: Sequence[tuple[str, Kept]], columns: int = 
 
 def losses_figure(title: str, runs: Sequence[tuple[str, Kept]]) -> Figure:
     """Mean absolute TD error and mean value of single runs over the training."""
-    figure = sheet(
+    figure = titled_figure(
         title, "left: mean |TD error| of the updates, right: mean Q; in units of the reward", (12.4, 4.6)
     )
     left, right = figure.subplots(1, 2)
@@ -152,7 +152,7 @@ def losses_figure(title: str, runs: Sequence[tuple[str, Kept]]) -> Figure:
         ax.xaxis.set_major_locator(MaxNLocator(5))
         thousands(ax)
     thousands(right, "y")
-    key(left, [(name, color) for (name, _), color in zip(runs, colors, strict=False)], columns=3)
+    legend_above(left, [(name, color) for (name, _), color in zip(runs, colors, strict=False)], columns=3)
     return figure
 
 

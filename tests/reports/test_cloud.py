@@ -10,7 +10,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from dockctl.reports import cloud, view3d
-from dockctl.reports.style import house_style, panel
+from dockctl.reports.style import house_style, titled_axes
 from dockctl.reports.view3d import Body, Camera
 from tests.reports import synthetic
 
@@ -24,7 +24,7 @@ def test_the_nearest_point_of_each_sector_is_marked_with_its_distance() -> None:
         sector = math.floor((math.atan2(y, x) + math.pi) / (math.pi / 4))
         ranges[sector] = min(ranges[sector], math.hypot(x, y))
     with house_style():
-        _, ax = panel("", "")
+        _, ax = titled_axes("", "")
         cloud.draw_sectors(ax, points, ranges, synthetic.marina().hull, 100.0)
     texts = [text.get_text() for text in ax.texts]
     assert texts.count("d5  3.16 m") == 1  # port bow
@@ -38,7 +38,7 @@ def test_the_nearest_point_of_each_sector_is_marked_with_its_distance() -> None:
 
 def test_a_scan_that_hits_nothing_can_be_drawn() -> None:
     with house_style():
-        _, ax = panel("", "")
+        _, ax = titled_axes("", "")
         cloud.draw_sectors(ax, np.empty((0, 3)), np.full(8, 100.0), synthetic.marina().hull, 100.0)
         cloud.draw_cloud(ax, CAMERA, np.empty((0, 3)), 1.0)
     assert len([text for text in ax.texts if text.get_text().endswith("nothing")]) == 8
@@ -71,7 +71,7 @@ def test_only_what_faces_the_camera_above_water_is_painted() -> None:
         Body("sunk", "quay", wall(2.0, -3.0, -1)),
     ]
     with house_style():
-        _, ax = panel("", "")
+        _, ax = titled_axes("", "")
         view3d.draw_bodies(ax, CAMERA, bodies)
     assert len(ax.collections[-1].get_paths()) == 1
 

@@ -14,14 +14,14 @@ from dockctl.analysis.learning import smoothing_window
 from dockctl.drawing import palette
 from dockctl.reports import learning
 from dockctl.reports.figures import Learning
-from dockctl.reports.style import house_style, panel
+from dockctl.reports.style import house_style, titled_axes
 from tests.reports import synthetic
 
 
 @pytest.fixture
 def ax() -> Iterator[Axes]:
     with house_style():
-        yield panel("", "")[1]
+        yield titled_axes("", "")[1]
 
 
 @pytest.fixture

@@ -8,14 +8,14 @@ import matplotlib as mpl
 import pytest
 
 from dockctl.errors import DockctlError
-from dockctl.reports.style import house_style, key, panel, save, thousands
+from dockctl.reports.style import house_style, legend_above, save, thousands, titled_axes
 
 
 def draw(folder: Path) -> list[Path]:
     with house_style():
-        figure, ax = panel("Title", "subtitle")
+        figure, ax = titled_axes("Title", "subtitle")
         ax.plot([0, 1000, 2000], [3, -2, 5], label="line")
-        key(ax, [("one", "red"), ("two", "blue", ":")])
+        legend_above(ax, [("one", "red"), ("two", "blue", ":")])
         thousands(ax)
         return save({"figure": figure}, folder)
 
@@ -49,6 +49,6 @@ def test_a_folder_that_cannot_be_made_is_told(tmp_path: Path) -> None:
 
 def test_large_numbers_are_grouped_and_minus_is_a_minus() -> None:
     with house_style():
-        _, ax = panel("", "")
+        _, ax = titled_axes("", "")
         thousands(ax, "y")
         assert ax.yaxis.get_major_formatter()(-12000.0, None) == "−12,000"

@@ -15,7 +15,7 @@ from matplotlib.colors import to_hex
 
 from dockctl.analysis.success_map import free_starts, half_width, success_radius, within_heading
 from dockctl.drawing import palette
-from dockctl.reports.style import house_style, panel, save
+from dockctl.reports.style import house_style, save, titled_axes
 from dockctl.reports.success_map import draw_cells, map_figure
 from dockctl.scenarios.schema import Task, Tolerance
 from tests.reports.synthetic import FINAL, marina
@@ -104,7 +104,7 @@ def test_headings_are_grouped_by_their_size() -> None:
 def test_a_cell_a_start_in_the_color_of_its_outcome() -> None:
     table = starts(failing={(2.0, 2.0), (4.0, 0.0)}, blocked={(-4.0, -4.0)})
     with house_style():
-        _, ax = panel("", "")
+        _, ax = titled_axes("", "")
         draw_cells(ax, table, marina().hull, 4.0)
     counts = {
         to_hex(cells.get_facecolor()[0]): len(cells.get_paths())

@@ -13,7 +13,7 @@ from dockctl.analysis.trajectories import pose_label, tracks_of
 from dockctl.drawing import palette
 from dockctl.reports import trajectory
 from dockctl.reports.figures import Motion
-from dockctl.reports.style import house_style, panel
+from dockctl.reports.style import house_style, titled_axes
 from dockctl.scenarios.schema import Task
 from tests.reports import synthetic
 
@@ -26,7 +26,7 @@ STARTS = [(20.0, 3.0, 150.0), (20.0, 2.0, 160.0), (20.0, -1.5, 190.0)]
 @pytest.fixture
 def ax() -> Iterator[Axes]:
     with house_style():
-        yield panel("", "")[1]
+        yield titled_axes("", "")[1]
 
 
 @pytest.fixture

@@ -17,7 +17,7 @@ from dockctl.drawing import palette
 from dockctl.drawing.plan import strokes, water
 from dockctl.drawing.scene import Scene
 from dockctl.geometry import place_outline, pose_array
-from dockctl.reports.style import HALO, key
+from dockctl.reports.style import HALO, legend_above
 from dockctl.scenarios.base import Pose
 from dockctl.scenarios.schema import Task
 
@@ -218,7 +218,7 @@ def draw_paths(ax: Axes, scene: Scene, tracks: Sequence[Track], task: Task) -> N
         draw_boat(ax, scene.hull, poses[-1], track.color, fill=0.55, lw=1.4)
     if len(tracks) == 1:
         label(ax, scene.hull, poses[0], f"start {tracks[0].label}", tracks[0].color, below=True)
-    key(ax, [(track.label, track.color) for track in tracks])
+    legend_above(ax, [(track.label, track.color) for track in tracks])
 
 
 def outline_interval(tracks: Iterable[Track]) -> float:

@@ -17,8 +17,8 @@ from dockctl.analysis.trajectories import Track, tracks_of
 from dockctl.drawing.plan import OPEN_SEA_M, strokes, water
 from dockctl.drawing.scene import Scene
 from dockctl.geometry import place_outline
-from dockctl.reports import scene
-from dockctl.reports.style import house_style, panel
+from dockctl.reports import plan_view
+from dockctl.reports.style import house_style, titled_axes
 from dockctl.scenarios.schema import Task
 from tests.reports import synthetic
 
@@ -64,9 +64,9 @@ def test_a_harbor_without_quays_lies_in_the_sea() -> None:
 def test_a_view_holds_its_points_within_the_harbor(
     points: list[tuple[float, float]], aspect: tuple[float, float]
 ) -> None:
-    x0, y0, x1, y1 = scene.close_view(PLAN, np.array(points), aspect=aspect)
+    x0, y0, x1, y1 = plan_view.close_view(PLAN, np.array(points), aspect=aspect)
     assert all(x0 <= x <= x1 and y0 <= y <= y1 for x, y in points)
-    low_x, low_y, high_x, high_y = scene.whole_view(PLAN)
+    low_x, low_y, high_x, high_y = plan_view.whole_view(PLAN)
     assert low_x - 1e-9 <= x0
     assert low_y - 1e-9 <= y0
     assert x1 <= high_x + 1e-9
@@ -74,22 +74,27 @@ def test_a_view_holds_its_points_within_the_harbor(
 
 
 def test_water_reaches_poses_outside() -> None:
-    assert scene.embracing(PLAN, np.array([[20.0, 0.0]])) is PLAN
-    assert scene.embracing(PLAN, np.array([[20.0, 0.0], [60.0, -50.0]])).bounds == (4.5, -50.0, 60.0, 40.0)
+    assert plan_view.embracing(PLAN, np.array([[20.0, 0.0]])) is PLAN
+    assert plan_view.embracing(PLAN, np.array([[20.0, 0.0], [60.0, -50.0]])).bounds == (
+        4.5,
+        -50.0,
+        60.0,
+        40.0,
+    )
 
 
 @pytest.mark.parametrize(
     ("seconds", "interval"), [(9.0, 1.0), (40.0, 5.0), (60.0, 5.0), (250.0, 50.0), (5000.0, 100.0)]
 )
 def test_outlines_are_at_round_intervals(seconds: float, interval: float) -> None:
-    assert scene.outline_interval([timed(1.0), timed(seconds)]) == interval
+    assert plan_view.outline_interval([timed(1.0), timed(seconds)]) == interval
 
 
 def test_paths_and_outlines_follow_the_table() -> None:
     with house_style():
-        _, ax = panel("", "")
+        _, ax = titled_axes("", "")
         tracks = tracks_of(synthetic.track(0, (23.0, -10.0, 90.0), intermediate=True))
-        scene.draw_paths(ax, PLAN, tracks, TASK)
+        plan_view.draw_paths(ax, PLAN, tracks, TASK)
     table = tracks[0].table
     path = np.asarray(ax.lines[0].get_xydata())
     assert np.array_equal(path, table[["x_m", "y_m"]])
@@ -108,8 +113,8 @@ def test_paths_and_outlines_follow_the_table() -> None:
 
 def test_tolerances_are_circles_around_the_goals() -> None:
     with house_style():
-        _, ax = panel("", "")
-        scene.draw_poses(ax, PLAN, TASK, ())
+        _, ax = titled_axes("", "")
+        plan_view.draw_poses(ax, PLAN, TASK, ())
     circles = {(circle.center, circle.radius) for circle in ax.patches if isinstance(circle, Circle)}
     assert circles == {((36.0, 0.0), 1.0), ((18.0, 3.0), 1.5)}
     assert {text.get_text() for text in ax.texts} == {"berth", "intermediate pose", "start"}
@@ -117,10 +122,10 @@ def test_tolerances_are_circles_around_the_goals() -> None:
 
 def test_the_harbor_is_drawn_to_scale() -> None:
     with house_style():
-        _, ax = panel("", "")
-        view = scene.whole_view(PLAN)
-        scene.draw_harbor(ax, PLAN, view)
-        scene.draw_compass(ax, view)
+        _, ax = titled_axes("", "")
+        view = plan_view.whole_view(PLAN)
+        plan_view.draw_harbor(ax, PLAN, view)
+        plan_view.draw_compass(ax, view)
     assert ax.get_aspect() == 1.0
     assert (ax.get_xlabel(), ax.get_ylabel()) == ("x [m]", "y [m]")
     assert [text.get_text() for text in ax.texts] == ["5 m", "N"]
@@ -128,7 +133,7 @@ def test_the_harbor_is_drawn_to_scale() -> None:
 
 
 def test_outlines_are_sorted_in_time() -> None:
-    assert all(a < b for a, b in pairwise(scene.INTERVALS_S))
+    assert all(a < b for a, b in pairwise(plan_view.INTERVALS_S))
 
 
 def test_a_scene_survives_json() -> None:
