@@ -1,4 +1,4 @@
-"""The environments' names in Gymnasium, known once `dockctl` and Gymnasium are imported, in either order."""
+"""Names of the environments in Gymnasium; ``import dockctl.envs`` registers them."""
 
 from __future__ import annotations
 
@@ -13,9 +13,9 @@ SCENARIOS_BY_ID = {
 
 
 def register_envs() -> None:
-    """Register the environments with Gymnasium; those that it knows already are left alone.
+    """Register the environments with Gymnasium, once.
 
-    No `max_episode_steps`: the scenario's limit differs between kinds of start and truncates inside.
+    Without `max_episode_steps`: the limit depends on the start, so the environment truncates by itself.
     """
     for name, kwargs in SCENARIOS_BY_ID.items():
         if name not in gymnasium.registry:
