@@ -1,4 +1,4 @@
-"""The command ``dockctl``: one file a command, and one way in which errors are told."""
+"""The command ``dockctl``: registers the commands and prints errors."""
 
 from __future__ import annotations
 
@@ -28,11 +28,11 @@ COMMANDS = {
     "validate": "validate",
     "list": "list_registered",
 }
-"""Every command with its function in ``dockctl.commands.<command>``."""
+"""Function of every command, in the module ``dockctl.commands.<command>``."""
 
 
 class _Commands(TyperGroup):
-    """Tells the user's errors in a line or a few, never with a traceback."""
+    """Prints errors that a user can fix without a traceback."""
 
     def invoke(self, ctx: Any) -> Any:
         try:
@@ -48,8 +48,9 @@ class _Commands(TyperGroup):
 app = typer.Typer(
     name="dockctl",
     cls=_Commands,
-    help="Teach a small boat to dock in reverse, and measure how well it does. Begin with: dockctl train s3",
+    help="Train a small boat to dock in reverse, and evaluate the result. Start with: dockctl train s3",
     no_args_is_help=True,
+    rich_markup_mode=None,  # Rich would read units such as [m] as markup and omit them
     pretty_exceptions_enable=False,
     context_settings={"help_option_names": ["-h", "--help"]},
 )
@@ -76,8 +77,7 @@ for _name, _function in COMMANDS.items():
 
 def main() -> None:
     """Run the command line; the entry point of ``dockctl``."""
-    teller = logging.StreamHandler()  # on the error stream; long preparations are told there
     logger = logging.getLogger("dockctl")
-    logger.addHandler(teller)
+    logger.addHandler(logging.StreamHandler())  # to stderr: progress of long preparations
     logger.setLevel(logging.INFO)
     app(prog_name="dockctl")

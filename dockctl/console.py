@@ -1,4 +1,4 @@
-"""Plain lines: shown as they are, whatever a path in them looks like."""
+"""Print plain text: paths and messages may contain characters that Rich would interpret."""
 
 from __future__ import annotations
 
@@ -7,5 +7,5 @@ from rich.text import Text
 
 
 def say(console: Console, text: str, style: str = "") -> None:
-    """Print `text` without markup, highlights or line breaks of the console's own."""
+    """Print `text` without markup, highlighting or wrapping."""
     console.print(Text(text, style=style), soft_wrap=True)

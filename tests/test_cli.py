@@ -1,7 +1,9 @@
-"""The command line as a user meets it: help at once, errors in a line, exit codes."""
+"""The command line: help without heavy imports, errors without a traceback, exit codes."""
 
 from __future__ import annotations
 
+import re
+import shlex
 import subprocess
 import sys
 from pathlib import Path
@@ -27,6 +29,7 @@ HEAVY = (
     "scipy",
 )
 
+ROOT = Path(__file__).parent.parent
 runner = CliRunner()
 
 
@@ -52,9 +55,19 @@ def test_no_argument_shows_the_help() -> None:
 
 @pytest.mark.parametrize("command", sorted(cli.COMMANDS))
 def test_every_command_has_a_help_with_an_example(command: str) -> None:
+    """Units in brackets are shown, and the example has valid options and existing files."""
     result = runner.invoke(cli.app, [command, "--help"])
     assert result.exit_code == 0, result.output
-    assert f"dockctl {command}" in result.output
+    shown = "".join(result.output.split())
+    parsed = typer.main.get_command(cli.app).commands[command]
+    for parameter in parsed.params:
+        assert "".join((parameter.help or "").split()) in shown
+    (example,) = re.findall(rf"Example: dockctl {command} (.*(?:\n.+)*)", parsed.help)
+    arguments = shlex.split(example)
+    parsed.make_context(command, list(arguments))
+    for argument in arguments:
+        if argument.endswith((".yaml", ".py")):
+            assert (ROOT / argument).is_file()
 
 
 def invoke(error: BaseException) -> tuple[int, str]:
@@ -73,7 +86,7 @@ def invoke(error: BaseException) -> tuple[int, str]:
     return result.exit_code, result.stderr
 
 
-def test_an_error_of_the_user_is_told_without_a_traceback() -> None:
+def test_an_error_of_the_user_has_no_traceback() -> None:
     assert invoke(DockctlError("no such boat\nno such berth")) == (
         2,
         "error: no such boat\nerror: no such berth\n",

@@ -1,4 +1,4 @@
-"""``dockctl list``: what is registered, and who brings it."""
+"""``dockctl list``: print what is registered, and by whom."""
 
 from __future__ import annotations
 
@@ -19,30 +19,37 @@ if TYPE_CHECKING:
 COLUMNS = ("name", "kind", "source", "parameters", "origin")
 
 
-class Sort(StrEnum):
-    """What can be listed."""
+class Listing(StrEnum):
+    """Registry to list."""
 
-    rewards = "rewards"
-    observations = "observations"
     scenarios = "scenarios"
     vessels = "vessels"
     harbors = "harbors"
+    rewards = "rewards"
+    observations = "observations"
+    actions = "actions"
+    conditions = "conditions"
+    sensors = "sensors"
+    algorithms = "algorithms"
+    policies = "policies"
     checkpoints = "checkpoints"
 
 
 def list_registered(
-    sort: Annotated[Sort, typer.Argument(help="What to list.", metavar="|".join(Sort))] = Sort.scenarios,
-    plugin: Annotated[list[Path] | None, typer.Option(help="Local .py file to load first.")] = None,
+    listing: Annotated[
+        Listing, typer.Argument(help="Registry to list.", metavar="|".join(Listing))
+    ] = Listing.scenarios,
+    plugin: Annotated[list[Path] | None, typer.Option(help="Local plugin file (.py) to load first.")] = None,
 ) -> None:
-    """List reward terms, observation parts, scenarios, vessels, harbors or shipped checkpoints.
+    """List what is registered, with its parameters and who provides it, or the shipped checkpoints.
 
-    Example: dockctl list rewards --plugin my_terms.py
+    Example: dockctl list rewards --plugin examples/local-term/gentle.py
     """
     from dockctl import plugins
     from dockctl.scenarios import catalog
 
-    if sort is Sort.checkpoints:
-        _print(sort.value, list(_checkpoints()))
+    if listing is Listing.checkpoints:
+        _print(listing.value, list(_checkpoints()))
         return
     catalog.fill()
     failures = []
@@ -51,15 +58,18 @@ def list_registered(
             plugins.load_file(path)
         except DockctlError as error:
             failures.append(str(error))
-    registry = plugins.GROUPS[f"dockctl.{sort.value}"]
+    group = f"dockctl.{listing.value}"
+    registry = plugins.GROUPS[group]
     rows: list[tuple[str, ...]] = []
     for name in sorted(registry.names()):
         origin = registry.origin(name)
         try:
-            rows.append((name, *_describe(registry.get(name), sort), origin))
+            entry = registry.get(name)
+            described = _describe_file(entry.value, listing) if group in plugins.DATA else _describe(entry)
+            rows.append((name, *described, origin))
         except DockctlError as error:
             rows.append((name, "broken", "", str(error), origin))
-    _print(sort.value, rows)
+    _print(listing.value, rows)
     if failures:
         raise DockctlError("\n".join(failures))
 
@@ -70,30 +80,29 @@ def _checkpoints() -> Iterator[tuple[str, ...]]:
 
     for name, folder in shipped().items():
         facts = RunDirectory(folder).read_json("policy.json")
-        told = f"seed {facts.get('seed')}, {facts.get('env_steps'):,} steps"
+        training = f"seed {facts.get('seed')}, {facts.get('env_steps'):,} steps"
         size = f"{facts.get('observation_size')} numbers to {facts.get('actions')} actions"
-        yield name, "policy", loader.load(folder / SCENARIO).scenario.title, f"{told}, {size}", "dockctl"
+        yield name, "policy", loader.load(folder / SCENARIO).scenario.title, f"{training}, {size}", "dockctl"
 
 
-def _describe(entry: Entry[Any], sort: Sort) -> tuple[str, str, str]:
-    """Return kind, source and parameters."""
-    if sort in (Sort.rewards, Sort.observations):
-        parameters = [
-            name if default is inspect.Parameter.empty else f"{name}={default}"
-            for name, default in entry.parameters.items()
-        ]
-        return entry.kind, entry.source, ", ".join(parameters)
-    return _describe_file(entry.value, sort)
+def _describe(entry: Entry[Any]) -> tuple[str, str, str]:
+    """Return kind, source and parameters of a function or a model."""
+    parameters = [
+        name if default is inspect.Parameter.empty else f"{name}={default}"
+        for name, default in entry.parameters.items()
+        if name != "kind"
+    ]
+    return entry.kind, entry.source, ", ".join(parameters)
 
 
-def _describe_file(path: Path, sort: Sort) -> tuple[str, str, str]:
+def _describe_file(path: Path, listing: Listing) -> tuple[str, str, str]:
     from dockctl.commands.validate import phases, summary
     from dockctl.scenarios import catalog, loader
 
-    if sort is Sort.scenarios:
+    if listing is Listing.scenarios:
         scenario = loader.load(path).scenario
         return phases(scenario), scenario.title, summary(scenario)
-    if sort is Sort.vessels:
+    if listing is Listing.vessels:
         vessel = loader.load_vessel(path)
         size = f"{vessel.hull.length_m:g} x {vessel.hull.beam_m:g} m, {vessel.mass_kg:g} kg"
         return "3-DOF", catalog.display_path(path), size
@@ -102,7 +111,7 @@ def _describe_file(path: Path, sort: Sort) -> tuple[str, str, str]:
 
 
 def _print(title: str, rows: list[tuple[str, ...]]) -> None:
-    """Draw a table in a terminal; columns divided by tabs elsewhere."""
+    """Print a table to a terminal, else tab-separated columns."""
     if not sys.stdout.isatty():
         for row in (COLUMNS, *rows):
             typer.echo("\t".join(row))

@@ -1,4 +1,4 @@
-"""``dockctl validate``: check scenario files and say all that is wrong with them."""
+"""``dockctl validate``: check scenario files and print all problems."""
 
 from __future__ import annotations
 
@@ -16,16 +16,15 @@ if TYPE_CHECKING:
 def validate(
     files: Annotated[
         list[str] | None,
-        typer.Argument(help="Scenario files or names; every known scenario if none is given."),
+        typer.Argument(help="Scenario files or names [default: all registered scenarios]."),
     ] = None,
     set_: Annotated[
-        list[str] | None, typer.Option("--set", metavar="KEY=VALUE", help="Override a value.")
+        list[str] | None,
+        typer.Option("--set", metavar="KEY=VALUE", help="Override a scenario value."),
     ] = None,
-    plugin: Annotated[
-        list[Path] | None, typer.Option(help="Local .py file with reward terms or parts.")
-    ] = None,
+    plugin: Annotated[list[Path] | None, typer.Option(help="Local plugin file (.py) to load first.")] = None,
 ) -> None:
-    """Check scenario files, and the poses in them against the harbor.
+    """Check scenario files, and that their poses are free of obstacles.
 
     Example: dockctl validate scenarios/s3.yaml --set task.max_steps=600
     """
@@ -47,19 +46,19 @@ def validate(
             for line in str(error).splitlines():
                 typer.secho(f"error: {line}", fg="red", err=True)
         else:
-            told = f"{phases(loaded.scenario)}, {summary(loaded.scenario)}"
-            typer.echo(f"{typer.style('ok', fg='green')} {source}: {told}")
+            content = f"{phases(loaded.scenario)}, {summary(loaded.scenario)}"
+            typer.echo(f"{typer.style('ok', fg='green')} {source}: {content}")
     if failures:
         raise typer.Exit(DockctlError.exit_code)
 
 
 def phases(scenario: Scenario) -> str:
-    """Say whether the way leads through an intermediate pose."""
+    """Return the number of phases in words: two with an intermediate pose."""
     return "two phases" if scenario.task.intermediate else "one phase"
 
 
 def summary(scenario: Scenario) -> str:
-    """Return one line that tells what a scenario holds."""
+    """Return a one-line summary of a scenario."""
     starts = _count(len(scenario.task.initial), "start")
     parts = _count(len(scenario.observation), "observation part")
     terms = _count(len(scenario.reward.terms), "reward term")

@@ -103,7 +103,7 @@ def load_study(source: str) -> Study:
         )
     if name in known and path.resolve() != known[name].resolve():
         raise DockctlError(
-            f"{display_path(path)}: name: '{name}' is the name of a packaged study, whose results it would replace;"
-            " set another name"
+            f"{display_path(path)}: name: '{name}' is the name of a packaged study,"
+            " whose results it would replace; set another name"
         )
     return study.model_copy(update={"name": name})

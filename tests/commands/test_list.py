@@ -1,4 +1,4 @@
-"""`dockctl list`: every registered thing with its origin; plain when piped, a table in a terminal."""
+"""`dockctl list`: everything that is registered with its origin; tab-separated when piped, else a table."""
 
 from __future__ import annotations
 
@@ -37,6 +37,12 @@ def test_rewards() -> None:
 
 def test_observations() -> None:
     assert rows("observations")["phase"] == ["observation", "eq. 3.12", "", "dockctl"]
+
+
+def test_action_types() -> None:
+    found = rows("actions")
+    assert set(found) >= {"grid", "continuous"}
+    assert found["grid"][2].startswith("propeller_n=")
 
 
 def test_scenarios_are_the_default() -> None:
@@ -86,7 +92,7 @@ def test_a_broken_one_is_listed_as_broken(tmp_path: Path) -> None:
     assert "ZeroDivisionError" in result.stderr
 
 
-def test_an_unknown_sort_lists_what_there_is() -> None:
+def test_an_unknown_registry_lists_the_known_ones() -> None:
     result = runner.invoke(app, ["list", "boats"])
     assert result.exit_code == 2
     assert "rewards" in result.stderr

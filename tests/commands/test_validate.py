@@ -1,4 +1,4 @@
-"""`dockctl validate`: all files, all errors, the harbor's word on the poses."""
+"""`dockctl validate`: all files, all problems, and poses that are not free of obstacles."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ def validate(*arguments: object) -> tuple[int, list[str], list[str]]:
     return result.exit_code, result.stdout.splitlines(), result.stderr.splitlines()
 
 
-def test_every_known_scenario_holds() -> None:
+def test_every_registered_scenario_is_valid() -> None:
     code, out, err = validate()
     assert (code, err) == (0, [])
     assert {line.split(":")[0] for line in out} >= {
@@ -36,7 +36,7 @@ def test_every_known_scenario_holds() -> None:
     assert any(line.startswith(words) for line in out)
 
 
-def test_the_examples_hold() -> None:
+def test_the_examples_are_valid() -> None:
     files = [
         ROOT / "examples" / name for name in ("local-term/s1-gentle.yaml", "custom-harbor/s1-pontoon.yaml")
     ]
@@ -55,7 +55,7 @@ def test_all_errors_of_all_files(tmp_path: Path) -> None:
     assert ["did you mean 'title'?" in line for line in err] == [False, True] * 2
 
 
-def test_poses_inside_an_obstacle_have_their_place(tmp_path: Path) -> None:
+def test_blocked_poses_are_located(tmp_path: Path) -> None:
     path = tmp_path / "x.yaml"
     path.write_text(
         "extends: s2\ntask:\n  initial:\n    - {x_m: 20, y_m: 0, heading_deg: 0}\n"
@@ -69,12 +69,13 @@ def test_poses_inside_an_obstacle_have_their_place(tmp_path: Path) -> None:
     assert err[1].startswith(f"error: {path}:6:10: task.final: the boat at (60, 0, 0°)")
 
 
-def test_a_missing_mesh_has_its_place(tmp_path: Path) -> None:
+def test_a_missing_mesh_is_located(tmp_path: Path) -> None:
     path = tmp_path / "x.yaml"
     path.write_text("extends: s1\nharbor: {kind: meshes, meshes: [{path: gone.stl}]}\n")
     code, _, err = validate(path)
     assert code == 2
-    assert err == [f"error: {path}:2:40: harbor.meshes.0.path: {tmp_path}/gone.stl mesh file not found"]
+    (line,) = err
+    assert line.startswith(f"error: {path}:2:40: harbor.meshes.0.path: {tmp_path}/gone.stl ")
 
 
 def test_overrides_and_plugins(tmp_path: Path) -> None:
@@ -87,5 +88,5 @@ def test_overrides_and_plugins(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize("source", ["nothing", "nothing.yaml", "scenarios"])
-def test_what_is_not_there(source: str) -> None:
+def test_a_missing_scenario(source: str) -> None:
     assert validate(source)[0] == 2
