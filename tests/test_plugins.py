@@ -282,3 +282,6 @@ print(REWARD_TERMS.get("smooth_rudder").origin)
     )
     assert done.returncode == 0, done.stderr
     assert done.stdout.strip() == "package dockctl-smooth 1.0"
+    contracts = [sys.executable, "-m", "pytest", "-q", "-p", "no:cacheprovider", "tests"]
+    done = subprocess.run(contracts, env=environment, cwd=source, capture_output=True, text=True, timeout=300)
+    assert done.returncode == 0, done.stdout

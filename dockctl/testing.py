@@ -1,0 +1,374 @@
+"""Contract tests for everything that can be registered; call them from your own tests.
+
+    from dockctl.testing import check_reward_term
+
+    def test_smooth_rudder():
+        check_reward_term("smooth_rudder", scale_deg=30.0)
+
+Each function returns None, or raises an `AssertionError` that names the rule that is broken. Import the
+module that registers the name first, or install its package. Values are random but the same in every run.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, fields, replace
+from pathlib import Path
+from typing import Any, get_args
+
+import numpy as np
+from gymnasium import Space
+from gymnasium.vector import AutoresetMode
+from gymnasium.vector.utils import batch_space
+from numpy.typing import NDArray
+
+from dockctl.drawing.scene import Scene
+from dockctl.envs.observation import Columns, View
+from dockctl.envs.single import DockingEnv
+from dockctl.envs.spaces import ObservationEncoder
+from dockctl.envs.vector import DockingVectorEnv
+from dockctl.plugins import ACTIONS, CONDITIONS, OBSERVATION_PARTS, RANGE_SENSORS, REWARD_TERMS, Registry
+from dockctl.rewards.terms import Kind as RewardKind
+from dockctl.scenarios import catalog
+from dockctl.scenarios.extensions import ActionType, Condition, RangeSensorSpec
+from dockctl.scenarios.loader import dump, load, load_harbor, load_vessel
+from dockctl.scenarios.schema import ObservationPart, Scenario
+from dockctl.sim.checks import load_checked
+from dockctl.sim.harbor.build import build_harbor, scene_of
+from dockctl.sim.simulator import Simulator
+from dockctl.sim.sites import own_site
+from dockctl.sim.starts import given_start
+from dockctl.sim.status import Bools, Floats, StepStatus
+from dockctl.sim.vessel import VesselModel
+from dockctl.sim.world import World, build_worlds
+
+BOATS = 7
+SECTORS = 8
+GROUPS = ("water", "air", "sensing", "actuation")
+
+Rows = dict[str, NDArray[Any]]
+
+
+def check_reward_term(name: str, **params: Any) -> None:
+    """Check the reward term `name` with these parameters: shape, finite, pure, row by row."""
+    catalog.fill()
+    entry = REWARD_TERMS.get(name)
+    assert entry.kind in get_args(RewardKind), f"reward term '{name}': unknown kind '{entry.kind}'"
+    if "distance_unit_m" in entry.parameters:
+        params = {"distance_unit_m": 20.0, **params}
+    term = entry.bound(params)
+    _check_rows(
+        f"reward term '{name}'",
+        lambda values: {"value": np.asarray(term(StepStatus(**values)), float)},
+        _step_values(),
+    )
+
+
+def check_observation_part(name: str, **params: Any) -> None:
+    """Check the observation part `name` with these parameters: shape, names, bounds, pure, row by row."""
+    catalog.fill()
+    part, what = OBSERVATION_PARTS.get(name).bound(params), f"observation part '{name}'"
+    limit = np.array([50.0, np.radians(30.0)])
+
+    def columns(values: Rows) -> Columns:
+        result: Columns = part(View(**values, command_limit=limit))
+        return result
+
+    values = _view_values()
+    _check_rows(what, lambda rows: {"values": np.asarray(columns(rows).values, float)}, values)
+    names = tuple(columns(values).names)
+    assert len({*names}) == len(names), f"{what}: duplicate column names {names}"
+    alone = columns({key: value[:1] for key, value in values.items()})
+    assert tuple(alone.names) == names, f"{what}: the names depend on the number of boats"
+    encoder = ObservationEncoder([ObservationPart(part=name, params=params)], SECTORS)
+    low, high = encoder.space.low, encoder.space.high
+    assert np.isfinite([low, high]).all(), f"{what}: the bounds are not finite"
+    assert (low < high).all(), f"{what}: a lower bound is not below its upper bound"
+
+
+def check_action_type(kind: str, *, vessel: str | Path = "eilbrecht", **keys: Any) -> None:
+    """Check the action type `kind` with these keys: space, shape and limits of the commands, row by row."""
+    spec: ActionType = _spec(ACTIONS, ActionType, kind, keys)
+    what, boat = f"action type '{kind}'", load_vessel(vessel)
+    spec.require_within_limits(boat)
+    assert isinstance(spec.description, str) and spec.description, f"{what}: no description"
+    space = spec.space(boat)
+    assert isinstance(space, Space), f"{what}: space() returned {space!r}, expected a Gymnasium space"
+    batch = batch_space(space, BOATS)
+    batch.seed(0)
+    actions = np.asarray(batch.sample())
+    assert batch.contains(actions), f"{what}: samples of the space are not plain arrays"
+    commands = _check_rows(
+        what, lambda rows: {"commands": spec.commands(rows["actions"], boat)}, {"actions": actions}
+    )["commands"]
+    assert commands.shape == (BOATS, 2), f"{what}: commands of shape {commands.shape}, expected {(BOATS, 2)}"
+    excess = np.abs(commands) - VesselModel(boat).command_limit
+    assert (excess <= 1e-9).all(), f"{what}: a command exceeds the limits of the vessel"
+    _check_environment(_scenario(actions=spec), [open_water()], steps=20)
+
+
+def check_condition(kind: str, **keys: Any) -> None:
+    """Check the condition `kind` with these keys: draws, row by row, and constant water in an episode."""
+    spec: Condition = _spec(CONDITIONS, Condition, kind, keys)
+    what, scenario = f"condition '{kind}'", _scenario(conditions={kind: spec})
+    group = CONDITIONS.get(kind).kind
+    assert group in GROUPS, f"{what}: unknown group '{group}' (known: {', '.join(GROUPS)})"
+    many, few, other = (_sail(scenario, boats) for boats in (BOATS, 2, BOATS))
+    assert all(np.isfinite(state).all() for state in many), f"{what}: a boat's state is not finite"
+    assert np.array_equal(many, other), f"{what}: the same generators give different episodes"
+    assert np.array_equal(many[:, :2], few), f"{what}: a boat depends on the number of boats"
+    reset = _sail(scenario, BOATS, reset_at=10)
+    others = np.arange(BOATS) != 1
+    assert np.array_equal(many[:, others], reset[:, others]), f"{what}: a reset changes other boats"
+    _check_environment(scenario, [open_water()], steps=20)
+
+
+def check_range_sensor(kind: str, **keys: Any) -> None:
+    """Check the range sensor `kind` with these keys: shape, range, points that agree, row by row."""
+    spec: RangeSensorSpec = _spec(RANGE_SENSORS, RangeSensorSpec, kind, keys)
+    what, sensor = f"range sensor '{kind}'", spec.build(_basin())
+    rng = np.random.default_rng(0)
+    poses = np.column_stack([rng.uniform(-8, 8, (BOATS, 2)), rng.uniform(-4, 4, BOATS)])
+    ranges = _check_rows(what, lambda rows: {"ranges": sensor.sector_ranges(rows["eta"])}, {"eta": poses})[
+        "ranges"
+    ]
+    expected = (BOATS, spec.sectors)
+    assert ranges.shape == expected, f"{what}: ranges of shape {ranges.shape}, expected {expected}"
+    assert (ranges >= 0).all() and (ranges <= spec.range_m).all(), f"{what}: not in 0 to {spec.range_m:g} m"
+    for pose, row in zip(poses, ranges, strict=True):
+        points = sensor.points(pose)
+        assert points.ndim == 2 and points.shape[1] == 3, f"{what}: points of shape {points.shape}"
+        nearest = np.hypot(points[:, 0], points[:, 1]).min(initial=spec.range_m)
+        assert abs(nearest - row.min()) < 1e-3, f"{what}: the nearest point is not the nearest range"
+    assert sensor.table_bytes >= 0, f"{what}: negative table_bytes"
+    empty = spec.build(np.empty((0, 3, 3))).sector_ranges(poses)
+    assert (empty == spec.range_m).all(), f"{what}: nothing returns, but a range is not {spec.range_m:g} m"
+
+
+def check_vessel(source: str | Path) -> None:
+    """Check that a vessel loads, moves, stays finite, and that the fast step agrees with the matrices."""
+    model, what = VesselModel(load_vessel(source)), f"vessel '{source}'"
+    rng = np.random.default_rng(0)
+    eta, nu = np.zeros((BOATS, 3)), np.zeros((BOATS, 3))
+    for _ in range(100):
+        command = model.command_limit * rng.uniform(-1, 1, (BOATS, 2))
+        slow = np.hstack(model.step_oracle(eta, nu, command))
+        alone = np.hstack(model.step(eta[:1], nu[:1], command[:1]))
+        eta, nu = model.step(eta, nu, command)
+        fast = np.hstack([eta, nu])
+        assert np.isfinite(fast).all(), f"{what}: the state is not finite"
+        assert np.array_equal(fast[:1], alone), f"{what}: a boat depends on the number of boats"
+        assert np.allclose(fast, slow, rtol=1e-9, atol=1e-9), f"{what}: the step differs from the matrices"
+    assert np.abs(eta).max() > 0, f"{what}: does not move"
+
+
+def check_harbor(source: str | Path) -> None:
+    """Check that a harbor loads and builds the same surface twice, finite, with a plan view."""
+    what, spec = f"harbor '{source}'", load_harbor(source)
+    harbor, again = (build_harbor(load_harbor(source), Path()) for _ in range(2))
+    assert harbor.triangles.shape[1:] == (3, 3), f"{what}: no triangles"
+    assert len(harbor.triangles) and np.isfinite(harbor.triangles).all(), f"{what}: empty or not finite"
+    assert np.array_equal(harbor.triangles, again.triangles), f"{what}: built differently the second time"
+    assert spec == load_harbor(source), f"{what}: loads differently the second time"
+    assert scene_of(harbor, load_vessel("eilbrecht").hull).polygons, f"{what}: nothing to draw"
+
+
+def check_scenario(source: str | Path, *, steps: int = 40) -> None:
+    """Check that a scenario loads, survives a round trip through YAML, and gives a sound environment.
+
+    The environment is deterministic under a seed; a boat does not depend on the number of boats; a single
+    boat equals a row of the vector; observations are in their space; rewards are finite sums of their terms;
+    returned arrays are the caller's own.
+    """
+    loaded = load_checked(source)
+    scenario = loaded.scenario
+    assert scenario.model_validate(scenario.model_dump(mode="json")) == scenario, "the dump differs"
+    assert "name:" in dump(scenario), "the scenario has no name"
+    _check_environment(scenario, build_worlds(scenario, loaded.base_dir), steps=steps)
+
+
+def open_water() -> World:
+    """Return a world without obstacles in which all ranges are 100 m."""
+    scene = Scene("open water", (), np.zeros((4, 2)), (0.0, 0.0, 50.0, 50.0))
+    return World(_NoObstacles(), _NoReturns(), lambda: scene)
+
+
+class _NoObstacles:
+    def collides(self, eta: Floats) -> Bools:
+        return np.zeros(len(eta), bool)
+
+    blocked = collides
+
+    def collided_part(self, eta: Floats) -> str | None:
+        return None
+
+    def clearance(self, eta: Floats) -> Floats:
+        return np.full(len(eta), 100.0)
+
+
+@dataclass(frozen=True)
+class _NoReturns:
+    table_bytes: int = 0
+
+    def sector_ranges(self, eta: Floats) -> Floats:
+        return np.full((len(eta), SECTORS), 100.0)
+
+    def points(self, pose: Floats) -> Floats:
+        return np.empty((0, 3))
+
+
+def _spec(registry: Registry[type[Any]], base: type[Any], kind: str, keys: dict[str, Any]) -> Any:
+    """Return the registered spec with these keys, after checks that hold for all of them."""
+    catalog.fill()
+    model = registry.get(kind).value
+    what = f"{registry.noun} '{kind}'"
+    assert isinstance(model, type) and issubclass(model, base), f"{what}: not a subclass of {base.__name__}"
+    spec = model.model_validate({**keys, "kind": kind})
+    again = model.model_validate(spec.model_dump(mode="json"))
+    assert again == spec, f"{what}: a dump loads as {again}, not as {spec}"
+    assert hash(again) == hash(spec), f"{what}: equal specs have different hashes"
+    return spec
+
+
+def _check_rows(what: str, function: Callable[[Rows], Rows], rows: Rows) -> Rows:
+    """Check a pure function of n rows and return its result."""
+    before = {key: value.copy() for key, value in rows.items()}
+    result = function(rows)
+    for key, value in result.items():
+        assert len(value) == BOATS, f"{what}: {key} of shape {np.shape(value)} for {BOATS} boats"
+        assert np.isfinite(value).all(), f"{what}: {key} is not finite"
+    for key, value in before.items():
+        assert np.array_equal(value, rows[key]), f"{what}: changes its argument {key}"
+    for some in (slice(0, 1), slice(2, 5)):
+        part = function({key: value[some] for key, value in rows.items()})
+        for key, value in part.items():
+            assert np.array_equal(value, result[key][some]), f"{what}: a row of {key} depends on other rows"
+    copies = {key: value.copy() for key, value in result.items()}
+    for key, value in result.items():
+        if value.flags.writeable and not any(np.shares_memory(value, given) for given in rows.values()):
+            value[:] = -7.0
+        assert np.array_equal(function(rows)[key], copies[key]), f"{what}: {key} is shared with later calls"
+    return copies
+
+
+def _step_values() -> Rows:
+    """Return random values of a `StepStatus`, each event in one row."""
+    rng = np.random.default_rng(1)
+    event = np.eye(3, BOATS, dtype=bool)
+    return {
+        "phase": rng.integers(0, 2, BOATS),
+        "distance_m": np.append(0.0, rng.uniform(0, 60, BOATS - 1)),
+        "heading_error_rad": rng.uniform(-np.pi, np.pi, BOATS),
+        "previous_distance_m": rng.uniform(0, 60, BOATS),
+        "previous_heading_error_rad": rng.uniform(-np.pi, np.pi, BOATS),
+        "nu": rng.uniform(-0.5, 0.5, (BOATS, 3)) * (np.arange(BOATS) != 3)[:, None],
+        "command": rng.uniform(-0.5, 0.5, (BOATS, 2)) * [100.0, 1.0],
+        "previous_command": rng.uniform(-0.5, 0.5, (BOATS, 2)) * [100.0, 1.0],
+        "sector_ranges_m": rng.uniform(0, 100, (BOATS, SECTORS)),
+        "collided": event[0],
+        "reached_intermediate": event[1],
+        "reached_final": event[2],
+    }
+
+
+def _view_values() -> Rows:
+    """Return random values of a `View` but the vessel's limits."""
+    rng = np.random.default_rng(2)
+    shared = {field.name for field in fields(View)} & {field.name for field in fields(StepStatus)}
+    poses = rng.uniform(-1, 1, (2, BOATS, 3)) * [50.0, 50.0, np.pi]
+    return {
+        **{key: value for key, value in _step_values().items() if key in shared},
+        "eta": poses[0],
+        "goal": poses[1],
+    }
+
+
+def _scenario(**changes: Any) -> Scenario:
+    scenario = load("s1").scenario
+    sensors = scenario.sensors.model_copy(
+        update={"lidar": scenario.sensors.lidar.model_copy(update={"sectors": SECTORS})}
+    )
+    return Scenario.model_validate({**dict(scenario), "sensors": sensors, **changes})
+
+
+def _sail(scenario: Scenario, boats: int, reset_at: int | None = None) -> Floats:
+    """Return the states (steps, boats, 6) of boats that follow random commands in open water."""
+    simulator = Simulator(scenario, [open_water()], boats)
+    site = own_site(scenario)
+    start = given_start(site, scenario.task, site.initial[0], 0)
+    rngs = [np.random.default_rng(row) for row in range(boats)]
+    simulator.reset(np.arange(boats), [start] * boats, rngs)
+    commands = np.random.default_rng(3).uniform(-1, 1, (30, BOATS, 2)) * simulator.vessel.command_limit
+    states = []
+    for step, command in enumerate(commands):
+        if step == reset_at:
+            simulator.reset(np.array([1]), [replace(start, seed=99)])
+        water = [np.copy(disturbance.water_velocity()) for disturbance in simulator.disturbances]
+        simulator.step(command[:boats])
+        for disturbance, velocity in zip(simulator.disturbances, water, strict=True):
+            assert np.array_equal(disturbance.water_velocity(), velocity), (
+                f"{type(disturbance).__name__}: the water's velocity changes during an episode"
+            )
+        states.append(np.hstack([simulator.eta, simulator.nu]))
+    return np.array(states)
+
+
+def _basin() -> Floats:
+    """Return the four walls (8, 3, 3) of a square basin of 20 m, from -1 m to 6 m."""
+    corners = np.array([[10.0, 10.0], [-10.0, 10.0], [-10.0, -10.0], [10.0, -10.0]])
+    walls = []
+    for (x0, y0), (x1, y1) in zip(corners, np.roll(corners, -1, axis=0), strict=True):
+        a, b, c, d = [x0, y0, -1.0], [x1, y1, -1.0], [x1, y1, 6.0], [x0, y0, 6.0]
+        walls += [[a, b, c], [a, c, d]]
+    return np.array(walls)
+
+
+def _check_environment(scenario: Scenario, worlds: Sequence[World], steps: int) -> None:
+    """Check the vector environment of a scenario, and the single one against it."""
+    what, boats, seed = f"scenario '{scenario.name}'", 3, 5
+
+    def make(number: int) -> DockingVectorEnv:
+        return DockingVectorEnv(
+            scenario, number, worlds=worlds, exploring=True, autoreset_mode=AutoresetMode.DISABLED
+        )
+
+    env, same, fewer, single = (
+        make(boats),
+        make(boats),
+        make(2),
+        DockingEnv(scenario, worlds=worlds, exploring=True),
+    )
+    env.action_space.seed(0)
+    first = env.reset(seed=seed)
+    returned = [_arrays(first), _arrays(same.reset(seed=seed)), _arrays(fewer.reset(seed=seed))]
+    alone = _arrays(single.reset(seed=seed))
+    for step in range(steps):
+        many, equal, few = returned
+        where = f"{what}, step {step}"
+        for key, value in many.items():
+            assert np.array_equal(value, equal[key]), f"{where}: {key} differs under the same seed"
+            assert np.array_equal(value[:2], few[key]), f"{where}: {key} depends on the number of boats"
+            assert np.array_equal(value[0], alone[key]), f"{where}: {key} of a single boat differs"
+            assert value.dtype == object or np.isfinite(value).all(), f"{where}: {key} is not finite"
+        assert many["observation"] in env.observation_space, f"{where}: observation out of bounds"
+        for value in equal.values():  # the caller may do what it likes with them
+            if value.dtype != object:
+                value[:] = 0
+        action = env.action_space.sample()
+        results = [env.step(action), same.step(action), fewer.step(action[:2])]
+        lone = single.step(action[0])
+        terms = sum(results[0][4]["reward_terms"].values())
+        assert np.allclose(results[0][1], terms), f"{where}: the reward is not the sum of its terms"
+        returned, alone = [_arrays(result) for result in results], _arrays(lone)
+        if (results[0][2] | results[0][3]).any():
+            returned = [_arrays(each.reset()) for each in (env, same, fewer)]
+            alone = _arrays(single.reset())
+
+
+def _arrays(result: tuple[Any, ...]) -> Rows:
+    """Return everything that `reset` or `step` returned as arrays by name."""
+    names = {2: ("observation",), 5: ("observation", "reward", "terminated", "truncated")}[len(result)]
+    values = dict(zip(names, result, strict=False))
+    for key, value in result[-1].items():
+        values |= {f"{key}.{k}": v for k, v in value.items()} if isinstance(value, dict) else {key: value}
+    return {key: np.asarray(value) for key, value in values.items()}

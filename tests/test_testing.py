@@ -1,0 +1,175 @@
+"""The contract tests accept what the package registers, and refuse what breaks a rule."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Any, Literal
+
+import numpy as np
+import pytest
+
+from dockctl import testing
+from dockctl.envs.actions import GridActions
+from dockctl.envs.observation import Columns, View, observation_part
+from dockctl.envs.vector import DockingVectorEnv
+from dockctl.plugins import (
+    ACTIONS,
+    CONDITIONS,
+    HARBORS,
+    OBSERVATION_PARTS,
+    RANGE_SENSORS,
+    REWARD_TERMS,
+    VESSELS,
+)
+from dockctl.rewards.terms import reward_term
+from dockctl.scenarios import catalog
+from dockctl.scenarios.extensions import Condition, Disturbance, RangeSensorSpec
+from dockctl.scenarios.kinds import register
+from dockctl.sim.lidar.planar import PlanarScanner, PlanarSensor
+from dockctl.sim.status import StepStatus
+
+catalog.fill()
+CURRENT = {"speed_mps": [0.0, 0.2], "direction_deg": [0, 360]}
+
+
+@pytest.mark.parametrize("name", REWARD_TERMS.names())
+def test_reward_terms(name: str) -> None:
+    testing.check_reward_term(name)
+
+
+@pytest.mark.parametrize("name", OBSERVATION_PARTS.names())
+def test_observation_parts(name: str) -> None:
+    testing.check_observation_part(name)
+
+
+@pytest.mark.parametrize("kind", ACTIONS.names())
+def test_action_types(kind: str) -> None:
+    testing.check_action_type(kind)
+
+
+@pytest.mark.parametrize(("kind", "keys"), [("current", CURRENT)])
+def test_conditions(kind: str, keys: dict[str, Any]) -> None:
+    testing.check_condition(kind, **keys)
+
+
+@pytest.mark.parametrize(("kind", "keys"), [("spinning", {"azimuth_steps": 90}), ("planar", {"rays": 90})])
+def test_range_sensors(kind: str, keys: dict[str, Any]) -> None:
+    testing.check_range_sensor(kind, **keys)
+
+
+def test_every_condition_and_sensor_is_checked() -> None:
+    assert set(CONDITIONS.names()) == {"current"}
+    assert set(RANGE_SENSORS.names()) == {"spinning", "planar"}
+
+
+@pytest.mark.parametrize("name", VESSELS.names())
+def test_vessels(name: str) -> None:
+    testing.check_vessel(name)
+
+
+@pytest.mark.parametrize("name", HARBORS.names())
+def test_harbors(name: str) -> None:
+    testing.check_harbor(name)
+
+
+def refused(check: Callable[[], None], rule: str) -> None:
+    with pytest.raises(AssertionError, match=rule):
+        check()
+
+
+def test_an_environment_that_shares_its_state_is_refused(monkeypatch: pytest.MonkeyPatch) -> None:
+    info = DockingVectorEnv._info
+
+    def sharing(env: DockingVectorEnv, events: Any) -> Any:
+        return {**info(env, events), "velocity": env.simulator.nu}
+
+    monkeypatch.setattr(DockingVectorEnv, "_info", sharing)
+    refused(lambda: testing.check_action_type("grid"), "differs under the same seed")
+
+
+def test_impure_terms_are_refused() -> None:
+    calls = iter(range(1000))
+
+    @reward_term("drifting", kind="dense")
+    def drifting(status: StepStatus) -> Any:
+        return status.distance_m + next(calls)
+
+    @reward_term("relative", kind="dense")
+    def relative(status: StepStatus) -> Any:
+        return status.distance_m - status.distance_m.mean()
+
+    @reward_term("greedy", kind="dense")
+    def greedy(status: StepStatus) -> Any:
+        status.distance_m[:] = 0
+        return status.distance_m
+
+    @reward_term("inverse", kind="dense")
+    def inverse(status: StepStatus) -> Any:
+        with np.errstate(divide="ignore"):
+            return 1 / status.distance_m
+
+    for name, rule in {
+        "drifting": "depends on other rows",
+        "relative": "depends on other rows",
+        "greedy": "changes its argument distance_m",
+        "inverse": "not finite",
+    }.items():
+        refused(lambda name=name: testing.check_reward_term(name), rule)  # type: ignore[misc]  # bound now
+
+
+def test_a_part_without_bounds_is_refused() -> None:
+    @observation_part("boundless")
+    def boundless(view: View) -> Columns:
+        return Columns(["distance"], view.distance_m[:, None], 0, np.inf)
+
+    refused(lambda: testing.check_observation_part("boundless"), "bounds are not finite")
+
+
+def test_commands_beyond_the_limits_are_refused() -> None:
+    @register(ACTIONS)
+    class Strong(GridActions):
+        kind: Literal["strong"] = "strong"  # type: ignore[assignment]
+
+        def require_within_limits(self, vessel: Any) -> None:
+            return
+
+    refused(lambda: testing.check_action_type("strong", propeller_n=[60]), "exceeds the limits")
+
+
+def test_a_condition_that_draws_from_a_common_generator_is_refused() -> None:
+    common = np.random.default_rng(0)
+
+    class Flow(Disturbance):
+        def __init__(self, boats: int) -> None:
+            self.velocity = np.zeros((boats, 2))
+
+        def reset(self, rows: Any, rngs: Any) -> None:
+            self.velocity[rows] = common.random((len(rows), 2))
+
+        def water_velocity(self) -> Any:
+            return self.velocity
+
+    @register(CONDITIONS, group="water")
+    class Unseeded(Condition):
+        kind: Literal["unseeded"] = "unseeded"
+
+        def build(self, num_boats: int) -> Disturbance:
+            return Flow(num_boats)
+
+    refused(lambda: testing.check_condition("unseeded"), "same generators")
+
+
+def test_a_sensor_whose_points_do_not_agree_is_refused() -> None:
+    class Long(PlanarSensor):
+        def points(self, pose: Any) -> Any:
+            return 2 * super().points(pose)
+
+    @register(RANGE_SENSORS)
+    class LongScanner(PlanarScanner):
+        kind: Literal["long"] = "long"  # type: ignore[assignment]
+
+        def build(self, triangles: Any) -> Any:
+            return Long(self, triangles)
+
+    assert issubclass(LongScanner, RangeSensorSpec)
+    refused(lambda: testing.check_range_sensor("long"), "nearest point")
