@@ -36,8 +36,7 @@ from dockctl.scenarios.schema import ObservationPart, Scenario
 from dockctl.sim.checks import load_checked
 from dockctl.sim.harbor.build import build_harbor, scene_of
 from dockctl.sim.simulator import Simulator
-from dockctl.sim.sites import own_site
-from dockctl.sim.starts import given_start
+from dockctl.sim.starts import given_start, own_site
 from dockctl.sim.status import Bools, Floats, StepStatus
 from dockctl.sim.vessel import VesselModel
 from dockctl.sim.world import World, build_worlds
@@ -152,7 +151,7 @@ def check_vessel(source: str | Path) -> None:
     eta, nu = np.zeros((BOATS, 3)), np.zeros((BOATS, 3))
     for _ in range(100):
         command = model.command_limit * rng.uniform(-1, 1, (BOATS, 2))
-        slow = np.hstack(model.step_oracle(eta, nu, command))
+        slow = np.hstack(model.step_reference(eta, nu, command))
         alone = np.hstack(model.step(eta[:1], nu[:1], command[:1]))
         eta, nu = model.step(eta, nu, command)
         fast = np.hstack([eta, nu])

@@ -20,8 +20,7 @@ from dockctl.scenarios.loader import LoadedScenario
 from dockctl.scenarios.schema import Scenario
 from dockctl.sim.checks import load_checked
 from dockctl.sim.simulator import Simulator
-from dockctl.sim.sites import free_sites, own_site
-from dockctl.sim.starts import Start, StartSampler, given_start
+from dockctl.sim.starts import Start, StartSampler, free_sites, given_start, own_site
 from dockctl.sim.status import Bools, Floats, Ints, StepStatus
 from dockctl.sim.world import World, build_worlds
 

@@ -17,8 +17,7 @@ from dockctl.geometry import pose_array
 from dockctl.runs.directory import SCENARIO, TRANSFER, require_replaceable
 from dockctl.runs.files import new_folder
 from dockctl.scenarios.loader import dump
-from dockctl.sim.sites import own_site
-from dockctl.sim.starts import given_start
+from dockctl.sim.starts import given_start, own_site
 from dockctl.sim.world import build_worlds
 
 SCENE, TRAJECTORIES = "scene.json", "trajectories.csv"

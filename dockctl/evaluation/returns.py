@@ -30,8 +30,7 @@ from dockctl.runs.tables import RETURNS, Value, all_columns, to_csv
 from dockctl.scenarios.loader import LoadedScenario
 from dockctl.scenarios.schema import Reward, Scenario
 from dockctl.sim.simulator import Simulator
-from dockctl.sim.sites import own_site
-from dockctl.sim.starts import Start, given_start
+from dockctl.sim.starts import Start, given_start, own_site
 from dockctl.sim.status import StepStatus
 from dockctl.sim.vessel import VesselModel
 from dockctl.sim.world import World, build_worlds

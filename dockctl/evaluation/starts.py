@@ -30,8 +30,7 @@ def judging_starts(scenario: Scenario, worlds: Sequence[World]) -> list[Start]:
     They are the test poses, or the initial poses where none are given; where the task has berths, random
     starts at the trained ones, by way of intermediate poses as in training.
     """
-    from dockctl.sim.sites import free_sites, own_site
-    from dockctl.sim.starts import given_start, random_starts
+    from dockctl.sim.starts import free_sites, given_start, own_site, random_starts
 
     task, evaluation = scenario.task, scenario.evaluation
     if task.berths is None:
@@ -50,8 +49,7 @@ def shown_starts(scenario: Scenario, worlds: Sequence[World]) -> list[Start]:
     They are those that judge the policy; where the task has berths, its initial poses at the berths that are
     free in the harbor that is drawn.
     """
-    from dockctl.sim.sites import free_sites, own_site
-    from dockctl.sim.starts import given_start
+    from dockctl.sim.starts import free_sites, given_start, own_site
 
     if scenario.task.berths is None:
         return judging_starts(scenario, worlds)
@@ -67,8 +65,7 @@ def shown_starts(scenario: Scenario, worlds: Sequence[World]) -> list[Start]:
 
 def testing_starts(scenario: Scenario, worlds: Sequence[World], episodes: int, seed: int) -> list[Start]:
     """Return seeded random starts: around the initial poses, at the held-out berths where there are any."""
-    from dockctl.sim.sites import free_sites
-    from dockctl.sim.starts import random_starts
+    from dockctl.sim.starts import free_sites, random_starts
 
     blocked = [world.obstacles.blocked for world in worlds]
     sites = free_sites(scenario, blocked)
@@ -82,7 +79,7 @@ def pose_check(loaded: LoadedScenario) -> PoseCheck:
     from dockctl.scenarios.berths import layouts
     from dockctl.sim.checks import PoseCheck
     from dockctl.sim.harbor.build import build_harbor
-    from dockctl.sim.sites import own_site
+    from dockctl.sim.starts import own_site
 
     scenario = loaded.scenario
     layout = layouts(scenario.harbor, scenario.task.berths)[own_site(scenario).harbor]
@@ -95,7 +92,7 @@ def player(
     """Return a function that plays one episode from each start."""
     from dockctl.envs.vector import DockingVectorEnv
     from dockctl.evaluation.rollout import play
-    from dockctl.sim.clearance import hull_reach_m, least_clearance
+    from dockctl.sim.collision import hull_reach_m, least_clearance
 
     boats = min(BOATS_SIDE_BY_SIDE, max(1, len(starts)))
     env = DockingVectorEnv(loaded, boats, worlds=worlds)

@@ -37,8 +37,7 @@ from dockctl.reports.style import house_style, save
 from dockctl.reports.success_map import map_figure
 from dockctl.runs.tables import MAP, Value, to_csv
 from dockctl.scenarios.loader import LoadedScenario
-from dockctl.sim.sites import own_site
-from dockctl.sim.starts import given_start
+from dockctl.sim.starts import given_start, own_site
 from dockctl.sim.world import World, build_worlds
 
 Floats = NDArray[np.float64]

@@ -27,8 +27,7 @@ from dockctl.scenarios.content import mesh_files, with_paths
 from dockctl.scenarios.interface import PolicyInterface
 from dockctl.scenarios.loader import LoadedScenario, dump
 from dockctl.scenarios.schema import Scenario
-from dockctl.sim.sites import free_sites
-from dockctl.sim.starts import Start, given_start
+from dockctl.sim.starts import Start, free_sites, given_start
 from dockctl.sim.world import World, build_worlds
 
 CARD = "card.md"

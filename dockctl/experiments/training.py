@@ -29,7 +29,7 @@ from dockctl.scenarios.content import mesh_files, with_paths
 from dockctl.scenarios.interface import PolicyInterface
 from dockctl.scenarios.loader import LoadedScenario, dump
 from dockctl.sim.checks import load_checked
-from dockctl.sim.sites import own_site
+from dockctl.sim.starts import own_site
 from dockctl.sim.world import World, build_worlds
 
 

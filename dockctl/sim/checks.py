@@ -1,4 +1,4 @@
-"""What only the built harbor can tell about a scenario: are its poses free, and in the water?"""
+"""Checks of a scenario that need the built harbor: whether its poses are free and in the water."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ from dockctl.scenarios.schema import Scenario
 from dockctl.sim.collision import CollisionChecker, collision_checker
 from dockctl.sim.harbor.build import Harbor, build_harbor
 from dockctl.sim.hull import hull_outline
-from dockctl.sim.sites import free_sites, own_site
+from dockctl.sim.starts import free_sites, own_site
 
 Floats = NDArray[np.float64]
 
@@ -29,29 +29,30 @@ SEARCH_DIRECTIONS = np.array([(math.cos(a), math.sin(a), 0.0) for a in np.arange
 def load_checked(
     source: str | Path, *, overrides: Sequence[str] = (), plugin_files: Sequence[Path] = ()
 ) -> LoadedScenario:
-    """Load `source` and make sure that its meshes are there and that no pose lies inside an obstacle.
+    """Load `source` and check its mesh files and that none of its poses is blocked.
 
     Raises:
-        InputError: every problem of the scenario, each with its place.
+        InputError: all problems of the scenario, with their locations.
         DockctlError: the scenario or a plugin does not exist.
     """
     loaded = load(source, overrides=overrides, plugin_files=plugin_files)
     try:
-        found = check_poses(loaded.scenario, loaded.base_dir)
-    except InputError as error:  # a mesh file, which knows the field that names it but not the line
-        found = [(problem.field, f"{problem.file} {problem.message}") for problem in error.problems]
-    if found:
-        raise InputError(loaded.problem(path, message) for path, message in found) from None
+        problems = [loaded.problem(*found) for found in check_poses(loaded.scenario, loaded.base_dir)]
+    except InputError as error:  # of a mesh file: the field is known, but not its line
+        problems = [loaded.problem(p.field, f"{p.file}: {p.message}", p.code) for p in error.problems]
+    if problems:
+        raise InputError(problems)
     return loaded
 
 
 def check_poses(scenario: Scenario, base_dir: Path) -> list[tuple[str, str]]:
-    """Return (field path, message) for every start, goal and test pose at which the boat is not free.
+    """Return (field path, message) for every start, goal and test pose that is not free.
 
-    A task that is carried to berths must be written for one of them, and find room at some of each kind.
+    The final pose of a task that is transferred to berths must be the pose of one of them, and some berths of
+    each kind must be free.
 
     Raises:
-        InputError: a mesh file of the harbor is missing or broken.
+        InputError: a mesh file of the harbor is missing or damaged.
         DockctlError: the harbor cannot be built.
     """
     harbors = [
@@ -63,7 +64,7 @@ def check_poses(scenario: Scenario, base_dir: Path) -> list[tuple[str, str]]:
             return flaws
         hull = scenario.vessel.hull
         free_sites(scenario, [collision_checker(harbor, hull).blocked for harbor in harbors])
-    except InputError as error:  # the task and its berths do not go together
+    except InputError as error:  # the task does not match its berths
         return [(problem.field, problem.message) for problem in error.problems]
     return []
 
@@ -78,7 +79,7 @@ def _poses(scenario: Scenario) -> Iterator[tuple[str, Pose]]:
 
 
 class PoseCheck:
-    """Says in words why a pose is not free."""
+    """Checks poses of one vessel in one harbor, and describes why a pose is not free."""
 
     def __init__(
         self, checker: CollisionChecker, basin: tuple[float, float, float, float] | None, outline: Floats
@@ -89,38 +90,38 @@ class PoseCheck:
 
     @classmethod
     def of(cls, scenario: Scenario, harbor: Harbor) -> PoseCheck:
-        """Check the scenario's vessel in its harbor."""
+        """Return the check for the vessel of a scenario in one of its harbors."""
         hull = scenario.vessel.hull
         return cls(collision_checker(harbor, hull), harbor.basin, hull_outline(hull))
 
     def free(self, eta: Floats) -> bool:
-        """Whether the boat at a pose (3,) [m, m, rad] touches nothing and lies over the basin."""
-        return self._checker.collided_part(eta) is None and self._afloat(eta)
+        """Return whether the boat at a pose (3,) [m, m, rad] touches nothing and is in the basin."""
+        return self._checker.collided_part(eta) is None and self._in_basin(eta)
 
     def flaw(self, pose: Pose) -> str:
-        """Return what is wrong with a pose and what would be right, or an empty string."""
+        """Return why a pose is not free and the nearest free one, or an empty string."""
         eta = pose_array(pose)
         part = self._checker.collided_part(eta)
-        if part is None and self._afloat(eta):
+        if part is None and self._in_basin(eta):
             return ""
         boat = f"the boat at ({pose.x_m:g}, {pose.y_m:g}, {pose.heading_deg:g}°)"
-        trouble = f"is blocked by the {part}" if part else "is outside of the basin"
-        return f"{boat} {trouble}; {self._remedy(eta)}"
+        trouble = f"is blocked by the {part}" if part else "is outside the basin"
+        return f"{boat} {trouble}; {self._nearest_free(eta)}"
 
-    def _afloat(self, eta: Floats) -> bool:
-        """Whether the whole outline lies over the basin; mesh harbors have no known basin."""
+    def _in_basin(self, eta: Floats) -> bool:
+        """Return whether the whole outline is in the basin; a harbor of mesh files has no basin."""
         if self._basin is None:
             return True
         points = place_outline(self._outline, eta)
         return bool(((points > self._basin[:2]) & (points < self._basin[2:])).all())
 
-    def _remedy(self, eta: Floats) -> str:
-        """Look for the nearest free place with the same heading."""
+    def _nearest_free(self, eta: Floats) -> str:
+        """Describe the nearest free position with the same heading."""
         for radius in SEARCH_RADII_M:
-            places = eta + radius * SEARCH_DIRECTIONS
-            for place in filter(self._afloat, places[~self._checker.blocked(places)]):
-                return f"the nearest free place with this heading is about ({place[0]:.2f}, {place[1]:.2f})"
+            candidates = eta + radius * SEARCH_DIRECTIONS
+            for pose in filter(self._in_basin, candidates[~self._checker.blocked(candidates)]):
+                return f"the nearest free position with this heading is about ({pose[0]:.2f}, {pose[1]:.2f})"
         if self._basin is None:
-            return f"no place within {SEARCH_RADII_M[-1]:g} m is free"
+            return f"no position within {SEARCH_RADII_M[-1]:g} m is free"
         x0, y0, x1, y1 = self._basin
         return f"the basin is x {x0:g} to {x1:g} m, y {y0:g} to {y1:g} m"

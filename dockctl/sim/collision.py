@@ -1,16 +1,17 @@
-"""Does the boat touch the harbor, is one inside the other, how far apart are they? Exact, by python-fcl."""
+"""Contact and clearance between the boat and the harbor, exact, by python-fcl."""
 
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator, Sequence
-from functools import lru_cache
+from collections.abc import Callable, Iterator, Sequence
+from functools import cache, lru_cache
 
 import fcl
 import numpy as np
 import trimesh
 from numpy.typing import NDArray
 
+from dockctl.geometry import wrap
 from dockctl.scenarios.vessel import Hull
 from dockctl.sim.harbor.build import Harbor
 from dockctl.sim.hull import hull_mesh
@@ -21,9 +22,10 @@ Ints = NDArray[np.int64]
 
 
 class CollisionChecker:
-    """The hull of one boat against one harbor; poses are rows x, y [m], heading [rad].
+    """The hull of one boat in one harbor; poses are rows x, y [m], heading [rad].
 
-    fcl compares surfaces: a boat inside a quay, or a buoy inside the boat, is no contact; `blocked` sees it.
+    fcl compares surfaces and reports no contact for a boat inside a quay or a buoy inside the boat; `blocked`
+    detects these cases, too.
     """
 
     def __init__(self, harbor: Harbor, hull: Hull) -> None:
@@ -33,10 +35,10 @@ class CollisionChecker:
         self._solids = fcl.CollisionObject(_bvh([part.mesh for part in harbor.parts]))
         bodies = list(_closed_bodies(harbor))
         self._interior = _Interior(bodies, (hull.freeboard_m - hull.draft_m) / 2)
-        self._swallowed = _Swallowed(bodies, boat)
+        self._inside_hull = _InsideHull(bodies, boat)
 
     def collides(self, eta: Floats) -> Bools:
-        """Whether the hull's surface touches a surface of the harbor, (n, 3) to (n,)."""
+        """Return whether the surface of the hull touches a surface of the harbor, (n, 3) to (n,)."""
         request = fcl.CollisionRequest()
         contacts = [
             fcl.collide(hull, self._solids, request, fcl.CollisionResult()) for hull in self._placed(eta)
@@ -44,9 +46,9 @@ class CollisionChecker:
         return np.array(contacts, dtype=np.int64) > 0
 
     def blocked(self, eta: Floats) -> Bools:
-        """Whether the hull touches the harbor, or one is inside the other, (n, 3) to (n,)."""
+        """Return whether the hull touches the harbor or one is inside the other, (n, 3) to (n,)."""
         poses = np.atleast_2d(eta)
-        contained = np.maximum(self._interior.part_at(poses), self._swallowed.part_in(poses))
+        contained = np.maximum(self._interior.part_at(poses), self._inside_hull.part_in(poses))
         return self.collides(poses) | (contained >= 0)
 
     def collided_part(self, eta: Floats) -> str | None:
@@ -57,17 +59,17 @@ class CollisionChecker:
             part = int(self.harbor.part_of_triangle[result.contacts[0].b2])
         else:
             pose = np.atleast_2d(eta)
-            part = int(max(self._interior.part_at(pose)[0], self._swallowed.part_in(pose)[0]))
+            part = int(max(self._interior.part_at(pose)[0], self._inside_hull.part_in(pose)[0]))
         return self.harbor.parts[part].name if part >= 0 else None
 
     def clearance(self, eta: Floats) -> Floats:
-        """Least distance between the hull and the harbor, 0 in contact, (n, 3) to (n,) [m]."""
+        """Return the distance between the hull and the harbor, 0 in contact, (n, 3) to (n,) [m]."""
         request = fcl.DistanceRequest()
         gaps = [fcl.distance(hull, self._solids, request, fcl.DistanceResult()) for hull in self._placed(eta)]
         return np.maximum(np.array(gaps, dtype=np.float64), 0.0)
 
     def _placed(self, eta: Floats) -> Iterator[fcl.CollisionObject]:
-        """Move one hull, this call's own, from pose to pose: threads may share the checker."""
+        """Yield a hull at each pose; each call has its own hull, so that threads can share the checker."""
         hull = fcl.CollisionObject(self._hull)
         rotation = np.eye(3)
         for x, y, heading in np.atleast_2d(eta).tolist():
@@ -79,12 +81,48 @@ class CollisionChecker:
 
 @lru_cache(maxsize=16)
 def collision_checker(harbor: Harbor, hull: Hull) -> CollisionChecker:
-    """Return the checker of a hull in a harbor, built once."""
+    """Return the checker of a hull in a harbor, from a cache."""
     return CollisionChecker(harbor, hull)
 
 
+def hull_reach_m(hull: Hull) -> float:
+    """Return the greatest horizontal distance of a point of the hull from the body origin [m]."""
+    return float(np.hypot(*hull_mesh(hull).vertices[:, :2].T).max())
+
+
+def least_clearance(eta: Floats, clearance: Callable[[Floats], Floats], reach_m: float) -> float:
+    """Return the minimum clearance over the poses of a trajectory, computed at few of them.
+
+    No point of the hull moves farther than the body origin plus the heading change times `reach_m`, so the
+    clearance cannot change by more than that. A section of the trajectory is skipped if this bound shows that
+    its clearance is not below the minimum found so far.
+
+    Args:
+        eta: (k, 3) successive poses, x, y [m] and heading [rad]; k >= 1.
+        clearance: clearance of poses, (m, 3) to (m,) [m].
+        reach_m: greatest distance of a point of the hull from the body origin [m].
+    """
+
+    @cache
+    def at(row: int) -> float:
+        return float(clearance(eta[row : row + 1])[0])
+
+    moves = np.hypot(*np.diff(eta[:, :2], axis=0).T) + reach_m * np.abs(wrap(np.diff(eta[:, 2])))
+    moved = np.concatenate([[0.0], np.cumsum(moves)])
+    least = min(at(0), at(len(eta) - 1))
+    sections = [(0, len(eta) - 1)]
+    while sections:
+        first, last = sections.pop()
+        bound = (at(first) + at(last) - (moved[last] - moved[first])) / 2
+        if last - first > 1 and bound < least:
+            middle = (first + last) // 2
+            least = min(least, at(middle))
+            sections += [(first, middle), (middle, last)]
+    return least
+
+
 def _bvh(meshes: Sequence[trimesh.Trimesh]) -> fcl.BVHModel:
-    """Build fcl's tree over the triangles of some meshes, in their order."""
+    """Build a bounding volume hierarchy over the triangles of the meshes, in their order."""
     model = fcl.BVHModel()
     model.beginModel(sum(len(mesh.faces) for mesh in meshes), sum(len(mesh.vertices) for mesh in meshes))
     for mesh in meshes:
@@ -97,7 +135,7 @@ Body = tuple[int, trimesh.Trimesh]
 
 
 def _closed_bodies(harbor: Harbor) -> Iterator[Body]:
-    """Yield part index and mesh of every solid that has an inside."""
+    """Yield part index and mesh of every watertight solid."""
     for index, part in enumerate(harbor.parts):
         for solid in part.solids:
             if solid.mesh.is_watertight:
@@ -105,7 +143,7 @@ def _closed_bodies(harbor: Harbor) -> Iterator[Body]:
 
 
 class _Interior:
-    """Which part a point at the height `z` is inside of, by winding numbers in the harbor's cut there."""
+    """Finds the part that contains a point at the height `z`, by winding numbers in a cross-section."""
 
     def __init__(self, bodies: Sequence[Body], z: float) -> None:
         cuts = [_cut(mesh.triangles, z) for _, mesh in bodies]
@@ -114,12 +152,12 @@ class _Interior:
         self._part_of_body = np.array([*(part for part, _ in bodies), -1])
 
     def part_at(self, eta: Floats) -> Ints:
-        """Return the part around the origin of each pose, -1 for none, (n, 3) to (n,)."""
-        return np.array([self._part_around(x, y) for x, y, _ in eta], np.int64)
+        """Return the part that contains the origin of each pose, -1 for none, (n, 3) to (n,)."""
+        return np.array([self._part_containing(x, y) for x, y, _ in eta], np.int64)
 
-    def _part_around(self, x: float, y: float) -> int:
+    def _part_containing(self, x: float, y: float) -> int:
         (x0, y0), (x1, y1) = np.moveaxis(self._segments, 0, -1)
-        crossed = np.flatnonzero((y0 <= y) != (y1 <= y))  # half open, so that a shared corner counts once
+        crossed = np.flatnonzero((y0 <= y) != (y1 <= y))  # half-open: a shared corner counts once
         x0, y0, x1, y1 = x0[crossed], y0[crossed], x1[crossed], y1[crossed]
         right = x0 + (y - y0) / (y1 - y0) * (x1 - x0) > x
         turns = np.bincount(self._body[crossed[right]], np.sign(y1 - y0)[right], minlength=1)
@@ -127,10 +165,10 @@ class _Interior:
 
 
 def _cut(triangles: Floats, z: float) -> Floats:
-    """Return the directed segments (k, 2, 2) in which (m, 3, 3) triangles cut the plane at `z`.
+    """Return the directed segments (k, 2, 2) in which (m, 3, 3) triangles intersect the plane at `z`.
 
-    A corner at `z` counts as above it, and an edge is cut from its lower to its upper end by both of its
-    triangles: the segments of a closed mesh are closed chains to the last bit.
+    A corner at `z` counts as above it, and both triangles of an edge interpolate from its lower to its upper
+    end: the segments of a closed mesh form closed chains, exactly.
     """
     above = triangles[:, :, 2] >= z
     mixed = above.any(axis=1) & ~above.all(axis=1)
@@ -146,8 +184,8 @@ def _cut(triangles: Floats, z: float) -> Floats:
     return np.stack(ends, axis=1)
 
 
-class _Swallowed:
-    """Which part is inside the boat without touching it: solids small enough, judged by one corner."""
+class _InsideHull:
+    """Finds the part inside the hull without contact: solids that are small enough, tested by one corner."""
 
     def __init__(self, bodies: Sequence[Body], hull: trimesh.Trimesh) -> None:
         reach = np.linalg.norm(hull.extents[:2])
@@ -163,7 +201,7 @@ class _Swallowed:
         self._offsets = np.einsum("ij,ij->i", hull.face_normals, hull.triangles[:, 0])
 
     def part_in(self, eta: Floats) -> Ints:
-        """Return the part inside the boat at each pose, -1 for none, (n, 3) to (n,)."""
+        """Return the part inside the hull at each pose, -1 for none, (n, 3) to (n,)."""
         found = np.full(len(eta), -1)
         for row, (x, y, heading) in enumerate(eta if len(self._parts) else ()):
             shifted = self._points - (x, y, 0.0)

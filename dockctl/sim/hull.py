@@ -1,4 +1,4 @@
-"""The own boat's hull as a solid, for collisions and drawings."""
+"""The hull of the own boat as a solid, for collisions and drawings."""
 
 from __future__ import annotations
 
@@ -12,9 +12,9 @@ from dockctl.sim.harbor.solids import loft
 Floats = NDArray[np.float64]
 
 BOW_SHARE = 0.35
-"""Part of the length over which the bow narrows."""
+"""Fraction of the length over which the bow narrows."""
 BOW_BREADTHS = ((0.0, 1.0), (0.35, 0.9), (0.65, 0.66), (0.88, 0.32), (1.0, 0.06))
-"""Half-breadth along the bow: (part of the way to the stem, part of half the beam)."""
+"""Half-breadths along the bow: (fraction of the distance to the stem, fraction of half the beam)."""
 
 
 def hull_outline(hull: Hull) -> Floats:
@@ -27,6 +27,6 @@ def hull_outline(hull: Hull) -> Floats:
 
 
 def hull_mesh(hull: Hull) -> trimesh.Trimesh:
-    """Return the convex, closed hull in the body frame: z = 0 is the water, the keel lies at -draft [m]."""
+    """Return the convex, closed hull in the body frame: water at z = 0, keel at -draft [m]."""
     outline = hull_outline(hull)
     return loft([np.insert(outline, 2, z, axis=1) for z in (-hull.draft_m, hull.freeboard_m)])

@@ -1,4 +1,4 @@
-"""What one control step did to every boat: the only thing that reward terms see."""
+"""Result of one control step for every boat: the input of the reward terms."""
 
 from __future__ import annotations
 
@@ -14,19 +14,19 @@ Ints = NDArray[np.int64]
 
 @dataclass(frozen=True)
 class StepStatus:
-    """One control step of n boats, measured against the goal of the phase in which the step was made.
+    """One control step of n boats, relative to the goal of the phase in which the step was made.
 
     Shapes are (n,) unless noted.
 
     Attributes:
         phase: 0 on the way to the intermediate pose, 1 on the way to the final pose.
-        distance_m: delta d, from the centre of gravity to the goal (eq. 3.5) [m].
-        heading_error_rad: delta psi, heading minus the goal's heading, wrapped to (-pi, pi] (eq. 3.6).
-        previous_distance_m, previous_heading_error_rad: the same before the step, against the same goal.
+        distance_m: delta d, from the center of gravity to the goal (eq. 3.5) [m].
+        heading_error_rad: delta psi, heading minus the heading of the goal, wrapped to (-pi, pi] (eq. 3.6).
+        previous_distance_m, previous_heading_error_rad: the same before the step, relative to the same goal.
         nu: (n, 3) surge, sway [m/s] and yaw rate [rad/s] after the step.
         command, previous_command: (n, 2) propeller force [N] and rudder angle [rad].
-        sector_ranges_m: (n, sectors) nearest LiDAR return of each sector [m].
-        collided, reached_intermediate, reached_final: events; at most one holds for a boat.
+        sector_ranges_m: (n, sectors) range of the nearest return in each sector [m].
+        collided, reached_intermediate, reached_final: events; at most one is true for a boat.
     """
 
     phase: Ints

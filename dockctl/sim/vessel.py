@@ -1,10 +1,10 @@
-"""Motion of a 3-DOF vessel in the plane (thesis eqs. 2.5-2.23), for n boats at once.
+"""Equations of motion of a 3-DOF vessel in the plane (thesis eqs. 2.5-2.23), for n boats at once.
 
-The matrices below are the thesis' own words and the oracle; `_integrate` is the same arithmetic written out
-by element for speed, and the tests hold it to the matrices.
+The matrices follow the thesis and are the reference implementation. `_integrate` is the same arithmetic,
+written out by element for speed; tests compare the two.
 
-The yaw pole of the thesis' boat lies at -9.43 1/s: one explicit step over the control period of 0.5 s would
-diverge (RK4 needs less than 0.295 s), hence the substeps.
+The yaw mode of the thesis' boat has its pole at -9.43 1/s. A single Runge-Kutta step over the control period
+of 0.5 s would be unstable (the limit is 0.295 s), so the integration uses substeps.
 """
 
 from __future__ import annotations
@@ -62,7 +62,7 @@ def rotation(heading: Floats) -> Floats:
 
 
 class VesselModel:
-    """The equations of motion of one kind of vessel; a row's result does not depend on the other rows."""
+    """The equations of motion of one vessel; the result of a row does not depend on the other rows."""
 
     def __init__(self, vessel: Vessel) -> None:
         self.vessel = vessel
@@ -71,11 +71,11 @@ class VesselModel:
 
     @property
     def command_limit(self) -> Floats:
-        """The greatest propeller force [N] and rudder angle [rad], (2,)."""
+        """Maximum propeller force [N] and rudder angle [rad], (2,)."""
         return np.array([self.vessel.max_propeller_n, np.radians(self.vessel.max_rudder_deg)])
 
     def tau(self, command: Floats) -> Floats:
-        """Return the forces and the moment (n, 3) [N, N, N m] of propeller force and rudder angle (eq. 2.23).
+        """Return surge force, sway force and yaw moment (n, 3) [N, N, N m] of a command (eq. 2.23).
 
         Args:
             command: (n, 2) propeller force [N] and rudder angle [rad].
@@ -85,7 +85,7 @@ class VesselModel:
         return np.column_stack([force * np.cos(rudder), -sideways, self.vessel.propeller_arm_m * sideways])
 
     def nu_dot(self, nu: Floats, tau: Floats) -> Floats:
-        """Return the acceleration (n, 3) in the body frame: M nu' = tau - C(nu) nu - D(nu) nu (eq. 2.5)."""
+        """Return nu' (n, 3) in the body frame, from M nu' = tau - C(nu) nu - D(nu) nu (eq. 2.5)."""
         resistance = (coriolis(self.vessel, nu) + damping(self.vessel, nu)) @ nu[:, :, None]
         return (tau - resistance[:, :, 0]) @ self._inverse_inertia.T
 
@@ -94,7 +94,7 @@ class VesselModel:
         return (rotation(eta[:, 2]) @ nu[:, :, None])[:, :, 0]
 
     def step(self, eta: Floats, nu: Floats, command: Floats) -> tuple[Floats, Floats]:
-        """Return pose and velocity one control period later, the command held.
+        """Return pose and velocity one control period later, with a constant command.
 
         Args:
             eta: (n, 3) x, y [m] and heading [rad].
@@ -107,8 +107,8 @@ class VesselModel:
         )
         return after
 
-    def step_oracle(self, eta: Floats, nu: Floats, command: Floats) -> tuple[Floats, Floats]:
-        """Do what `step` does by classical Runge-Kutta on the matrices above."""
+    def step_reference(self, eta: Floats, nu: Floats, command: Floats) -> tuple[Floats, Floats]:
+        """Reference implementation of `step`: classical Runge-Kutta with the matrices above."""
         tau, h = self.tau(command), self.vessel.control_period_s / self.vessel.substeps
 
         def rate(state: Floats) -> Floats:
@@ -126,7 +126,7 @@ class VesselModel:
 
 
 def _pack(vessel: Vessel, inverse_inertia: Floats) -> tuple[float, ...]:
-    """Return the numbers that `_rate` unpacks, in its order."""
+    """Return the coefficients in the order in which `_rate` unpacks them."""
     inverse = inverse_inertia
     return (
         *(float(inverse[index]) for index in ((0, 0), (1, 1), (1, 2), (2, 1), (2, 2))),

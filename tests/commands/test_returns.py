@@ -15,8 +15,7 @@ from dockctl.errors import DockctlError
 from dockctl.evaluation.returns import Behavior, Water, discounted, judge, loiter_at_gate, readings
 from dockctl.scenarios.loader import load
 from dockctl.scenarios.schema import Scenario
-from dockctl.sim.sites import own_site
-from dockctl.sim.starts import given_start
+from dockctl.sim.starts import given_start, own_site
 from tests.commands.conftest import Outcome, dockctl
 from tests.sim.worlds import walled
 

@@ -75,7 +75,7 @@ def test_a_missing_mesh_is_located(tmp_path: Path) -> None:
     code, _, err = validate(path)
     assert code == 2
     (line,) = err
-    assert line.startswith(f"error: {path}:2:40: harbor.meshes.0.path: {tmp_path}/gone.stl ")
+    assert line.startswith(f"error: {path}:2:40: harbor.meshes.0.path: {tmp_path}/gone.stl")
 
 
 def test_overrides_and_plugins(tmp_path: Path) -> None:

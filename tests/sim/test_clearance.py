@@ -1,4 +1,4 @@
-"""The least clearance of a way against asking everywhere."""
+"""The least clearance of a trajectory against the clearances of all its poses."""
 
 from __future__ import annotations
 
@@ -7,7 +7,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from dockctl.scenarios.vessel import Hull
-from dockctl.sim.clearance import hull_reach_m, least_clearance
+from dockctl.sim.collision import hull_reach_m, least_clearance
 from dockctl.sim.status import Floats
 
 PILES = np.array([[0.0, 0.0], [3.0, 1.0], [-2.0, 4.0]])
@@ -26,20 +26,20 @@ def gap(eta: Floats) -> Floats:
 @given(seed=st.integers(0, 10_000), length=st.integers(1, 60), pace=st.floats(0, 1))
 def test_it_is_the_minimum_over_all_poses(seed: int, length: int, pace: float) -> None:
     rng = np.random.default_rng(seed)
-    way = np.cumsum(rng.normal(size=(length, 3)) * pace, axis=0) + rng.normal(size=3) * 5
-    assert least_clearance(way, gap, 1.5) == gap(way).min()
+    trajectory = np.cumsum(rng.normal(size=(length, 3)) * pace, axis=0) + rng.normal(size=3) * 5
+    assert least_clearance(trajectory, gap, 1.5) == gap(trajectory).min()
 
 
-def test_few_poses_are_asked() -> None:
-    asked = []
+def test_few_poses_are_evaluated() -> None:
+    evaluated = []
 
     def counting(eta: Floats) -> Floats:
-        asked.append(len(eta))
+        evaluated.append(len(eta))
         return gap(eta)
 
-    way = np.linspace([10, 0, 0], [1.8, 0, 0.4], 400)
-    assert least_clearance(way, counting, 1.5) == gap(way).min()
-    assert sum(asked) < 40
+    trajectory = np.linspace([10, 0, 0], [1.8, 0, 0.4], 400)
+    assert least_clearance(trajectory, counting, 1.5) == gap(trajectory).min()
+    assert sum(evaluated) < 40
 
 
 def test_reach_of_the_hull() -> None:

@@ -10,8 +10,7 @@ import pytest
 
 from dockctl.scenarios.loader import load
 from dockctl.sim.simulator import Simulator
-from dockctl.sim.sites import own_site
-from dockctl.sim.starts import Start, given_start
+from dockctl.sim.starts import Start, given_start, own_site
 from dockctl.sim.vessel import VesselModel
 from tests.sim.worlds import Rings, walled
 

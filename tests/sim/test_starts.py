@@ -11,8 +11,7 @@ from hypothesis import strategies as st
 
 from dockctl.scenarios.loader import load
 from dockctl.scenarios.schema import Scenario
-from dockctl.sim.sites import own_site
-from dockctl.sim.starts import Start, StartSampler, exploring_start, given_start, random_starts
+from dockctl.sim.starts import Start, StartSampler, exploring_start, given_start, own_site, random_starts
 from tests.sim.worlds import Floats, Wall
 
 S1, S2, S3 = (load(name).scenario for name in ("s1", "s2", "s3"))

@@ -129,7 +129,7 @@ def test_the_fast_kernel_equals_the_matrices(
     vessel: Vessel, nu: tuple[float, ...], command: tuple[float, float], heading: float
 ) -> None:
     model, eta = VesselModel(vessel), rows((20, -3, heading))
-    fast, plain = model.step(eta, rows(nu), rows(command)), model.step_oracle(eta, rows(nu), rows(command))
+    fast, plain = model.step(eta, rows(nu), rows(command)), model.step_reference(eta, rows(nu), rows(command))
     assert fast[0] == pytest.approx(plain[0], abs=1e-12)
     assert fast[1] == pytest.approx(plain[1], abs=1e-12)
 

@@ -21,8 +21,7 @@ from dockctl.scenarios.harbor import Basin, EndRow, HarborSpec, Marina, Side, Si
 from dockctl.scenarios.vessel import Hull
 from dockctl.sim.harbor.fleet import MooredModel, moored_model
 from dockctl.sim.harbor.mesh_files import load_bodies
-from dockctl.sim.harbor.outlines import outlines
-from dockctl.sim.harbor.solids import Solid, box, joined, tube
+from dockctl.sim.harbor.solids import Solid, box, joined, outlines, tube
 from dockctl.sim.hull import hull_outline
 
 Floats = NDArray[np.float64]
@@ -34,18 +33,18 @@ QUAY_WIDTH_M = 12.0
 COPING_WIDTH_M = 0.6
 FINGER_HEIGHT_M = 0.5
 DEPTH_M = 1.0
-"""How far quays and piles reach below the water; nothing there is seen, but hulls have a draft."""
-ELBOW_ROOM_M = 0.3
-"""Least water on both sides of a moored vessel joined."""
+"""Depth of quays and piles below the water; greater than the draft of hulls."""
+SIDE_CLEARANCE_M = 0.3
+"""Minimum width of the water beside a moored vessel, both sides together."""
 BERTH_POSE_GAP_M = 2.5
-"""From the quay to a docked boat's centre of gravity; (36, 0, 180 deg) at the reference's east quay."""
+"""From the quay to the origin of a docked boat, so that x = 36 m at the east quay of the reference harbor."""
 INTO_BASIN_DEG: dict[Side, int] = {"east": 180, "west": 0, "north": 270, "south": 90}
-"""Heading of a boat with its stern to the quay."""
+"""Heading of a boat moored stern-to."""
 
 
 @dataclass(frozen=True, eq=False)
 class Part:
-    """One thing that can be hit; `solids` are its closed pieces, in the world frame [m]."""
+    """One obstacle; `solids` are its closed solids in the world frame [m]."""
 
     name: str
     kind: PartKind
@@ -53,13 +52,13 @@ class Part:
 
     @cached_property
     def mesh(self) -> trimesh.Trimesh:
-        """All the solids in one mesh."""
+        """All solids in one mesh."""
         return joined(self.solids)
 
 
 @dataclass(frozen=True, eq=False)
 class Berth:
-    """A place for a boat; `pose` is x, y [m], heading [rad] of one that is docked, its stern to the quay."""
+    """A berth; `pose` is x, y [m], heading [rad] of a boat that is docked stern-to."""
 
     name: str
     side: Side
@@ -69,12 +68,12 @@ class Berth:
 
 @dataclass(frozen=True, eq=False)
 class Harbor:
-    """Everything that stands still.
+    """All obstacles, which do not move.
 
     Attributes:
-        triangles: (m, 3, 3) corners in the world frame [m], facing outwards.
+        triangles: (m, 3, 3) corners in the world frame [m], outward-facing.
         part_of_triangle: (m,) index into `parts`.
-        basin: the water between the quays, ``(x_min, y_min, x_max, y_max)`` [m]; None for mesh files.
+        basin: the water between the quays, ``(x_min, y_min, x_max, y_max)`` [m], if there are quays.
         content_hash: SHA-256 over the triangles and the kinds of their parts.
     """
 
@@ -88,7 +87,7 @@ class Harbor:
 
     @cached_property
     def bounds(self) -> tuple[float, float, float, float]:
-        """The basin, or all the solids where there is none, ``(x_min, y_min, x_max, y_max)`` [m]."""
+        """Bounds of the basin, or else of all solids, ``(x_min, y_min, x_max, y_max)`` [m]."""
         if self.basin is not None:
             return self.basin
         corners = self.triangles[:, :, :2].reshape(-1, 2)
@@ -97,7 +96,7 @@ class Harbor:
 
 
 def scene_of(harbor: Harbor, hull: Hull) -> Scene:
-    """Return harbor and own boat from above, in painting order."""
+    """Return the plan view of the harbor and the own boat, in painting order."""
     polygons = (
         Polygon(solid.kind, part.name, xy, height)
         for part in harbor.parts
@@ -108,13 +107,13 @@ def scene_of(harbor: Harbor, hull: Hull) -> Scene:
 
 
 def build_harbor(spec: HarborSpec, base_dir: Path) -> Harbor:
-    """Return the harbor of `spec`, built once; paths of mesh files are relative to `base_dir`.
+    """Return the harbor of `spec`, from a cache; paths of mesh files are relative to `base_dir`.
 
     Raises:
-        InputError: mesh files are missing, unreadable, empty or broken; it names them all.
-        DockctlError: no model of the fleet fits a berth that is taken.
+        InputError: mesh files are missing, unreadable, empty or damaged; it lists all of them.
+        DockctlError: no model of the fleet fits an occupied berth.
     """
-    # Without mesh files the folder does not matter, and one harbor serves the scenarios of all folders.
+    # Without mesh files the result does not depend on the folder.
     return _build(spec, base_dir if spec.meshes else Path())
 
 
@@ -150,7 +149,7 @@ def assemble(
     berths: Sequence[Berth] = (),
     basin: tuple[float, float, float, float] | None = None,
 ) -> Harbor:
-    """Put a harbor joined from its parts."""
+    """Return the harbor that consists of the parts."""
     triangles = np.concatenate([part.mesh.vertices[part.mesh.faces] for part in parts]).astype(np.float64)
     counts = [len(part.mesh.faces) for part in parts]
     digest = hashlib.sha256(triangles.tobytes())
@@ -167,11 +166,11 @@ def assemble(
 
 
 def _quays(spec: Marina) -> Iterator[Part]:
-    """Four quays around the water, with their copings and furniture; north and south close the ends."""
+    """Yield the four quays around the basin, with copings and furniture."""
     water = spec.basin
     x0, x1, y0, y1 = water.x_min_m, water.x_max_m, water.y_min_m, water.y_max_m
     w, c = QUAY_WIDTH_M, COPING_WIDTH_M
-    footprints: dict[Side, tuple[Corners, Corners]] = {  # the quay, and the coping along its edge
+    footprints: dict[Side, tuple[Corners, Corners]] = {  # quay, and coping along its edge
         "east": (((x1, y0 - w), (x1 + w, y1 + w)), ((x1, y0), (x1 + c, y1))),
         "west": (((x0 - w, y0 - w), (x0, y1 + w)), ((x0 - c, y0), (x0, y1))),
         "north": (((x0, y1), (x1, y1 + w)), ((x0, y1), (x1, y1 + c))),
@@ -185,21 +184,23 @@ def _quays(spec: Marina) -> Iterator[Part]:
 
 
 def _furniture(row: SideRow | EndRow, basin: Basin) -> Iterator[Solid]:
-    """A supply post on the quay at every finger, and a bollard at every berth."""
+    """Yield a supply post on the quay at every finger, and a bollard at every berth."""
     z = QUAY_HEIGHT_M
     post = Solid("roof", box((-1.15, -0.14, z), (-0.85, 0.14, z + 1.1)))
     bollard = [(-0.3, 0.0, z), (-0.3, 0.0, z + 0.3), (-0.3, 0.0, z + 0.42)]
     for at in row.fingers:
-        yield Place.of(row.side, basin, at).put(post)
+        yield QuayFrame.of(row.side, basin, at).to_world(post)
     for at in row.berths:
-        yield Place.of(row.side, basin, at).put(Solid("engine", tube(bollard, (0.1, 0.1, 0.16), sides=8)))
+        yield QuayFrame.of(row.side, basin, at).to_world(
+            Solid("engine", tube(bollard, (0.1, 0.1, 0.16), sides=8))
+        )
 
 
 def _fingers(row: SideRow | EndRow, basin: Basin) -> Iterator[Part]:
-    """Decks on piles, and a mooring pile with a pointed cap at the head of each."""
+    """Yield finger decks and their piles, with a mooring pile at the head of each finger."""
     length, half = row.finger_length_m, row.finger_width_m / 2
     for at in row.fingers:
-        place = Place.of(row.side, basin, at)
+        frame = QuayFrame.of(row.side, basin, at)
         where = f"{row.side} {row.axis}={at:g}"
         deck = Solid("finger", box((0.0, -half, FINGER_HEIGHT_M - 0.3), (length, half, FINGER_HEIGHT_M)))
         cleats = [
@@ -207,14 +208,14 @@ def _fingers(row: SideRow | EndRow, basin: Basin) -> Iterator[Part]:
             for x in (0.3 * length, 0.78 * length)
             for y in (half - 0.12, 0.12 - half)
         ]
-        yield Part(f"finger pier {where}", "finger", tuple(map(place.put, (deck, *cleats))))
+        yield Part(f"finger pier {where}", "finger", tuple(map(frame.to_world, (deck, *cleats))))
         piles = [pile(x, y, 1.3) for x in (0.12 * length, 0.55 * length) for y in (half - 0.14, 0.14 - half)]
         piles.append(pile(length - 0.2, 0.0, 1.9, radius=0.17))
-        yield Part(f"piles of the finger pier {where}", "pile", tuple(map(place.put, piles)))
+        yield Part(f"piles of the finger pier {where}", "pile", tuple(map(frame.to_world, piles)))
 
 
 def pile(x: float, y: float, height: float, radius: float = 0.13) -> Solid:
-    """Return a round pile with a pointed cap; it begins below the water [m]."""
+    """Return a round pile with a pointed cap, from below the water to `height` [m]."""
     heights = (-DEPTH_M, height - 0.15, height)
     return Solid("pile", tube([(x, y, z) for z in heights], (radius, radius, 0.2 * radius), sides=12))
 
@@ -227,46 +228,50 @@ def _berths(spec: Marina) -> Iterator[Berth]:
 
 
 def berth_pose(spec: Marina, place: BerthPlace) -> tuple[float, float, float]:
-    """Return x, y [m] and heading [rad] of a boat that is docked at a berth, its stern to the quay."""
-    return Place.of(place.side, spec.basin, place.at_m, gap=BERTH_POSE_GAP_M).pose
+    """Return x, y [m] and heading [rad] of a boat that is docked stern-to at a berth."""
+    return QuayFrame.of(place.side, spec.basin, place.at_m, gap=BERTH_POSE_GAP_M).pose
 
 
 def _moored(spec: Marina, berths: Sequence[Berth]) -> Iterator[Part]:
-    """One vessel a berth, in the order of the berths; a vessel is drawn for a free berth too,
-    so that freeing one leaves the others where they are."""
+    """Yield one vessel per occupied berth.
+
+    A model is drawn for a free berth, too, so that freeing a berth does not change the other vessels.
+    """
     rng = np.random.Generator(np.random.PCG64(spec.fleet.seed))
     slots = [(row, at) for row in spec.rows for at in row.berths]
     deck: list[str] = []
     for (row, at), berth in zip(slots, berths, strict=True):
-        room = _room(row, at, spec.basin) - ELBOW_ROOM_M
-        model = _draw(deck, spec.fleet.models, room, rng)
+        width = _berth_width(row, at, spec.basin) - SIDE_CLEARANCE_M
+        model = _draw(deck, spec.fleet.models, width, rng)
         if not berth.occupied:
             continue
         if model is None:
             narrowest = min(moored_model(name).beam_m for name in spec.fleet.models)
             raise DockctlError(
-                f"harbor '{spec.name}': the {berth.name} leaves {room:.2f} m for a vessel, "
-                f"and the narrowest model of the fleet is {narrowest:.2f} m wide; widen it or free it"
+                f"harbor '{spec.name}': the {berth.name} has space for a beam of {width:.2f} m, but the "
+                f"narrowest model of the fleet has {narrowest:.2f} m; make the berth wider or free",
+                code="mismatch",
             )
-        place = Place.of(row.side, spec.basin, at, gap=spec.fleet.stern_gap_m)
-        yield Part(
-            f"moored {model.vessel_class}, {berth.name}", "vessel", tuple(map(place.put, model.solids))
-        )
+        frame = QuayFrame.of(row.side, spec.basin, at, gap=spec.fleet.stern_gap_m)
+        name = f"moored {model.vessel_class}, {berth.name}"
+        yield Part(name, "vessel", tuple(map(frame.to_world, model.solids)))
 
 
-def _draw(deck: list[str], names: Sequence[str], room: float, rng: np.random.Generator) -> MooredModel | None:
-    """Take the first model of the shuffled deck that is at most `room` wide [m]; when none is, add a deck."""
+def _draw(
+    deck: list[str], names: Sequence[str], width: float, rng: np.random.Generator
+) -> MooredModel | None:
+    """Deal the first model not wider than `width` [m] from a shuffled deck; if there is none, add a deck."""
     for _ in range(2):
         for name in deck:
-            if moored_model(name).beam_m <= room:
+            if moored_model(name).beam_m <= width:
                 deck.remove(name)
                 return moored_model(name)
         deck += [names[i] for i in np.argsort(rng.random(len(names)))]
     return None
 
 
-def _room(row: SideRow | EndRow, at: float, basin: Basin) -> float:
-    """Width of a berth's own water: to the fingers, the quays, and half-way to the neighbors [m]."""
+def _berth_width(row: SideRow | EndRow, at: float, basin: Basin) -> float:
+    """Return the width of a berth: to the fingers, the quays, and half the distance to its neighbors [m]."""
     low, high = (basin.y_min_m, basin.y_max_m) if row.axis == "y" else (basin.x_min_m, basin.x_max_m)
     to_fingers = [abs(at - finger) - row.finger_width_m / 2 for finger in row.fingers]
     to_neighbors = [abs(at - berth) / 2 for berth in row.berths if berth != at]
@@ -274,8 +279,8 @@ def _room(row: SideRow | EndRow, at: float, basin: Basin) -> float:
 
 
 @dataclass(frozen=True)
-class Place:
-    """A frame at the quay's edge: x leads into the basin, y to port of a boat that lies stern to."""
+class QuayFrame:
+    """A frame at the edge of a quay: x points into the basin, y to port of a boat moored stern-to."""
 
     x: float
     y: float
@@ -283,8 +288,8 @@ class Place:
     sine: int
 
     @classmethod
-    def of(cls, side: Side, basin: Basin, at: float, gap: float = 0.0) -> Place:
-        """Stand `gap` metres off the quay `side`, at the coordinate `at` along it."""
+    def of(cls, side: Side, basin: Basin, at: float, gap: float = 0.0) -> QuayFrame:
+        """Return the frame `gap` meters off the quay `side`, at the coordinate `at` along it."""
         heading = math.radians(INTO_BASIN_DEG[side])
         cosine, sine = round(math.cos(heading)), round(math.sin(heading))  # exact quarter turns
         x, y = {
@@ -297,11 +302,11 @@ class Place:
 
     @property
     def pose(self) -> tuple[float, float, float]:
-        """Origin, and heading into the basin in (-pi, pi] [rad]."""
+        """Origin [m], and heading into the basin in (-pi, pi] [rad]."""
         return self.x, self.y, math.atan2(self.sine, self.cosine)
 
-    def put(self, solid: Solid) -> Solid:
-        """Move a solid from this frame to the world."""
+    def to_world(self, solid: Solid) -> Solid:
+        """Return the solid transformed from this frame to the world frame."""
         turn = np.array(
             [[self.cosine, -self.sine, 0], [self.sine, self.cosine, 0], [0, 0, 1]], dtype=np.float64
         )

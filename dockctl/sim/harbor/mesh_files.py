@@ -1,4 +1,4 @@
-"""Reading meshes that users bring: GLB, OBJ, STL and PLY files."""
+"""Mesh files of users: GLB, OBJ, STL and PLY."""
 
 from __future__ import annotations
 
@@ -7,30 +7,26 @@ from pathlib import Path
 import numpy as np
 import trimesh
 
-from dockctl.errors import InputError, Problem
+from dockctl.errors import Code, InputError, Problem
 from dockctl.scenarios.harbor import MeshFile
 
 SUFFIXES = (".glb", ".obj", ".stl", ".ply")
 
 
 def load_bodies(file: MeshFile, base_dir: Path, field: str) -> list[trimesh.Trimesh]:
-    """Read a mesh file into the world frame, z up [m], and take it apart into connected bodies.
+    """Read a mesh file into the world frame, z up [m], and split it into connected bodies.
 
     Raises:
-        InputError: the file is missing, unreadable, empty or broken; `field` says where it is named.
+        InputError: the file is missing, unreadable, empty or damaged, as a problem of `field`.
     """
     path = base_dir / file.path
-    if flaw := _flaw_of_file(path):
-        raise _error(path, field, flaw)
+    _check_file(path, field)
     try:
         mesh = trimesh.load_mesh(path, process=False)
-    except Exception as error:  # the readers of trimesh raise whatever their parsing meets
-        reason = (
-            f" ({error})" if isinstance(error, ValueError) else ""
-        )  # others speak of the reader's own trouble
-        raise _error(path, field, f"is damaged or is no {path.suffix[1:].upper()} file{reason}") from error
-    if flaw := _flaw_of_mesh(mesh):
-        raise _error(path, field, flaw)
+    except Exception as error:  # the readers of trimesh raise many types
+        reason = f" ({error})" if isinstance(error, ValueError) else ""  # others mean nothing to the user
+        raise _error(path, field, f"damaged, or not a {path.suffix[1:].upper()} file{reason}") from error
+    _check_mesh(mesh, path, field)
     vertices = np.asarray(mesh.vertices, dtype=np.float64)
     if file.up == "y":
         vertices = np.stack((vertices[:, 0], -vertices[:, 2], vertices[:, 1]), axis=1)
@@ -40,13 +36,13 @@ def load_bodies(file: MeshFile, base_dir: Path, field: str) -> list[trimesh.Trim
 
 
 def _bodies(mesh: trimesh.Trimesh) -> list[trimesh.Trimesh]:
-    """Split a mesh where its faces share no vertices."""
+    """Split a mesh into sets of faces that are connected by shared vertices."""
     faces = np.asarray(mesh.faces)
     label = np.arange(len(mesh.vertices))
     while True:
         lowest = label.copy()
         np.minimum.at(lowest, faces, label[faces].min(axis=1, keepdims=True))
-        lowest = lowest[lowest]  # a label is a vertex, which may have found a lower one
+        lowest = lowest[lowest]  # a label is a vertex, which may have a lower label now
         if np.array_equal(lowest, label):
             break
         label = lowest
@@ -59,32 +55,33 @@ def _bodies(mesh: trimesh.Trimesh) -> list[trimesh.Trimesh]:
     ]
 
 
-def _flaw_of_file(path: Path) -> str:
+def _check_file(path: Path, field: str) -> None:
     if path.suffix.lower() not in SUFFIXES:
-        return f"is not a mesh file that we read; allowed are {', '.join(SUFFIXES)}"
+        raise _error(path, field, f"unknown type of mesh file; known are {', '.join(SUFFIXES)}")
     if not path.exists():
-        return "mesh file not found"
+        raise _error(path, field, "mesh file not found", "not_found")
     if not path.is_file():
-        return "is a directory, not a mesh file"
+        raise _error(path, field, "a folder, not a mesh file")
     try:
         with path.open("rb") as stream:
-            return "" if stream.read(1) else "is an empty file"
+            empty = not stream.read(1)
     except OSError as error:
-        return f"cannot be opened: {error.strerror}"
+        raise _error(path, field, f"cannot be opened: {error.strerror}") from None
+    if empty:
+        raise _error(path, field, "the file is empty")
 
 
-def _flaw_of_mesh(mesh: trimesh.Trimesh) -> str:
+def _check_mesh(mesh: trimesh.Trimesh, path: Path, field: str) -> None:
     if len(mesh.faces) == 0:
-        return "holds no triangles"
+        raise _error(path, field, "contains no triangles")
     if mesh.faces.min() < 0 or mesh.faces.max() >= len(mesh.vertices):
-        return f"has a triangle with a corner that does not exist (there are {len(mesh.vertices)})"
+        raise _error(path, field, f"contains a triangle with a vertex beyond the last, {len(mesh.vertices)}")
     if not np.isfinite(mesh.vertices).all():
         bad = int((~np.isfinite(mesh.vertices)).any(axis=1).sum())
-        return f"has {bad} of {len(mesh.vertices)} corners that are not finite numbers"
+        raise _error(path, field, f"contains {bad} vertices (of {len(mesh.vertices)}) that are not finite")
     if not (mesh.area_faces > 0).any():
-        return "has only triangles without area"
-    return ""
+        raise _error(path, field, "contains only triangles with zero area")
 
 
-def _error(path: Path, field: str, flaw: str) -> InputError:
-    return InputError([Problem(str(path), 0, 0, field, flaw)])
+def _error(path: Path, field: str, message: str, code: Code = "not_readable") -> InputError:
+    return InputError([Problem(str(path), 0, 0, field, message, code)])

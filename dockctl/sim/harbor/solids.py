@@ -1,8 +1,9 @@
-"""Closed solids from rings of points: every shape of the harbor is a loft."""
+"""Closed solids, lofted from rings of points, and their outlines from above."""
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
+from collections import defaultdict
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -11,12 +12,15 @@ from numpy.typing import ArrayLike, NDArray
 
 Floats = NDArray[np.float64]
 Points = Floats | Sequence[Sequence[float] | Floats]
-"""A row of points, (k, 3) or (k, 2)."""
+"""Points, (k, 3) or (k, 2)."""
+
+MIN_OUTLINE_M2 = 0.002
+"""Outlines with a smaller area are not drawn."""
 
 
 @dataclass(frozen=True, eq=False)
 class Solid:
-    """A closed mesh [m] and what a drawing calls it: one of `dockctl.drawing.scene.KINDS`."""
+    """A closed mesh [m] and its kind for drawings, one of `dockctl.drawing.scene.KINDS`."""
 
     kind: str
     mesh: trimesh.Trimesh
@@ -36,10 +40,10 @@ def joined(solids: Iterable[Solid]) -> trimesh.Trimesh:
 
 
 def loft(rings: ArrayLike) -> trimesh.Trimesh:
-    """Skin (s, k, 3) rings one after the other and cap both ends; the result is closed and faces outwards.
+    """Return the closed, outward-facing solid with (s, k, 3) successive rings as its cross-sections.
 
-    A cap zigzags between the points i and k - i of its ring, which is right for every convex ring
-    and for every ring that is symmetric about the line through its points 0 and k / 2 and monotone along it.
+    The caps connect the points i and k - i of a ring in a zigzag. This is valid for convex rings and for
+    rings that are symmetric about the line through their points 0 and k / 2 and monotone along it.
     """
     points = np.asarray(rings, dtype=np.float64)
     s, k, _ = points.shape
@@ -53,7 +57,7 @@ def loft(rings: ArrayLike) -> trimesh.Trimesh:
 
 
 def outward(vertices: Floats, faces: NDArray[np.int64]) -> trimesh.Trimesh:
-    """Make a mesh of closed, consistently wound triangles, turned inside out if its volume is negative."""
+    """Return the mesh of closed, consistently wound triangles, flipped if its volume is negative."""
     a, b, c = np.moveaxis(vertices[faces] - vertices[0], 1, 0)
     volume = np.einsum("ij,ij->", a, np.cross(b, c))
     return trimesh.Trimesh(vertices, faces if volume > 0 else faces[:, ::-1], process=False)
@@ -66,13 +70,13 @@ def box(low: Sequence[float], high: Sequence[float]) -> trimesh.Trimesh:
 
 
 def prism(outline: Points, z0: float, z1: float) -> trimesh.Trimesh:
-    """Return a (k, 2) outline, convex or symmetric as `loft` says, between two heights."""
+    """Return the prism over a (k, 2) outline, convex or symmetric as in `loft`, between two heights."""
     xy = np.asarray(outline, dtype=np.float64)
     return loft([np.column_stack((xy, np.full(len(xy), z))) for z in (z0, z1)])
 
 
 def tube(path: Points, radius: ArrayLike, sides: int = 6) -> trimesh.Trimesh:
-    """Return a round bar along a (p, 3) path; `radius` is one number or one for each point [m]."""
+    """Return a round bar along a (p, 3) path with one radius, or one per point [m]."""
     points = np.asarray(path, dtype=np.float64)
     radii = np.broadcast_to(np.asarray(radius, dtype=np.float64), len(points))
     tangents = np.gradient(points, axis=0)
@@ -81,11 +85,26 @@ def tube(path: Points, radius: ArrayLike, sides: int = 6) -> trimesh.Trimesh:
     normal = np.eye(3)[np.argmin(np.abs(tangents[0]))]
     rings = []
     for point, tangent, r in zip(points, tangents, radii, strict=True):
-        normal = normal - (normal @ tangent) * tangent  # carried along, so that the rings do not twist
+        normal = normal - (normal @ tangent) * tangent  # parallel transport: the rings do not twist
         normal /= np.linalg.norm(normal)
         across = np.cross(tangent, normal)
         rings.append(point + r * (np.outer(np.cos(angles), normal) + np.outer(np.sin(angles), across)))
     return loft(rings)
+
+
+def outlines(mesh: trimesh.Trimesh) -> Iterator[tuple[Floats, float]]:
+    """Yield the outlines (k, 2) from above, counter-clockwise, with the heights of their highest corners [m].
+
+    An outline is a loop of edges between a triangle that faces up and one that does not. Loops around holes
+    run clockwise and are skipped, as are loops with almost no area.
+    """
+    a, b, c = np.moveaxis(mesh.vertices[mesh.faces], 1, 0)
+    up = mesh.faces[_cross2(b - a, c - a) > 1e-9]
+    for loop in _loops(up):
+        corners = mesh.vertices[loop]
+        xy = np.asarray(corners[:, :2])
+        if _cross2(xy, np.roll(xy, -1, axis=0)).sum() / 2 > MIN_OUTLINE_M2:
+            yield xy, float(corners[:, 2].max())
 
 
 def _cap(k: int) -> NDArray[np.int64]:
@@ -98,3 +117,22 @@ def _cap(k: int) -> NDArray[np.int64]:
     triangles = np.stack((strip[:-2], strip[1:-1], strip[2:]), axis=1)
     triangles[1::2] = triangles[1::2, ::-1]
     return triangles
+
+
+def _loops(faces: NDArray[np.int64]) -> Iterator[list[int]]:
+    """Yield the closed loops of directed edges that belong to only one of the triangles."""
+    edges = set(map(tuple, np.concatenate((faces[:, [0, 1]], faces[:, [1, 2]], faces[:, [2, 0]])).tolist()))
+    following = defaultdict(list)
+    for start, end in sorted(edges):
+        if (end, start) not in edges:
+            following[start].append(end)
+    for start in sorted(following):
+        while following[start]:
+            loop = [start]
+            while following[loop[-1]]:
+                loop.append(following[loop[-1]].pop())
+            yield loop[:-1]
+
+
+def _cross2(a: Floats, b: Floats) -> Floats:
+    return np.asarray(a[:, 0] * b[:, 1] - a[:, 1] * b[:, 0])

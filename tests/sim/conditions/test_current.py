@@ -15,8 +15,7 @@ from dockctl.envs.vector import DockingVectorEnv
 from dockctl.errors import InputError
 from dockctl.scenarios.loader import LoadedScenario, dump, load
 from dockctl.sim.simulator import Simulator
-from dockctl.sim.sites import own_site
-from dockctl.sim.starts import given_start
+from dockctl.sim.starts import given_start, own_site
 from dockctl.sim.vessel import VesselModel
 from tests.sim.worlds import walled
 

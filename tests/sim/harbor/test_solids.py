@@ -10,8 +10,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from dockctl.scenarios.vessel import Hull
-from dockctl.sim.harbor.outlines import outlines
-from dockctl.sim.harbor.solids import box, loft, prism, tube
+from dockctl.sim.harbor.solids import box, loft, outlines, prism, tube
 from dockctl.sim.hull import hull_mesh, hull_outline
 
 lengths = st.floats(0.1, 20.0)
