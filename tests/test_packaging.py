@@ -1,4 +1,4 @@
-"""What people install and read: the wheel, pins and versions, and what the documents name."""
+"""The wheel, pinned versions, and the commands, links and files in the documents."""
 
 from __future__ import annotations
 
@@ -18,12 +18,14 @@ from packaging.requirements import Requirement
 from pydantic import BaseModel
 
 import dockctl
+from dockctl import plugins
 from dockctl.cli import app
+from dockctl.plugins import ACTIONS, CONDITIONS, RANGE_SENSORS
 from dockctl.runs.directory import SHIPPED
 from dockctl.scenarios.harbor import DEFAULT_MODELS
-from dockctl.scenarios.loader import load
 from dockctl.scenarios.schema import Scenario
 from dockctl.scenarios.training import THESIS
+from dockctl.sim.checks import load_checked
 
 ROOT = Path(__file__).parents[1]
 DOCUMENTS = sorted([*ROOT.glob("*.md"), *ROOT.glob("docs/*.md"), *ROOT.glob("examples/**/*.md")])
@@ -57,12 +59,12 @@ def contents(wheel: Path) -> set[str]:
 
 
 class TestWheel:
-    def test_it_carries_every_module_and_the_type_marker(self, contents: set[str]) -> None:
+    def test_it_contains_every_module_and_the_type_marker(self, contents: set[str]) -> None:
         modules = {str(path.relative_to(ROOT)) for path in (ROOT / "dockctl").rglob("*.py")}
         assert modules <= contents
         assert "dockctl/py.typed" in contents
 
-    def test_it_carries_every_scenario_vessel_and_harbor(self, contents: set[str]) -> None:
+    def test_it_contains_every_scenario_vessel_and_harbor(self, contents: set[str]) -> None:
         files = {
             path.relative_to(ROOT / "scenarios").as_posix() for path in (ROOT / "scenarios").rglob("*.yaml")
         }
@@ -72,14 +74,14 @@ class TestWheel:
         assert studies
         assert {f"dockctl/scenarios/studies/{file}" for file in studies} <= contents
 
-    def test_it_carries_every_vessel_model(self, contents: set[str]) -> None:
+    def test_it_contains_every_vessel_model(self, contents: set[str]) -> None:
         assert {f"dockctl/sim/harbor/vessels/{name}.obj" for name in DEFAULT_MODELS} <= contents
 
-    def test_it_carries_every_checkpoint(self, contents: set[str]) -> None:
+    def test_it_contains_every_checkpoint(self, contents: set[str]) -> None:
         files = {path.relative_to(ROOT).as_posix() for path in SHIPPED.rglob("*") if path.is_file()}
         assert files <= contents
 
-    def test_it_carries_nothing_else(self, contents: set[str]) -> None:
+    def test_it_contains_nothing_else(self, contents: set[str]) -> None:
         stem = f"dockctl-{dockctl.__version__}.dist-info/"
         assert all(name.startswith(("dockctl/", stem)) for name in contents)
         assert not [name for name in contents if "__pycache__" in name or name.endswith(".pyc")]
@@ -100,7 +102,7 @@ class TestVersion:
     def test_the_wheel_takes_it_from_the_package(self, wheel: Path) -> None:
         assert wheel.name.split("-")[1] == dockctl.__version__
 
-    def test_the_citation_and_the_changelog_know_it(self) -> None:
+    def test_the_citation_and_the_changelog_have_it(self) -> None:
         assert f"\nversion: {dockctl.__version__}\n" in (ROOT / "CITATION.cff").read_text()
         assert f"\n## {dockctl.__version__}" in (ROOT / "CHANGELOG.md").read_text()
 
@@ -126,7 +128,7 @@ class TestPins:
 
 
 def models(root: type[BaseModel]) -> set[type[BaseModel]]:
-    """All the models that `root` is made of, itself included."""
+    """Return `root` and all models that it contains."""
     found: set[type[BaseModel]] = set()
     waiting: list[object] = [root]
     while waiting:
@@ -138,6 +140,13 @@ def models(root: type[BaseModel]) -> set[type[BaseModel]]:
         else:
             waiting += getattr(kind, "__args__", ())
     return found
+
+
+plugins.load_builtins()
+MODELS = sorted(
+    models(Scenario) | {kind.value for registry in (ACTIONS, CONDITIONS, RANGE_SENSORS) for kind in registry},
+    key=str,
+)
 
 
 def shell_lines(program: str) -> list[Any]:
@@ -169,13 +178,13 @@ class TestDocuments:
         run("make", "--dry-run", *targets, cwd=ROOT)
 
     @pytest.mark.parametrize("document", DOCUMENTS, ids=lambda path: path.relative_to(ROOT).as_posix())
-    def test_links_lead_somewhere(self, document: Path) -> None:
+    def test_local_links_exist(self, document: Path) -> None:
         targets = re.findall(r"\]\(([^)#\s]+)[^)]*\)", document.read_text())
         local = [target for target in targets if "://" not in target]
         assert [target for target in local if not (document.parent / target).exists()] == []
 
     @pytest.mark.parametrize("document", ["plugins.md", "scenario.md"])
-    def test_the_files_that_they_print_work(self, document: str, tmp_path: Path) -> None:
+    def test_the_scenario_files_in_them_are_valid(self, document: str, tmp_path: Path) -> None:
         text = (ROOT / "docs" / document).read_text()
         files = dict(re.findall(r"^```\w+\n# (\S+)\n(.*?)^```", text, re.M | re.S))
         for name, content in files.items():
@@ -183,10 +192,18 @@ class TestDocuments:
         scenarios = [name for name, content in files.items() if re.search(r"^extends: s\d", content, re.M)]
         assert scenarios
         for name in scenarios:
-            assert load(tmp_path / name).scenario.name == Path(name).stem
+            assert load_checked(tmp_path / name).scenario.name == Path(name).stem
 
-    @pytest.mark.parametrize("model", sorted(models(Scenario), key=str), ids=lambda model: model.__name__)
-    def test_every_key_of_a_scenario_is_explained_with_its_default(self, model: type[BaseModel]) -> None:
+    def test_every_yaml_block_about_scenarios_is_valid(self, tmp_path: Path) -> None:
+        blocks = re.findall(r"^```yaml\n(.*?)^```", (ROOT / "docs" / "scenario.md").read_text(), re.M | re.S)
+        assert len(blocks) >= 4
+        for number, block in enumerate(blocks):
+            path = tmp_path / f"block-{number}.yaml"
+            path.write_text(block if "extends:" in block else f"extends: s3\n{block}")
+            load_checked(path)
+
+    @pytest.mark.parametrize("model", MODELS, ids=lambda model: model.__name__)
+    def test_every_key_of_a_scenario_is_documented_with_its_default(self, model: type[BaseModel]) -> None:
         rows = (ROOT / "docs" / "scenario.md").read_text()
         for name, field in model.model_fields.items():
             assert f"`{name}`" in rows
