@@ -1,11 +1,21 @@
-"""Print plain text: paths and messages may contain characters that Rich would interpret."""
+"""Plain lines and tables on the terminal."""
 
 from __future__ import annotations
 
 from rich.console import Console
 from rich.text import Text
 
+MIN_WIDTH = 80
+"""Columns that the tables need. On a narrower terminal lines wrap, and no number is truncated."""
+
 
 def say(console: Console, text: str, style: str = "") -> None:
-    """Print `text` without markup, highlighting or wrapping."""
+    """Print `text` literally: without markup, highlighting or wrapping, so that paths stay intact."""
     console.print(Text(text, style=style), soft_wrap=True)
+
+
+def table_console() -> Console:
+    """Return a console that is wide enough for the tables."""
+    console = Console()
+    console.width = max(console.width, MIN_WIDTH)
+    return console

@@ -272,8 +272,26 @@ def discover() -> None:
                 registry.offer(point.name, _entry_point_origin(point), load)
 
 
-def load_file(path: Path) -> None:
+def policy(name: str, *, source: str = "") -> Callable[[Function], Function]:
+    """Register the function below as a policy: ``(scenario, *, parameters) -> Policy``.
+
+    It receives the resolved `dockctl.scenarios.schema.Scenario` and returns a `dockctl.agents.policy.Policy`.
+
+    Args:
+        name: how ``--policy`` selects it.
+        source: equation, paper or data sheet.
+
+    Raises:
+        DuplicateNameError: the name is taken.
+    """
+    return lambda function: POLICIES.register(name, function, source=source)
+
+
+def load_file(path: Path) -> ModuleType:
     """Run the local plugin at `path`; the same content is run once, and an edited file replaces itself.
+
+    Returns:
+        the module that the file was run as.
 
     Raises:
         PluginError: it is missing, not a ``.py`` file, or fails to import.
@@ -286,16 +304,18 @@ def load_file(path: Path) -> None:
     except OSError as error:
         raise PluginError(f"plugin {path} cannot be read: {error.strerror or error}") from None
     digest = hashlib.sha256(content).hexdigest()
+    name = f"_dockctl_plugin_{digest[:16]}"
     if digest in _loaded:
-        return
+        return sys.modules[name]
     origin = f"file {path}"
     with contributing(origin), _all_or_nothing(f"plugin {path}", path):
         for registry in GROUPS.values():
             registry.withdraw(origin)
-        _run(f"_dockctl_plugin_{digest[:16]}", path, content)
+        _run(name, path, content)
     for known in [known for known, bringer in _loaded.items() if bringer == origin]:
         del _loaded[known]
     _loaded[digest] = origin
+    return sys.modules[name]
 
 
 def _run(name: str, path: Path, content: bytes) -> None:
@@ -310,14 +330,32 @@ def _all_or_nothing(who: str, path: Path | None = None) -> Iterator[None]:
     """Undo what a plugin registered if it fails, and say which plugin failed, why, and in which line."""
     saved = [(registry, registry.save()) for registry in GROUPS.values()]
     try:
-        yield
-    except (Exception, SystemExit) as error:  # a plugin may raise anything while it is imported
+        with naming_errors(f"{who} fails to import", path):
+            yield
+    except DockctlError:
         for registry, state in saved:
             registry.restore(state)
-        if isinstance(error, DockctlError):
-            raise
+        raise
+
+
+@contextmanager
+def naming_errors(what: str, path: Path | None = None) -> Iterator[None]:
+    """Turn whatever contributed code raises inside the block into a `PluginError` that says where.
+
+    Args:
+        what: what failed, for example ``policy 'pid' fails``.
+        path: the contributor's file, whose line is reported; by default the innermost frame's.
+
+    Raises:
+        PluginError: the block raised anything but a `DockctlError`.
+    """
+    try:
+        yield
+    except DockctlError:
+        raise
+    except (Exception, SystemExit) as error:
         reason = f"{type(error).__name__}: {getattr(error, 'msg', error)}"
-        raise PluginError(f"{who} fails to import: {reason}{_place(error, path)}") from error
+        raise PluginError(f"{what}: {reason}{_place(error, path)}") from error
 
 
 def _place(error: BaseException, path: Path | None) -> str:

@@ -9,13 +9,13 @@ from pathlib import Path
 import pytest
 
 from dockctl.agents.checkpoint import POLICY
-from dockctl.evaluation.policies import find
-from dockctl.evaluation.starts import judging_starts, player
-from dockctl.experiments.export import CARD, training_starts
+from dockctl.evaluation import load_policy
+from dockctl.evaluation.rollout import Rollout
+from dockctl.evaluation.starts import training_starts, validation_starts
+from dockctl.experiments.export import CARD
 from dockctl.runs.directory import shipped
 from dockctl.scenarios.content import first_difference
 from dockctl.scenarios.loader import load
-from dockctl.sim.world import build_worlds
 from tests.commands.conftest import dockctl
 
 NAMES = {"s1", "s2", "s3", "marina"}
@@ -47,7 +47,7 @@ def test_the_files_are_those_of_the_card(name: str) -> None:
 
 @each
 def test_it_was_trained_on_the_scenario_as_it_stands(name: str) -> None:
-    theirs = load(find(Path(name)).own_scenario).scenario
+    theirs = load(str(load_policy(name).own_scenario)).scenario
     assert (
         first_difference(load(name, overrides=[f"training.seed={theirs.training.seed}"]).scenario, theirs)
         is None
@@ -59,10 +59,10 @@ def test_it_docks_from_starts_of_its_training(
     name: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.chdir(tmp_path)
-    trained = find(Path(name))
-    assert trained.card.interface is not None
-    loaded = trained.scenario(None)
-    worlds = build_worlds(loaded.scenario, loaded.base_dir)
-    starts = judging_starts if loaded.scenario.task.berths else training_starts
+    policy = load_policy(name)
+    rollout = Rollout(policy.scenario())
+    loaded, worlds = rollout.loaded, rollout.worlds
+    starts = validation_starts if loaded.scenario.task.berths else training_starts
     some = starts(loaded.scenario, worlds)[: EPISODES.get(name, 1)]
-    assert [one.outcome for one in player(loaded, worlds, some)(trained.policy)] == ["docked"] * len(some)
+    played = rollout.play(policy.make(rollout.env()), some)
+    assert [one.outcome for one in played] == ["docked"] * len(some)

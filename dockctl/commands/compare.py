@@ -2,39 +2,128 @@
 
 from __future__ import annotations
 
+import json
 from pathlib import Path
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated
 
 import typer
+from rich import box
+from rich.console import Console
+from rich.table import Table
+from rich.text import Text
 
-FIGURES = Path("figures") / "compare"
+from dockctl.commands.options import Episodes, StartSeed
+from dockctl.commands.outputs import require_writable_file, save_figure
+from dockctl.console import say, table_console
+from dockctl.runs.directory import require_writable
+from dockctl.runs.files import write_atomically
+from dockctl.runs.tables import EVALUATION, START_KINDS, to_csv
+
+if TYPE_CHECKING:
+    from dockctl.analysis.contrast import Compared, Contrast
+    from dockctl.evaluation.compare import Comparison
+
+FOLDER = Path("figures") / "compare"
 
 
 def compare(
     policies: Annotated[
-        list[Path],
-        typer.Argument(help="Two or more run folders, checkpoints or names of shipped checkpoints."),
+        list[str],
+        typer.Argument(
+            help="Two or more: run folders, checkpoints, names, or controllers like file.py:factory."
+        ),
     ],
     scenario: Annotated[
         str | None,
         typer.Option(help="Scenario to dock in, file or name; that of the first policy by default."),
     ] = None,
-    episodes: Annotated[
-        int | None,
-        typer.Option(min=0, max=100_000, help="Random starts; as many as the scenario says by default."),
-    ] = None,
-    seed: Annotated[int | None, typer.Option(min=0, help="Of the random starts.")] = None,
-    json_: Annotated[Path | None, typer.Option("--json", help="Write the comparison here.")] = None,
-    csv: Annotated[Path | None, typer.Option(help="Write one row an episode here.")] = None,
-    out: Annotated[Path, typer.Option(help="Folder of the figure.")] = FIGURES,
+    episodes: Episodes = None,
+    seed: StartSeed = None,
+    json_: Annotated[Path | None, typer.Option("--json", help="Write the comparison to this file.")] = None,
+    csv: Annotated[Path | None, typer.Option(help="Write one row per episode to this file.")] = None,
+    out: Annotated[Path, typer.Option(help="Folder of the figure.")] = FOLDER,
 ) -> None:
-    """Let policies dock from the same starts, and tell how far each differs from the first.
+    """Run policies from the same starts and report how far each differs from the first.
 
-    Success has Wilson intervals and its differences Newcombe's for pairs; time, path, clearance and control
-    changes are compared over the episodes that both dock, with bootstrap intervals. All hold for 95 %.
+    Success has Wilson intervals, and its differences have Newcombe's intervals for pairs. Time, path,
+    clearance and control changes are compared over the episodes that both dock, with bootstrap intervals. All
+    intervals are at 95 %.
 
     Example: dockctl compare s1 s2 runs/s2/20250101-120000-seed1 --scenario s2 --episodes 200
     """
-    from dockctl.evaluation import compare as comparison
+    from dockctl.evaluation import compare as run
+    from dockctl.reports.compare import compare_figure
 
-    comparison.compare(policies, scenario, episodes, seed, json_, csv, out)
+    for path in filter(None, (json_, csv)):
+        require_writable_file(path)
+    require_writable(out)
+    with Console(stderr=True).status("running episodes"):
+        result = run(policies, scenario, episodes=episodes, seed=seed)
+    _print(result)
+    if csv:
+        write_atomically(csv, to_csv(result.rows(), ["policy", *EVALUATION]).encode())
+    if json_:
+        write_atomically(json_, (json.dumps(result.as_json(), indent=2) + "\n").encode())
+    name = result.first.scenario.name
+    caption = f"scenario {name}, the same starts for every policy, seed {result.first.seed}"
+    save_figure(f"compare-{name}", lambda: compare_figure(result.table, START_KINDS, caption), out)
+
+
+def _print(result: Comparison) -> None:
+    """Print the success of each policy and its differences from the first."""
+    console = table_console()
+    for kind in result.first.groups:
+        console.print(_endings_table(result, kind))
+        for one in result.contrasts:
+            if one.kind == kind:
+                console.print(_difference_table(one))
+                counts = f"{one.only_first} by {one.first}, {one.only_second} by {one.second}"
+                say(console, f"Docked by one alone: {counts}; exact McNemar p = {one.p:.2g}.\n", "dim")
+
+
+def _endings_table(result: Comparison, kind: str) -> Table:
+    seeded = "" if kind == "pose" else f", seed {result.first.seed}"
+    title = f"{START_KINDS[kind].capitalize()}{seeded}, scenario '{result.first.scenario.name}'"
+    table = Table(title=title, title_justify="left", header_style="bold", box=box.SIMPLE_HEAD)
+    table.add_column("policy", overflow="fold")
+    for name in ("docked", "success", "95 % interval"):
+        table.add_column(name, justify="right", no_wrap=True)
+    table.add_column("other endings", overflow="fold")
+    for name, evaluation in result.evaluations.items():
+        summary = evaluation.summaries[kind]
+        low, high = summary["success_interval_95"]
+        others = [f"{count} {ending}" for ending, count in summary["endings"].items() if ending != "docked"]
+        table.add_row(
+            Text(name),
+            f"{summary['docked']} of {summary['episodes']}",
+            f"[bold]{summary['success']:.1%}[/]",
+            f"{low:.1%} to {high:.1%}",
+            ", ".join(others) or "-",
+        )
+    return table
+
+
+def _difference_table(one: Contrast) -> Table:
+    title = Text(f"{one.second} against {one.first}", "table.title")
+    table = Table(title=title, title_justify="left", header_style="bold", box=box.SIMPLE_HEAD)
+    table.add_column("", no_wrap=True)
+    for name in (one.first, one.second):
+        table.add_column(Text(name), justify="right", overflow="fold")
+    for name in ("difference", "95 % interval", "episodes"):
+        table.add_column(name, justify="right", no_wrap=True)
+    for each in (one.success, *one.docked):
+        table.add_row(*_difference_cells(each))
+    return table
+
+
+def _difference_cells(each: Compared) -> tuple[str, ...]:
+    measure, difference = each.measure, each.difference
+    value = measure.text(difference.value, signed=True)
+    return (
+        f"{measure.name} [{measure.unit}]".replace("[", r"\["),
+        measure.text(each.first),
+        measure.text(each.second),
+        f"[bold]{value}[/]" if difference.is_clear else value,
+        f"{measure.text(difference.low, signed=True)} to {measure.text(difference.high, signed=True)}",
+        f"{difference.pairs:,}",
+    )

@@ -2,54 +2,152 @@
 
 from __future__ import annotations
 
+import json
+import math
+import os
 from pathlib import Path
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
+from rich import box
+from rich.console import Console
+from rich.table import Table
 
-from dockctl.commands.options import Ckpt, Elsewhere, finite
+from dockctl.commands.options import (
+    Ckpt,
+    Episodes,
+    PolicyOption,
+    ScenarioOption,
+    StartSeed,
+    finite,
+    policy_of,
+)
+from dockctl.commands.outputs import require_writable_file
+from dockctl.console import say, table_console
+from dockctl.runs.files import write_atomically
+from dockctl.runs.tables import EVALUATION, START_KINDS, to_csv
+
+if TYPE_CHECKING:
+    from dockctl.evaluation.evaluate import Evaluation
 
 BELOW_MINIMUM = 1
+MEANS = (
+    ("mean time", "time_s", "{:.1f} s"),
+    ("mean path", "path_length_m", "{:.1f} m"),
+    ("mean final δd", "distance_m", "{:.2f} m"),
+    ("mean final |δψ|", "heading_error_deg", "{:.1f}°"),
+    ("mean final speed", "speed_mps", "{:.3f} m/s"),
+    ("mean control changes", "control_changes", "{:.0%} of the steps"),
+)
+"""What is printed of the docked episodes: name, key of the summary, format."""
 
 
 def evaluate(
     ckpt: Ckpt = None,
-    scenario: Elsewhere = None,
+    policy: PolicyOption = None,
+    scenario: ScenarioOption = None,
     set_: Annotated[
         list[str] | None, typer.Option("--set", metavar="KEY=VALUE", help="Override a value of the scenario.")
     ] = None,
-    episodes: Annotated[
-        int | None,
-        typer.Option(min=0, max=100_000, help="Random starts; as many as the scenario says by default."),
-    ] = None,
-    seed: Annotated[int | None, typer.Option(min=0, help="Of the random starts.")] = None,
+    episodes: Episodes = None,
+    seed: StartSeed = None,
     min_success: Annotated[
         float | None,
         typer.Option(
             min=0,
             max=1,
             callback=finite,
-            help="Exit with 1 when fewer dock, of the test poses or of the random starts.",
+            help="Exit with 1 if a smaller fraction docks, of the test poses or of the random starts.",
         ),
     ] = None,
-    json_: Annotated[Path | None, typer.Option("--json", help="Write the result here.")] = None,
-    csv: Annotated[Path | None, typer.Option(help="Write one row an episode here.")] = None,
+    json_: Annotated[Path | None, typer.Option("--json", help="Write the result to this file.")] = None,
+    csv: Annotated[Path | None, typer.Option(help="Write one row per episode to this file.")] = None,
 ) -> None:
-    """Play greedy episodes from the scenario's test poses and from random starts around the initial poses.
+    """Run greedy episodes from the scenario's test poses and from random starts around the initial poses.
 
-    The result is stored in the run folder too, when the policy lies in one; one of another scenario, or with
-    values set, under a name of its own.
+    The result is also stored in the run folder of a checkpoint. If the scenario is not the policy's own, or
+    values are set, the file names say so.
 
     Example: dockctl evaluate --ckpt runs/s3/20250101-120000-seed0 --episodes 200 --min-success 0.9
     """
-    from dockctl.evaluation import evaluate as evaluation
+    from dockctl.evaluation import evaluate as run
 
-    outputs = [path for path in (json_, csv) if path]
-    result = evaluation.measure(ckpt, scenario, episodes, seed, outputs, set_ or [])
-    evaluation.store(result, json_, csv)
-    evaluation.show(result)
-    if min_success is not None and result.least_success < min_success:
+    given = policy_of(ckpt, policy)
+    for path in filter(None, (json_, csv)):
+        require_writable_file(path)
+    with Console(stderr=True).status("running episodes"):
+        result = run(given, scenario, episodes=episodes, seed=seed, overrides=set_ or ())
+    as_json = (json.dumps(result.as_json(), indent=2) + "\n").encode()
+    as_csv = to_csv(result.rows(), EVALUATION).encode()
+    files = [(path, text) for path, text in ((json_, as_json), (csv, as_csv)) if path]
+    if given.run and os.access(given.run.path, os.W_OK):
+        stem = given.run.path / result.stem
+        files += [(Path(f"{stem}.csv"), as_csv), (Path(f"{stem}.json"), as_json)]
+    elif given.run:
+        note = f"note: {given.run.path} is read-only, the result is not stored in it"
+        say(Console(stderr=True), note)
+    for file, content in files:
+        write_atomically(file, content)
+    console = table_console()
+    changes = "".join(f", {change}" for change in result.overrides)
+    say(console, f"Policy {given.description} on scenario '{result.scenario.name}'{changes}")
+    if "pose" in result.groups:
+        console.print(_episode_table(result))
+    console.print(_summary_table(result))
+    if min_success is not None and result.lowest_success < min_success:
         typer.secho(
-            f"success {result.least_success:.0%} is below the asked {min_success:.0%}", fg="red", err=True
+            f"success {result.lowest_success:.0%} is below the required {min_success:.0%}", fg="red", err=True
         )
         raise typer.Exit(BELOW_MINIMUM)
+
+
+def _episode_table(result: Evaluation) -> Table:
+    from dockctl.analysis.episodes import ending
+
+    table = Table(title="Test poses", title_justify="left", header_style="bold", box=box.SIMPLE_HEAD)
+    table.add_column("start\n[dim]x m, y m, °", no_wrap=True)
+    table.add_column("ending", overflow="fold", min_width=10)
+    for name, unit in (
+        ("time", "s"), ("δd", "m"), ("δψ", "°"), ("speed", "m/s"), ("path", "m"), ("gap", "m"), ("turns", ""),
+    ):  # fmt: skip
+        table.add_column(f"{name}\n[dim]{unit}", justify="right", no_wrap=True)
+    for episode in result.groups["pose"]:
+        x, y, heading = episode.start.eta
+        row = episode.row()
+        table.add_row(
+            f"{x:g}, {y:g}, {math.degrees(heading):.4g}",
+            f"[{'green' if episode.docked else 'red'}]{ending(row)}[/]",
+            f"{episode.steps * result.control_period_s:g}",
+            f"{row['distance_m']:.2f}",
+            f"{row['heading_error_deg']:+.1f}",
+            f"{row['speed_mps']:.3f}",
+            f"{row['path_length_m']:.1f}",
+            f"{episode.clearance_m:.2f}",
+            f"{episode.control_changes:.0%}",
+        )
+    return table
+
+
+def _summary_table(result: Evaluation) -> Table:
+    table = Table(header_style="bold", box=box.SIMPLE_HEAD)
+    table.add_column("")
+    for kind in result.summaries:
+        seeded = "" if kind == "pose" else f", seed {result.seed}"
+        table.add_column(START_KINDS[kind] + seeded, justify="right")
+    columns = [_summary_cells(summary) for summary in result.summaries.values()]
+    for name in dict.fromkeys(name for cells in columns for name in cells):
+        table.add_row(name, *(cells.get(name, "-") for cells in columns))
+    return table
+
+
+def _summary_cells(summary: dict[str, Any]) -> dict[str, str]:
+    low, high = summary["success_interval_95"]
+    clearance, means = summary["least_clearance_m"], summary["mean_of_docked"] or {}
+    cells = {
+        "docked": f"{summary['docked']} of {summary['episodes']}",
+        "success": f"[bold]{summary['success']:.1%}[/]",
+        "95 % interval": f"{low:.1%} to {high:.1%}",
+        **{kind: str(count) for kind, count in summary["endings"].items() if kind != "docked"},
+        "least clearance": "-" if clearance is None else f"{clearance:.2f} m",
+    }
+    return cells | {name: form.format(means[key]) for name, key, form in MEANS if key in means}

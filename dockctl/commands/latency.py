@@ -2,37 +2,98 @@
 
 from __future__ import annotations
 
+import json
 from pathlib import Path
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated
 
 import typer
+from rich import box
+from rich.console import Console
+from rich.table import Table
 
-from dockctl.commands.options import Ckpt
+from dockctl.commands.options import DEFAULT_SCENARIO, Ckpt, PolicyOption, policy_of
+from dockctl.commands.outputs import Outputs, save_figure
+from dockctl.console import say, table_console
+from dockctl.errors import DockctlError
+from dockctl.runs.directory import RUNS, RunDirectory
+from dockctl.runs.files import write_atomically
+
+if TYPE_CHECKING:
+    from dockctl.evaluation.policies import LoadedPolicy
 
 
 def latency(
     ckpt: Ckpt = None,
+    policy: PolicyOption = None,
     scenario: Annotated[
-        str | None, typer.Option(help="Scenario file or name; the one of the training, or s3, by default.")
+        str | None, typer.Option(help="Scenario file or name; the policy's own, or s3, by default.")
     ] = None,
     decisions: Annotated[
-        int, typer.Option(min=10, max=1_000_000, help="At least so many are timed, over whole episodes.")
+        int, typer.Option(min=10, max=1_000_000, help="Decisions to time at least, in complete episodes.")
     ] = 500,
     out: Annotated[
         Path | None,
-        typer.Option(
-            help="Folder of the results; that of the run's figures, or figures/latency, by default."
-        ),
+        typer.Option(help="Folder of the results; the run's figures, or figures/latency, by default."),
     ] = None,
 ) -> None:
-    """Time LiDAR scan, state and forward pass of greedy decisions.
+    """Time the LiDAR scan, the observation and the forward pass of greedy decisions.
 
-    Where there is no run, a new network with random weights is timed, which takes as long as a trained one.
+    Without any run, a new network with random weights is timed, which takes as long as a trained one.
 
     Writes a histogram (PNG, SVG), every sample (CSV) and the summary (JSON).
 
     Example: dockctl latency --ckpt runs/s3/20250101-120000-seed0
     """
-    from dockctl.evaluation import latency as timing
+    from dockctl.evaluation.latency import latency as run
+    from dockctl.reports.latency import latency_figure
 
-    timing.latency(ckpt, scenario, decisions, out)
+    given = _policy(ckpt, policy, scenario)
+    outputs = Outputs.of("latency", given, scenario, out, None)
+    folder, stem = outputs.figures, outputs.stem
+    with Console(stderr=True).status("timing decisions"):
+        result = run(given, scenario, decisions)
+    console, subtitle = table_console(), f"{result.subject}; {len(result.samples):,} decisions"
+    say(console, f"Timed: {subtitle}")
+    console.print(_table(result.summary))
+    say(console, verdict(result.summary, result.control_period_ms))
+    save_figure(stem, lambda: latency_figure(result.samples, subtitle, result.control_period_ms), folder)
+    csv = result.samples.to_csv(index_label="decision", float_format="%.6g", lineterminator="\n")
+    for end, text in ((".csv", csv), (".json", json.dumps(result.as_json(), indent=2) + "\n")):
+        say(console, str(write_atomically(folder / f"{stem}{end}", text.encode())))
+
+
+def verdict(summary: dict[str, dict[str, float]], control_period_ms: float) -> str:
+    """Compare the times with the thesis' forward pass and with the control period, in two lines."""
+    from dockctl.analysis.latency import THESIS_FORWARD_MS
+
+    forward, decision = summary["forward_ms"]["p50"], summary["decision_ms"]["max"]
+    return (
+        f"Forward pass: {forward:.3g} ms at the median, {THESIS_FORWARD_MS / forward:.1f} times as fast as"
+        f" the thesis' {THESIS_FORWARD_MS:g} ms (on another machine).\n"
+        f"Slowest decision: {decision:.3g} ms, {decision / control_period_ms:.1%} of the control period"
+        f" of {control_period_ms:g} ms."
+    )
+
+
+def _policy(ckpt: Path | None, policy: str | None, scenario: str | None) -> LoadedPolicy:
+    """Return the given policy, that of the latest run, or a new network if there is no run."""
+    from dockctl.evaluation.policies import untrained
+
+    if ckpt is None and policy is None:
+        try:
+            ckpt = RunDirectory.latest(RUNS).path
+        except DockctlError:
+            return untrained(scenario or DEFAULT_SCENARIO)
+    return policy_of(ckpt, policy)
+
+
+def _table(summary: dict[str, dict[str, float]]) -> Table:
+    from dockctl.analysis.latency import PARTS, STATISTICS
+
+    table = Table(header_style="bold", box=box.SIMPLE_HEAD)
+    table.add_column("ms")
+    for name in STATISTICS:
+        table.add_column(name, justify="right")
+    for part, row in summary.items():
+        table.add_row(PARTS[part], *(f"{row[name]:.3f}" for name in STATISTICS))
+    return table

@@ -3,42 +3,114 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
+from rich import box
+from rich.console import Console
+from rich.table import Table
 
-from dockctl.commands.options import Elsewhere, finite
+from dockctl.commands.options import Ckpt, PolicyOption, ScenarioOption, finite, policy_of
+from dockctl.commands.outputs import Outputs
+from dockctl.console import say, table_console
+from dockctl.errors import DockctlError
+from dockctl.runs.directory import MAP
 
-HEADINGS = "0,20,-20,45,-45,90,-90,180"
+if TYPE_CHECKING:
+    from dockctl.evaluation.success_map import SuccessMap
 
 
 def map_(
-    ckpt: Annotated[
-        Path | None,
-        typer.Option(help="Run folder, checkpoint, or name of a shipped one; the latest run by default."),
-    ] = None,
-    scenario: Elsewhere = None,
+    ckpt: Ckpt = None,
+    policy: PolicyOption = None,
+    scenario: ScenarioOption = None,
     reach_m: Annotated[
-        float, typer.Option(min=0, max=1000, callback=finite, help="± in x and in y [m].")
-    ] = 10.0,
+        float | None,
+        typer.Option(min=0, max=1000, callback=finite, help="Half-width of the grid [m]; 10 by default."),
+    ] = None,
     step_m: Annotated[
-        float, typer.Option(min=0.01, max=1000, callback=finite, help="Between two starts [m].")
-    ] = 2.0,
+        float | None,
+        typer.Option(min=0.01, max=1000, callback=finite, help="Grid spacing [m]; 2 by default."),
+    ] = None,
     headings: Annotated[
-        str, typer.Option(metavar="DEGREES,…", help="By which the starts are turned [°].")
-    ] = HEADINGS,
-    csv: Annotated[Path | None, typer.Option(help="Write one row a start here, too.")] = None,
+        str | None,
+        typer.Option(metavar="DEGREES,…", help="Heading offsets [°]; 0, ±20, ±45, ±90 and 180 by default."),
+    ] = None,
+    csv: Annotated[Path | None, typer.Option(help="Write the table to this file as well.")] = None,
     out: Annotated[
         Path | None,
         typer.Option(help="Folder of table and figure; the run folder, or figures/map, by default."),
     ] = None,
 ) -> None:
-    """Play greedy episodes from a grid of starts around the first initial pose, and draw which of them dock.
+    """Run greedy episodes from a grid of starts around the first initial pose, and draw which of them dock.
 
-    Starts at which the boat has no room are marked as blocked and do not count.
+    Starts at which the boat would touch an obstacle are marked as blocked and do not count.
 
     Example: dockctl map --ckpt runs/s3/20250101-120000-seed0 --reach-m 6 --headings 0,20,-20
     """
-    from dockctl.evaluation import success_map as mapping
+    from dockctl.evaluation import success_map
+    from dockctl.evaluation.success_map import Grid
+    from dockctl.reports.success_map import map_figure
 
-    mapping.chart(ckpt, scenario, mapping.Grid.of(reach_m, step_m, headings), csv, out)
+    given: dict[str, Any] = {"reach_m": reach_m, "step_m": step_m, "headings_deg": _angles(headings)}
+    grid = Grid(**{name: value for name, value in given.items() if value is not None})
+    loaded_policy = policy_of(ckpt, policy)
+    outputs = Outputs.of(MAP, loaded_policy, scenario, out, csv)
+    with Console(stderr=True).status("running episodes"):
+        result = success_map(loaded_policy, scenario, grid)
+    _print(result)
+    caption = loaded_policy.caption
+    outputs.write(result.csv, lambda: map_figure(result.table, result.plan, result.scenario.task, caption))
+
+
+def _angles(text: str | None) -> tuple[float, ...] | None:
+    """Read heading offsets [°], like ``0,20,-20``.
+
+    Raises:
+        DockctlError: the text is something else.
+    """
+    try:
+        return None if text is None else tuple(float(part) for part in text.split(","))
+    except ValueError:
+        raise DockctlError(
+            f"--headings '{text}': expected angles in degrees, separated by commas, like 0,20,-20",
+            code="wrong_type",
+        ) from None
+
+
+def _print(result: SuccessMap) -> None:
+    """Print how the starts with each heading offset ended."""
+    from dockctl.analysis import success_map as analysis
+    from dockctl.analysis.statistics import wilson_interval
+
+    console, rows, limit = table_console(), result.table, analysis.SMALL_OFFSET_DEG
+    free, reach_m = analysis.free_starts(rows), analysis.half_width(rows)
+    say(
+        console,
+        f"Policy {result.policy.description} on scenario '{result.scenario.name}': {len(free):,} free starts"
+        f" within ±{reach_m:g} m, {len(rows) - len(free):,} blocked",
+    )
+    table = Table(header_style="bold", box=box.SIMPLE_HEAD)
+    for name in ("heading\noffset", "\ndocked", "", "95 %\ninterval", "\ncollision", "\ntimeout",
+                 "success\nradius"):  # fmt: skip
+        table.add_column(name, justify="right", no_wrap=True)
+    offsets = rows["dheading_deg"].unique()
+    groups = [(f"{offset:+g}°", free[free["dheading_deg"] == offset]) for offset in offsets]
+    small = analysis.within_heading(free, limit)
+    for name, group in [*groups, (f"up to {limit:g}°", small), ("all", free)]:
+        if not len(group):
+            table.add_row(name, "no free start")
+            continue
+        docked = int(group["docked"].sum())
+        low, high = wilson_interval(docked, len(group))
+        others = [f"{(group['outcome'] == outcome).sum()}" for outcome in ("collision", "timeout")]
+        table.add_row(
+            name,
+            f"{docked} of {len(group)}",
+            f"{docked / len(group):.1%}",
+            f"{low:.0%} to {high:.0%}",
+            *others,
+            analysis.format_radius(analysis.success_radius(group, reach_m)),
+        )
+    console.print(table)
+    say(console, "Success radius: the largest distance up to which every free start docks.")

@@ -11,29 +11,61 @@ import typer
 from dockctl.errors import DockctlError
 
 if TYPE_CHECKING:
+    from dockctl.evaluation.policies import LoadedPolicy
     from dockctl.scenarios.base import Pose
 
-RUNS = Path("runs")
-"""Folder that trainings go to, and are looked for in, by default."""
-
 DEFAULT_SCENARIO = "s3"
-LARGEST_COORDINATE = 10_000
-"""Limit of a pose's numbers [m] or [°], far beyond any harbor."""
+MAX_COORDINATE = 10_000
+"""Meters or degrees; a larger number is a mistake."""
 
 
 def finite(value: float | None) -> float | None:
-    """Refuse what is no number; the ranges of some versions of Click let it through.
+    """Reject NaN and infinity, which the ranges of some versions of Click accept.
 
     Raises:
-        typer.BadParameter: it is not finite.
+        typer.BadParameter: the value is not finite.
     """
     if value is not None and not math.isfinite(value):
         raise typer.BadParameter(f"{value} is not a finite number")
     return value
 
 
+Ckpt = Annotated[
+    Path | None, typer.Option(help="Run folder or checkpoint; the latest run in ./runs by default.")
+]
+PolicyOption = Annotated[
+    str | None,
+    typer.Option(
+        "--policy",
+        metavar="POLICY",
+        help="Any policy: a checkpoint, a registered name, file.py:factory, module:factory, model.zip:DQN"
+        " (Stable-Baselines3), policy.onnx.",
+    ),
+]
+ScenarioOption = Annotated[
+    str | None, typer.Option(help="Scenario to dock in, file or name; the policy's own by default.")
+]
+Episodes = Annotated[
+    int | None, typer.Option(min=0, max=100_000, help="Random starts; as in the scenario by default.")
+]
+StartSeed = Annotated[int | None, typer.Option(min=0, help="Seed of the random starts.")]
+
+
+def policy_of(ckpt: Path | None, policy: str | None) -> LoadedPolicy:
+    """Return the policy that the options name; without any, that of the latest run.
+
+    Raises:
+        DockctlError: both are given, there is no such policy, or it cannot be loaded.
+    """
+    from dockctl.evaluation.policies import load_checkpoint, load_policy
+
+    if ckpt is not None and policy is not None:
+        raise DockctlError("--ckpt and --policy: give one of them")
+    return load_checkpoint(ckpt) if policy is None else load_policy(policy)
+
+
 def parse_pose(text: str) -> Pose:
-    """Parse the value of ``--pose``: x [m], y [m] and heading [°], separated by commas.
+    """Read ``x,y,heading`` [m, m, degrees].
 
     Raises:
         DockctlError: it is something else.
@@ -44,23 +76,11 @@ def parse_pose(text: str) -> Pose:
         x, y, heading = (float(part) for part in text.split(","))
     except ValueError:
         raise DockctlError(
-            f"--pose '{text}': expected three numbers, x,y,heading in m, m and degrees, for example 20,2,160",
+            f"--pose '{text}': expected three numbers, x,y,heading in m, m and degrees, like 20,2,160",
             code="wrong_type",
         ) from None
-    if not all(abs(number) <= LARGEST_COORDINATE for number in (x, y, heading)):
+    if not all(abs(number) <= MAX_COORDINATE for number in (x, y, heading)):
         raise DockctlError(
-            f"--pose '{text}': expected numbers within ±{LARGEST_COORDINATE:,}", code="out_of_range"
+            f"--pose '{text}': the numbers must be within ±{MAX_COORDINATE:,}", code="out_of_range"
         )
     return Pose(x_m=x, y_m=y, heading_deg=heading)
-
-
-Ckpt = Annotated[
-    Path | None, typer.Option(help="Run folder or checkpoint; the latest run in ./runs if none is given.")
-]
-"""The policy that a command measures."""
-
-Elsewhere = Annotated[
-    str | None,
-    typer.Option(help="Scenario to dock in, file or name; the one of the training by default."),
-]
-"""Where it is measured."""

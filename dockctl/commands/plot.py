@@ -8,7 +8,6 @@ from typing import Annotated
 
 import typer
 
-from dockctl.commands.options import RUNS
 from dockctl.errors import DockctlError
 
 
@@ -22,7 +21,7 @@ def plot(
     """
     from dockctl.reports.figures import figures
     from dockctl.reports.style import house_style, save
-    from dockctl.runs.directory import FIGURES, RunDirectory
+    from dockctl.runs.directory import FIGURES, RUNS, RunDirectory
     from dockctl.runs.reader import read_run
 
     folder = RunDirectory.latest(RUNS).path if run is None else run

@@ -1,31 +1,48 @@
-"""``dockctl record``: the way that a policy takes, for ``dockctl plot``."""
+"""``dockctl record``: trajectories of a policy, for ``dockctl plot``."""
 
 from __future__ import annotations
 
+import math
 from pathlib import Path
 from typing import Annotated
 
 import typer
 
-from dockctl.commands.options import Ckpt, Elsewhere
+from dockctl.commands.options import Ckpt, PolicyOption, ScenarioOption, parse_pose, policy_of
 
 
 def record(
     ckpt: Ckpt = None,
-    scenario: Elsewhere = None,
+    policy: PolicyOption = None,
+    scenario: ScenarioOption = None,
     pose: Annotated[
         list[str] | None,
-        typer.Option(metavar="X,Y,HEADING", help="Start [m, m, °], one or more; the test poses by default."),
+        typer.Option(
+            metavar="X,Y,HEADING", help="Start pose [m, m, °]; can be repeated; the test poses by default."
+        ),
     ] = None,
     out: Annotated[
         Path | None,
         typer.Option(help="Folder of the recording; transfer/<scenario> in the run folder by default."),
     ] = None,
 ) -> None:
-    """Play greedy episodes and record every step of them; dockctl plot draws the folder like a run.
+    """Run greedy episodes and record every step; dockctl plot draws the folder like a run.
 
     Example: dockctl record --ckpt runs/s3/20250101-120000-seed0 --scenario s3-opposite
     """
-    from dockctl.evaluation import record as recording
+    from dockctl.analysis.episodes import ending
+    from dockctl.evaluation.record import FILES
+    from dockctl.evaluation.record import record as run
+    from dockctl.runs.directory import FIGURES, TRANSFER, require_replaceable
 
-    recording.record(ckpt, scenario, pose or [], out)
+    poses = [parse_pose(text) for text in pose or ()]
+    given = policy_of(ckpt, policy)
+    name = given.scenario(scenario).scenario.name
+    folder = out or (given.run.path if given.run else Path()) / TRANSFER / name
+    require_replaceable(folder, FILES, (FIGURES,), "earlier recording")
+    result = run(given, scenario, poses)
+    result.write(folder)
+    for episode in result.episodes:
+        x, y, heading = episode.start.eta
+        typer.echo(f"from {x:g}, {y:g}, {math.degrees(heading):.4g}°: {ending(episode.row())}")
+    typer.echo(folder)

@@ -2,39 +2,97 @@
 
 from __future__ import annotations
 
+import math
 from pathlib import Path
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated
 
 import typer
+from rich import box
+from rich.console import Console
+from rich.table import Table
+
+from dockctl.commands.options import Ckpt, PolicyOption, policy_of
+from dockctl.commands.outputs import Outputs
+from dockctl.console import say, table_console
+from dockctl.errors import DockctlError
+from dockctl.runs.directory import RETURNS
+
+if TYPE_CHECKING:
+    from dockctl.evaluation.returns import Returns
 
 
 def returns(
     scenario: Annotated[
-        str | None, typer.Argument(help="Scenario file or name; the one of the training by default.")
+        str | None, typer.Argument(help="Scenario file or name; the policy's own by default.")
     ] = None,
-    ckpt: Annotated[
-        Path | None,
-        typer.Option(help="Run folder, checkpoint, or name of a shipped one; the latest run by default."),
-    ] = None,
+    ckpt: Ckpt = None,
+    policy: PolicyOption = None,
     units: Annotated[
         str,
-        typer.Option(
-            metavar="METERS,…", help="Units of the distance in the reward, each a reading of it [m]."
-        ),
+        typer.Option(metavar="METERS,…", help="Units of the distance in the reward [m]."),
     ] = "20,1",
-    csv: Annotated[Path | None, typer.Option(help="Write the table here, too.")] = None,
+    csv: Annotated[Path | None, typer.Option(help="Write the table to this file as well.")] = None,
     out: Annotated[
         Path | None,
         typer.Option(help="Folder of table and figure; the run folder, or figures/returns, by default."),
     ] = None,
 ) -> None:
-    """Compare the discounted returns of docking, of colliding and of loitering.
+    """Compare the discounted returns of docking, colliding and loitering.
 
-    A greedy episode of the policy shows how to dock; the other behaviors are commands held. All are played
-    once from the first initial pose, and the reward's own terms judge them under every reading.
+    A greedy episode of the policy shows how to dock; the other behaviors apply constant commands. All start
+    at the first initial pose, and the reward is computed with each distance unit.
 
     Example: dockctl returns s3 --ckpt runs/s3/20250101-120000-seed0
     """
-    from dockctl.evaluation import returns as returning
+    from dockctl.evaluation.returns import returns as run
+    from dockctl.reports.returns import returns_figure
 
-    returning.compare(ckpt, scenario, returning.readings(units), csv, out)
+    units_m = units_of(units)
+    loaded_policy = policy_of(ckpt, policy)
+    outputs = Outputs.of(RETURNS, loaded_policy, scenario, out, csv)
+    with Console(stderr=True).status("simulating behaviors"):
+        result = run(loaded_policy, scenario, units_m)
+    _print(result)
+    gamma = result.scenario.training.gamma
+    caption = f"scenario {result.scenario.name}, {loaded_policy.caption}; discounted by {gamma:g} per step"
+    outputs.write(result.csv, lambda: returns_figure(result.table, caption))
+
+
+def units_of(text: str) -> tuple[float, ...]:
+    """Read distance units [m], like ``20,1``.
+
+    Raises:
+        DockctlError: they are not positive numbers, or one comes twice.
+    """
+    try:
+        units = tuple(float(part) for part in text.split(","))
+    except ValueError:
+        units = ()
+    if not units or len({*units}) < len(units) or not all(0 < unit < math.inf for unit in units):
+        raise DockctlError(
+            f"--units '{text}': expected different lengths in meters, separated by commas, like 20,1"
+        )
+    return units
+
+
+def _print(result: Returns) -> None:
+    """Print the returns with every unit, the highest first, and what follows from them."""
+    from dockctl.analysis.returns import unit_words, verdicts
+
+    console, gamma = table_console(), result.scenario.training.gamma
+    say(
+        console,
+        f"Discounted returns on scenario '{result.scenario.name}' (gamma {gamma:g}); docking is the greedy"
+        f" episode of {result.policy.description}",
+    )
+    for unit, rows in result.table.groupby("distance_unit_m", sort=False):
+        title = f"δd in {unit_words(float(str(unit)))}"
+        table = Table(title=title, title_justify="left", box=box.SIMPLE_HEAD)
+        table.add_column("behavior")
+        for name in ("ends", "time", "return"):
+            table.add_column(name, justify="right", no_wrap=True)
+        for _, row in rows.sort_values("return", ascending=False).iterrows():
+            table.add_row(row["behavior"], row["outcome"], f"{row['time_s']:g} s", f"{row['return']:,.0f}")
+        console.print(table)
+        for verdict in verdicts(rows):
+            say(console, verdict)

@@ -7,9 +7,10 @@ from typing import Annotated
 
 import typer
 
-from dockctl.commands.options import DEFAULT_SCENARIO, RUNS
+from dockctl.commands.options import DEFAULT_SCENARIO
 from dockctl.errors import DockctlError
 from dockctl.experiments.interrupt import INTERRUPTED
+from dockctl.runs.directory import RUNS
 
 
 def train(

@@ -236,6 +236,7 @@ class DockingVectorEnv(VectorEnv[Observations, NDArray[Any], NDArray[Any]]):
             "command": simulator.command.copy(),
             "distance_m": simulator.distance_m.copy(),
             "heading_error_rad": simulator.heading_error_rad.copy(),
+            "goal": simulator.goal.copy(),
             "phase": simulator.phase.copy(),
             "sector_ranges_m": simulator.sector_ranges_m.copy(),
             "start_kind": self._start_kind.copy(),

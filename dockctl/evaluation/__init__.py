@@ -1,1 +1,12 @@
-"""Everything that runs a policy, and the Python API for it."""
+"""Run policies and measure them; the Python API for scripts and notebooks.
+
+from dockctl.evaluation import evaluate
+print(evaluate("s1", episodes=20).table)
+"""
+
+from dockctl.evaluation.compare import compare
+from dockctl.evaluation.evaluate import evaluate
+from dockctl.evaluation.policies import load_policy
+from dockctl.evaluation.success_map import success_map
+
+__all__ = ["compare", "evaluate", "load_policy", "success_map"]

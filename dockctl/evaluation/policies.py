@@ -1,99 +1,117 @@
-"""Find the policy that a user names, and the scenario that it is to sail in."""
+"""Policies to evaluate, however they are given, and the scenario that each of them runs in.
+
+A policy is given as
+
+- a checkpoint: a run folder, a checkpoint folder or file, or the name of a shipped checkpoint;
+- the name of a registered policy (`dockctl.plugins.policy`);
+- a factory ``(scenario) -> Policy``: ``file.py:factory`` or ``module:factory``;
+- a file of another library: ``model.zip:DQN`` (Stable-Baselines3) or ``policy.onnx`` (ONNX Runtime).
+"""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from dataclasses import dataclass, replace
+import hashlib
+import importlib
+import inspect
+import os
+from abc import ABC, abstractmethod
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, field, replace
+from functools import partial
 from pathlib import Path
+from types import ModuleType
+from typing import Any
 
-from gymnasium.spaces import flatdim
+import numpy as np
+from gymnasium.spaces import Space, flatdim
+from numpy.typing import NDArray
 
-from dockctl.agents.checkpoint import PolicyCard, find_policy, load_policy, require_shape
+from dockctl import plugins
+from dockctl.agents import checkpoint
+from dockctl.agents.checkpoint import PolicyCard, require_shape
 from dockctl.agents.dqn.network import DuelingQNetwork
-from dockctl.agents.policy import GreedyPolicy
-from dockctl.commands.options import RUNS
+from dockctl.agents.policy import GreedyPolicy, Info, Policy
 from dockctl.envs.vector import DockingVectorEnv
-from dockctl.errors import DockctlError
-from dockctl.plugins import OBSERVATION_PARTS
-from dockctl.runs.directory import SCENARIO, RunDirectory
+from dockctl.errors import DockctlError, nearest
+from dockctl.evaluation.libraries import PolicyError, onnx_policy, sb3_policy
+from dockctl.plugins import OBSERVATION_PARTS, POLICIES, Entry, naming_errors
+from dockctl.runs.directory import RUNS, SCENARIO, RunDirectory, shipped
 from dockctl.scenarios.content import first_difference
 from dockctl.scenarios.interface import PolicyInterface
 from dockctl.scenarios.loader import LoadedScenario, load
 from dockctl.scenarios.schema import Scenario
 from dockctl.sim.checks import load_checked
 
+Factory = Callable[[Scenario], Any]
 
-@dataclass(frozen=True, eq=False)
-class Trained:
-    """A policy on disk.
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class LoadedPolicy(ABC):
+    """A policy that was found; `make` builds it for an environment.
+
+    Attributes:
+        name: short name, for tables and figures.
+        long_name: distinguishes it from another policy of the same short name.
+        description: what it is, for the first line of a report.
+        caption: what it is, for a figure.
+        own_scenario: the scenario that it belongs to, file or name; None if there is none.
+        run: the run folder that contains it, if any.
+    """
+
+    name: str
+    long_name: str
+    description: str
+    caption: str
+    own_scenario: str | None = None
+    run: RunDirectory | None = None
+
+    @abstractmethod
+    def make(self, env: DockingVectorEnv) -> Policy:
+        """Build the policy for an environment.
+
+        Raises:
+            DockctlError: it takes other observations or gives other actions, or its code fails.
+        """
+
+    @abstractmethod
+    def facts(self) -> dict[str, Any]:
+        """Return what identifies the policy, as plain data for JSON."""
+
+    def scenario(self, source: str | Path | None = None, overrides: Sequence[str] = ()) -> LoadedScenario:
+        """Load the scenario to run in, by default the policy's own.
+
+        Args:
+            overrides: ``key=value``.
+
+        Raises:
+            DockctlError: there is no such scenario, or the policy cannot run in it.
+        """
+        source = source or self.own_scenario
+        if source is None:
+            raise PolicyError(
+                f"{self.long_name}: has no scenario of its own; give one with --scenario", code="missing_key"
+            )
+        return load_checked(source, overrides=overrides)
+
+    def is_transfer(self, scenario: Scenario) -> bool:
+        """Whether `scenario` differs from the policy's own in more than the training section."""
+        return False
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class CheckpointPolicy(LoadedPolicy):
+    """A trained policy on disk. Its observation and its actions go with it to any scenario.
 
     Attributes:
         file: its JSON file.
-        run: the run folder that it lies in, if it does.
     """
 
     file: Path
     network: DuelingQNetwork
     card: PolicyCard
-    run: RunDirectory | None
+    own_scenario: str
 
-    @property
-    def policy(self) -> GreedyPolicy:
-        return GreedyPolicy(self.network)
-
-    @property
-    def own_scenario(self) -> str:
-        """The scenario of the training: beside the policy, in its run folder, else by its name."""
-        places = [self.file.parent, *([self.run.path] if self.run else [])]
-        files = [place / SCENARIO for place in places if (place / SCENARIO).is_file()]
-        return str(files[0]) if files else self.card.scenario
-
-    def scenario(self, source: str | None, overrides: Sequence[str] = ()) -> LoadedScenario:
-        """Load a scenario, the policy's own by default, with the observation and the actions of the policy.
-
-        Args:
-            overrides: values that are changed in it, ``key=value``.
-
-        Raises:
-            DockctlError: there is none, the policy cannot sail in it, or an override is of what it observes
-                or does.
-        """
-        source = source or self.own_scenario
-        loaded = load_checked(source, overrides=overrides)
-        given = PolicyInterface.of(loaded.scenario)
-        if overrides and self.card.interface and PolicyInterface.of(load(source).scenario) != given:
-            raise DockctlError(
-                "--set: observation, actions and sensors.lidar.sectors are the policy's own; leave them out"
-            )
-        return replace(loaded, scenario=self.on(loaded.scenario))
-
-    def is_elsewhere(self, scenario: Scenario) -> bool:
-        """Whether `scenario` is another than the policy's own; how one trains in it does not count."""
-        try:
-            own = self.on(load(self.own_scenario).scenario)
-            return first_difference(own, scenario, ignore=("training",)) is not None
-        except (DockctlError, OSError):  # its own is not there
-            return True
-
-    def on(self, scenario: Scenario) -> Scenario:
-        """Return `scenario` with the policy's observation and actions, where its card tells them.
-
-        Raises:
-            DockctlError: the vessel has not the power or the rudder for the policy's actions.
-        """
-        interface = self.card.interface
-        if interface is None:
-            return scenario
-        if any(part.part not in OBSERVATION_PARTS for part in interface.observation):
-            load(self.own_scenario)  # its local files bring the part
-        return interface.on(scenario)
-
-    def require_fit(self, env: DockingVectorEnv) -> None:
-        """Check that the policy takes the environment's observations and gives its actions.
-
-        Raises:
-            CheckpointError: it does not.
-        """
+    def make(self, env: DockingVectorEnv) -> Policy:
         require_shape(
             self.card,
             len(env.observation_names),
@@ -101,15 +119,242 @@ class Trained:
             where=self.file,
             scenario=env.scenario.name,
         )
+        return GreedyPolicy(self.network)
+
+    def facts(self) -> dict[str, Any]:
+        return {"file": str(self.file), **self.card.facts()}
+
+    def scenario(self, source: str | Path | None = None, overrides: Sequence[str] = ()) -> LoadedScenario:
+        """Load the scenario, with the observation and the actions of the policy; see `LoadedPolicy`."""
+        source = source or self.own_scenario
+        loaded = super().scenario(source, overrides)
+        given = PolicyInterface.of(loaded.scenario)
+        if overrides and self.card.interface and PolicyInterface.of(load(source).scenario) != given:
+            raise PolicyError(
+                "--set: observation, actions and sensors.lidar.sectors belong to the policy; leave them out"
+            )
+        return replace(loaded, scenario=self._with_interface(loaded.scenario))
+
+    def is_transfer(self, scenario: Scenario) -> bool:
+        try:
+            own = self._with_interface(load(self.own_scenario).scenario)
+            return first_difference(own, scenario, ignore=("training",)) is not None
+        except (DockctlError, OSError):  # its own is gone
+            return True
+
+    def _with_interface(self, scenario: Scenario) -> Scenario:
+        """Return `scenario` with the observation and the actions of the policy's card.
+
+        Raises:
+            DockctlError: the actions exceed the limits of the vessel.
+        """
+        interface = self.card.interface
+        if interface is None:
+            return scenario
+        if any(part.part not in OBSERVATION_PARTS for part in interface.observation):
+            load(self.own_scenario)  # loads the local plugins that register the part
+        return interface.on(scenario)
 
 
-def find(ckpt: Path | None) -> Trained:
-    """Load the policy of a run folder, a checkpoint or a shipped name; that of the latest run without one.
+@dataclass(frozen=True, eq=False, kw_only=True)
+class BuiltPolicy(LoadedPolicy):
+    """A policy that code builds for an environment: a controller, or a model of another library.
+
+    Attributes:
+        build: returns the policy for an environment.
+        file: the file that holds it, for its hash and for the lines of errors.
+        params: parameters of the factory.
+    """
+
+    build: Callable[[DockingVectorEnv], Any]
+    file: Path | None = None
+    params: Mapping[str, Any] = field(default_factory=dict)
+
+    def make(self, env: DockingVectorEnv) -> Policy:
+        with naming_errors(f"policy {self.long_name} cannot be built", self.file):
+            policy = self.build(env)
+        for method in ("reset", "act"):
+            if not callable(getattr(policy, method, None)):
+                raise PolicyError(
+                    f"policy {self.long_name}: the factory returned a {type(policy).__name__} without the"
+                    f" method '{method}'; a policy has reset(rows, info) and act(observation, info)",
+                    code="plugin",
+                )
+        return _Checked(policy, self.long_name, self.file, env.single_action_space)
+
+    def facts(self) -> dict[str, Any]:
+        facts: dict[str, Any] = {"name": self.long_name}
+        if self.file is not None:
+            content = self.file.read_bytes()
+            facts |= {"file": str(self.file), "sha256": hashlib.sha256(content).hexdigest()}
+        return facts | ({"params": dict(self.params)} if self.params else {})
+
+
+class _Checked:
+    """A policy whose errors are located and whose actions are checked against the action space."""
+
+    def __init__(self, policy: Policy, name: str, file: Path | None, space: Space[Any]) -> None:
+        self._policy, self._name, self._file, self._space = policy, name, file, space
+
+    def reset(self, rows: NDArray[np.int64], info: Info) -> None:
+        with naming_errors(f"policy {self._name}: reset fails", self._file):
+            self._policy.reset(rows, info)
+
+    def act(self, observation: NDArray[Any], info: Info) -> NDArray[Any]:
+        with naming_errors(f"policy {self._name}: act fails", self._file):
+            actions = np.asarray(self._policy.act(observation, info))
+        shape, dtype = (len(observation), *(self._space.shape or ())), np.dtype(self._space.dtype)
+        if actions.shape == shape and np.can_cast(actions.dtype, dtype, "same_kind"):
+            actions = actions.astype(dtype)
+            if all(map(self._space.contains, actions)):
+                return actions
+        raise PolicyError(
+            f"policy {self._name}: act returned actions {_short(actions)}; expected an array of shape {shape}"
+            f" with rows in {self._space}",
+            code="plugin",
+        )
+
+
+def _short(actions: NDArray[Any]) -> str:
+    return f"of shape {actions.shape} and type {actions.dtype}: {np.array2string(actions.ravel()[:4])}"
+
+
+def load_policy(policy: str | Path | LoadedPolicy | None = None, **params: Any) -> LoadedPolicy:
+    """Find a policy by whatever names it; see the list at the top of this module.
+
+    Args:
+        policy: what names it; None for the latest run in ``runs/``.
+        params: keyword parameters of a factory.
+
+    Raises:
+        DockctlError: there is no such policy, or it cannot be loaded.
+    """
+    if isinstance(policy, LoadedPolicy):
+        return policy
+    if policy is None:
+        return load_checkpoint(RunDirectory.latest(RUNS).path)
+    given = str(policy)
+    source, colon, attribute = given.rpartition(":")
+    suffix = Path(source if colon else given).suffix
+    if suffix in (".py", ".zip") and not colon:
+        example = {".py": "my_factory", ".zip": "DQN"}[suffix]
+        suggestion = f"{given}:{example}"
+        raise PolicyError(
+            f"{given}: name what to load from it as well", code="missing_key", suggestion=suggestion
+        )
+    if suffix == ".onnx":
+        file = _existing(given)
+        return _built(given, partial(onnx_policy, file), file)
+    if suffix == ".zip":
+        file = _existing(source)
+        return _built(given, partial(sb3_policy, file, attribute), file)
+    if suffix == ".py":
+        return _from_factory(given, _attribute(plugins.load_file(Path(source)), attribute, given), params)
+    if os.path.exists(given) or given in shipped():
+        return load_checkpoint(Path(given))
+    if colon:
+        return _from_factory(given, _attribute(_imported(source, given), attribute, given), params)
+    plugins.discover()
+    if given in POLICIES:
+        return _from_factory(given, POLICIES.get(given).value, params)
+    known = [*shipped(), *POLICIES.names()]
+    raise PolicyError(
+        f"{given}: no such run folder, checkpoint or policy (known: {', '.join(known)}); a controller is"
+        " given as file.py:factory or module:factory",
+        code="not_found",
+        suggestion=nearest(given, known),
+    )
+
+
+def load_checkpoint(path: Path | None = None) -> CheckpointPolicy:
+    """Load the policy of a run folder, a checkpoint or a shipped name; by default of the latest run.
 
     Raises:
         DockctlError: there is none, or it is damaged.
     """
-    path = RunDirectory.latest(RUNS).path if ckpt is None else ckpt
-    network, card = load_policy(path)
-    file = find_policy(path)
-    return Trained(file, network, card, RunDirectory.containing(file))
+    path = RunDirectory.latest(RUNS).path if path is None else path
+    network, card = checkpoint.load_policy(path)
+    file = checkpoint.find_policy(path)
+    run = RunDirectory.containing(file)
+    places = [file.parent, *([run.path] if run else [])]
+    scenarios = [str(place / SCENARIO) for place in places if (place / SCENARIO).is_file()]
+    return CheckpointPolicy(
+        name=f"{card.scenario} seed {card.seed}" if path.exists() else str(path),
+        long_name=path.resolve().name,
+        description=f"{file} (trained on '{card.scenario}', seed {card.seed}, {card.env_steps:,} steps)",
+        caption=f"policy trained on {card.scenario}, seed {card.seed}",
+        own_scenario=scenarios[0] if scenarios else card.scenario,
+        run=run,
+        file=file,
+        network=network,
+        card=card,
+    )
+
+
+def untrained(scenario: str) -> LoadedPolicy:
+    """Return a new network with random weights, which decides as fast as a trained one."""
+
+    def build(env: DockingVectorEnv) -> Policy:
+        sizes = env.scenario.training.hidden_sizes
+        actions = flatdim(env.single_action_space)
+        return GreedyPolicy(DuelingQNetwork(len(env.observation_names), actions, sizes))
+
+    name = "a new network with random weights"
+    return replace(_built(name, build), caption=name, own_scenario=scenario)
+
+
+def _existing(file: str) -> Path:
+    if not os.path.isfile(file):
+        raise PolicyError(f"{file}: no such file", code="not_found")
+    return Path(file)
+
+
+def _imported(module: str, given: str) -> ModuleType:
+    with naming_errors(f"policy {given}: module '{module}' cannot be imported"):
+        return importlib.import_module(module)
+
+
+def _attribute(module: ModuleType, name: str, given: str) -> Factory:
+    """Return the factory `name` of a module.
+
+    Raises:
+        PolicyError: there is none, or it cannot be called.
+    """
+    factory = getattr(module, name, None)
+    if callable(factory):
+        return factory  # type: ignore[no-any-return]
+    known = [
+        key for key, value in vars(module).items() if callable(value) and value.__module__ == module.__name__
+    ]
+    what = "is not callable" if hasattr(module, name) else "does not exist"
+    raise PolicyError(
+        f"{given}: the factory '{name}' {what}", code="unknown_name", suggestion=nearest(name, known)
+    )
+
+
+def _from_factory(given: str, factory: Factory, params: Mapping[str, Any]) -> BuiltPolicy:
+    """Return the policy of a factory, with its parameters checked."""
+    bound = Entry(given, factory, "", "", "").bound(params)
+    try:
+        source = inspect.getsourcefile(inspect.unwrap(factory))
+    except TypeError:  # neither a function nor a class
+        source = None
+    return _built(given, lambda env: bound(env.scenario), Path(source) if source else None, params)
+
+
+def _built(
+    given: str,
+    build: Callable[[DockingVectorEnv], Any],
+    file: Path | None = None,
+    params: Mapping[str, Any] | None = None,
+) -> BuiltPolicy:
+    name = given.rpartition("/")[2]
+    return BuiltPolicy(
+        name=name,
+        long_name=given,
+        description=given,
+        caption=f"policy {name}",
+        build=build,
+        file=file,
+        params=params or {},
+    )

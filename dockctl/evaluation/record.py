@@ -3,57 +3,72 @@
 from __future__ import annotations
 
 import json
-import math
 from collections.abc import Sequence
+from dataclasses import dataclass
 from pathlib import Path
 
-from dockctl.analysis.episodes import ending
-from dockctl.commands.options import parse_pose
-from dockctl.envs.vector import DockingVectorEnv
+from dockctl.drawing.scene import Scene
 from dockctl.errors import DockctlError
-from dockctl.evaluation.policies import find
-from dockctl.evaluation.starts import player, pose_check, shown_starts, trajectories_csv
+from dockctl.evaluation.policies import LoadedPolicy, load_policy
+from dockctl.evaluation.rollout import Episode, Rollout, trajectories_csv
+from dockctl.evaluation.starts import pose_check, trajectory_starts
 from dockctl.geometry import pose_array
-from dockctl.runs.directory import SCENARIO, TRANSFER, require_replaceable
+from dockctl.runs.directory import SCENARIO, SCENE, TRAJECTORIES_CSV
 from dockctl.runs.files import new_folder
+from dockctl.scenarios.base import Pose
 from dockctl.scenarios.loader import dump
+from dockctl.scenarios.schema import Scenario
 from dockctl.sim.starts import given_start, own_site
-from dockctl.sim.world import build_worlds
 
-SCENE, TRAJECTORIES = "scene.json", "trajectories.csv"
+FILES = (SCENARIO, SCENE, TRAJECTORIES_CSV)
 
 
-def record(ckpt: Path | None, source: str | None, poses: Sequence[str], out: Path | None) -> None:
-    """Play an episode of the policy `ckpt` from every pose, or every test pose, and write its steps.
+@dataclass(frozen=True, eq=False)
+class Recording:
+    """Greedy episodes, with the scenario and the plan view of the harbor that they ran in."""
+
+    scenario: Scenario
+    scene: Scene
+    episodes: list[Episode]
+
+    def write(self, folder: Path) -> None:
+        """Write `FILES`, replacing the folder.
+
+        Raises:
+            DockctlError: the folder cannot be written.
+        """
+        text = trajectories_csv(self.episodes, self.scenario.vessel.control_period_s)
+        with new_folder(folder.resolve()) as new:
+            (new / SCENARIO).write_text(dump(self.scenario), encoding="utf-8")
+            (new / SCENE).write_text(json.dumps(self.scene.to_json()), encoding="utf-8")
+            (new / TRAJECTORIES_CSV).write_text(text, encoding="utf-8")
+
+
+def record(
+    policy: str | Path | LoadedPolicy | None = None,
+    scenario: str | Path | None = None,
+    poses: Sequence[Pose] = (),
+) -> Recording:
+    """Run a policy from each pose; by default from those whose trajectories a training stores.
+
+    Args:
+        policy: see `dockctl.evaluation.policies.load_policy`; the latest run by default.
+        scenario: file or name; the policy's own by default.
 
     Raises:
-        DockctlError: there is no such policy or scenario, they do not fit, a pose is not free, or the folder
-            cannot be written or holds something else.
+        DockctlError: there is no such policy or scenario, they do not fit, or a pose is not free.
     """
-    trained = find(ckpt)
-    loaded = trained.scenario(source)
-    scenario = loaded.scenario
-    folder = out or (trained.run.path if trained.run else Path()) / TRANSFER / scenario.name
-    require_replaceable(folder, (SCENARIO, SCENE, TRAJECTORIES), ("figures",), "earlier recording")
-    worlds = build_worlds(scenario, loaded.base_dir)
-    trained.require_fit(DockingVectorEnv(loaded, 1, worlds=worlds))
-    site = own_site(scenario)
-    starts = shown_starts(scenario, worlds)
+    loaded_policy = load_policy(policy)
+    loaded = loaded_policy.scenario(scenario)
+    resolved, site = loaded.scenario, own_site(loaded.scenario)
+    rollout = Rollout(loaded)
+    starts = trajectory_starts(resolved, rollout.worlds)
     if poses:
-        given = [parse_pose(text) for text in poses]
         check = pose_check(loaded)
-        if flaws := [flaw for pose in given if (flaw := check.flaw(pose))]:
+        if flaws := [flaw for pose in poses if (flaw := check.flaw(pose))]:
             raise DockctlError("\n".join(f"--pose: {flaw}" for flaw in flaws))
-        starts = [given_start(site, scenario.task, pose_array(p), i) for i, p in enumerate(given)]
-        tests = scenario.evaluation.model_copy(update={"poses": tuple(given)})
-        scenario = scenario.model_copy(update={"evaluation": tests})
-    episodes = player(loaded, worlds, starts)(trained.policy)
-    with new_folder(folder.resolve()) as new:
-        (new / SCENARIO).write_text(dump(scenario), encoding="utf-8")
-        (new / SCENE).write_text(json.dumps(worlds[site.harbor].scene().to_json()), encoding="utf-8")
-        text = trajectories_csv(episodes, scenario.vessel.control_period_s)
-        (new / TRAJECTORIES).write_text(text, encoding="utf-8")
-    for episode in episodes:
-        x, y, heading = episode.start.eta
-        print(f"from {x:g}, {y:g}, {math.degrees(heading):.4g}°: {ending(episode.row())}")
-    print(folder)
+        starts = [given_start(site, resolved.task, pose_array(pose), i) for i, pose in enumerate(poses)]
+        tests = resolved.evaluation.model_copy(update={"poses": tuple(poses)})
+        resolved = resolved.model_copy(update={"evaluation": tests})
+    episodes = rollout.play(loaded_policy.make(rollout.env()), starts)
+    return Recording(resolved, rollout.worlds[site.harbor].scene(), episodes)

@@ -1,9 +1,9 @@
-"""Greedy episodes from given starts, and what they came to."""
+"""Run a policy: episodes from given starts, and what each of them did."""
 
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 from typing import Any, Protocol
 
@@ -13,13 +13,20 @@ from numpy.typing import NDArray
 
 from dockctl.agents.autoreset import Info, settled_info
 from dockctl.agents.policy import Policy
-from dockctl.runs.tables import Value
+from dockctl.envs.vector import DockingVectorEnv
+from dockctl.runs.tables import TRAJECTORIES, Value, all_columns, to_csv
+from dockctl.scenarios.loader import LoadedScenario
+from dockctl.sim import starts as sim_starts
+from dockctl.sim.collision import hull_reach_m, least_clearance
+from dockctl.sim.world import World, build_worlds
 
 Floats = NDArray[np.float64]
 
+PARALLEL_BOATS = 16
+
 
 class Start(Protocol):
-    """What the evaluator knows of a start; the environment, to which it is passed, knows more."""
+    """The part of a start that an episode reports; the environment reads more of it."""
 
     @property
     def eta(self) -> Floats: ...
@@ -29,7 +36,7 @@ class Start(Protocol):
     def berth(self) -> str: ...
 
 
-LeastClearance = Callable[[Any, Floats], float]
+Clearance = Callable[[Any, Floats], float]
 
 RECORDED = ("pose", "velocity", "command", "distance_m", "heading_error_rad", "phase", "sector_ranges_m")
 READ = (*RECORDED, "outcome", "collided_with")
@@ -37,16 +44,15 @@ READ = (*RECORDED, "outcome", "collided_with")
 
 @dataclass(frozen=True, eq=False)
 class Episode:
-    """One episode and its course.
+    """One episode and its trajectory.
 
     Attributes:
-        start: how it began.
         outcome: ``docked``, ``collision`` or ``timeout``.
-        collided_with: name of what was hit, or empty.
+        collided_with: name of the obstacle, or empty.
         phase: 0 or 1, the phase in which it ended.
-        total_reward: undiscounted sum of the rewards.
-        course: arrays of steps + 1 rows by info key, and ``reward``; row 0 is the start.
-        clearance_m: least distance between hull and harbor, NaN where it was not measured.
+        total_reward: undiscounted return.
+        trajectory: arrays of steps + 1 rows by info key, and ``reward``; row 0 is the start.
+        clearance_m: least distance between hull and harbor; NaN if it was not measured.
     """
 
     start: Start
@@ -54,7 +60,7 @@ class Episode:
     collided_with: str
     phase: int
     total_reward: float
-    course: dict[str, NDArray[Any]]
+    trajectory: dict[str, NDArray[Any]]
     clearance_m: float = math.nan
 
     @property
@@ -63,30 +69,30 @@ class Episode:
 
     @property
     def steps(self) -> int:
-        return len(self.course["reward"]) - 1
+        return len(self.trajectory["reward"]) - 1
 
     @property
     def path_length_m(self) -> float:
-        return float(np.hypot(*np.diff(self.course["pose"][:, :2], axis=0).T).sum())
+        return float(np.hypot(*np.diff(self.trajectory["pose"][:, :2], axis=0).T).sum())
 
     @property
     def control_changes(self) -> float:
-        """Fraction of the steps whose propeller or rudder command differs from the step before."""
-        commands = self.course["command"][1:]
+        """Fraction of the steps in which the propeller or rudder command changes."""
+        commands = self.trajectory["command"][1:]
         changed = (np.diff(commands, axis=0) != 0).any(axis=1)
         return float(changed.mean()) if len(changed) else 0.0
 
     def row(self) -> dict[str, Value]:
-        """Columns `dockctl.runs.tables.EPISODE_RESULT`."""
-        u, v, _ = self.course["velocity"][-1]
+        """Return the columns `dockctl.runs.tables.EPISODE_RESULT`."""
+        u, v, _ = self.trajectory["velocity"][-1]
         return {
             "outcome": self.outcome,
             "collided_with": self.collided_with,
             "phase": self.phase,
             "return": self.total_reward,
             "steps": self.steps,
-            "distance_m": float(self.course["distance_m"][-1]),
-            "heading_error_deg": math.degrees(self.course["heading_error_rad"][-1]),
+            "distance_m": float(self.trajectory["distance_m"][-1]),
+            "heading_error_deg": math.degrees(self.trajectory["heading_error_rad"][-1]),
             "speed_mps": math.hypot(u, v),
             "path_length_m": self.path_length_m,
             "clearance_m": None if math.isnan(self.clearance_m) else self.clearance_m,
@@ -94,57 +100,89 @@ class Episode:
         }
 
 
+class Rollout:
+    """The place where policies run: the harbors of a scenario, and environments that share them.
+
+    Args:
+        loaded: the scenario.
+        worlds: its harbors, if they are built already.
+
+    Raises:
+        DockctlError: the harbor cannot be built.
+    """
+
+    def __init__(self, loaded: LoadedScenario, worlds: Sequence[World] | None = None) -> None:
+        self.loaded, self.scenario = loaded, loaded.scenario
+        self.worlds = worlds or build_worlds(loaded.scenario, loaded.base_dir)
+        self._reach_m = hull_reach_m(loaded.scenario.vessel.hull)
+        self._environments: dict[int, DockingVectorEnv] = {}
+
+    def env(self, boats: int = 1) -> DockingVectorEnv:
+        """Return the environment with so many boats."""
+        if boats not in self._environments:
+            self._environments[boats] = DockingVectorEnv(self.loaded, boats, worlds=self.worlds)
+        return self._environments[boats]
+
+    def play(self, policy: Policy, starts: Sequence[sim_starts.Start]) -> list[Episode]:
+        """Run one episode from each start, with its clearance; in the order of the starts."""
+        if not starts:
+            return []
+        return play(self.env(min(PARALLEL_BOATS, len(starts))), policy, starts, self._clearance)
+
+    def _clearance(self, start: sim_starts.Start, poses: Floats) -> float:
+        return least_clearance(poses, self.worlds[start.harbor].obstacles.clearance, self._reach_m)
+
+
 def play(
     env: VectorEnv[Any, Any, Any],
     policy: Policy,
     starts: Sequence[Start],
-    clearance: LeastClearance | None = None,
+    clearance: Clearance | None = None,
     *,
     seed: int = 0,
 ) -> list[Episode]:
-    """Play one episode from each start, side by side; a boat that has ended takes the next start.
+    """Run one episode from each start; a boat whose episode ended takes the next start.
 
     Args:
         env: same-step autoreset; takes ``reset(options={"starts": n, "reset_mask": (n,)})``.
-        policy: chooses the actions.
-        starts: any number of them, k.
-        clearance: of a start and the poses (m, 3) of the way from it, the least distance to the harbor [m].
+        starts: any number of starts, k.
+        clearance: least distance to the harbor [m], given a start and the poses (m, 3) of its episode.
         seed: of the environment.
 
     Returns:
         k episodes in the order of the starts.
     """
     boats = range(env.num_envs)
-    assigned = list(boats)  # the start that each boat sails from; numbers past the last one are spare boats
+    assigned = list(boats)  # the start of each boat; a number past the last start is an idle boat
 
-    def following() -> list[Start]:
+    def next_starts() -> list[Start]:
         return [starts[min(number, len(starts) - 1)] for number in assigned]
 
-    observation, info = env.reset(seed=seed, options={"starts": following()})
+    observation, info = env.reset(seed=seed, options={"starts": next_starts()})
     policy.reset(np.arange(env.num_envs), info)
-    courses = [_Course(info, boat) for boat in boats]
+    recorders = [_Recorder(info, boat) for boat in boats]
     episodes: dict[int, Episode] = {}
     while len(episodes) < len(starts):
         observation, reward, terminated, truncated, info = env.step(policy.act(observation, info))
         done = terminated | truncated
         last = {key: np.array(value) for key, value in settled_info(info, done).items() if key in READ}
         for boat in boats:
-            courses[boat].add(last, boat, float(reward[boat]))
+            recorders[boat].add(last, boat, float(reward[boat]))
         for boat in np.flatnonzero(done).tolist():
             if assigned[boat] < len(starts):
                 start = starts[assigned[boat]]
-                episodes[assigned[boat]] = courses[boat].episode(last, boat, start, clearance)
+                episodes[assigned[boat]] = recorders[boat].episode(last, boat, start, clearance)
             assigned[boat] = max(assigned) + 1
         if done.any():
-            observation, info = env.reset(options={"starts": following(), "reset_mask": done})
+            observation, info = env.reset(options={"starts": next_starts(), "reset_mask": done})
             policy.reset(np.flatnonzero(done), info)
             for boat in np.flatnonzero(done).tolist():
-                courses[boat] = _Course(info, boat)
+                recorders[boat] = _Recorder(info, boat)
     return [episodes[index] for index in range(len(starts))]
 
 
-class _Course:
-    """What one boat does, step by step."""
+class _Recorder:
+    """Collects the trajectory of one boat."""
 
     def __init__(self, info: Info, boat: int) -> None:
         self._records = {key: [np.array(info[key][boat])] for key in RECORDED}
@@ -155,19 +193,54 @@ class _Course:
             record.append(info[key][boat])
         self._rewards.append(reward)
 
-    def episode(self, info: Info, boat: int, start: Start, clearance: LeastClearance | None) -> Episode:
-        course = {key: np.stack(record) for key, record in self._records.items()}
+    def episode(self, info: Info, boat: int, start: Start, clearance: Clearance | None) -> Episode:
+        trajectory = {key: np.stack(record) for key, record in self._records.items()}
         return Episode(
             start=start,
             outcome=str(info["outcome"][boat]),
             collided_with=str(info["collided_with"][boat] or ""),
-            phase=int(course["phase"][-1]),
+            phase=int(trajectory["phase"][-1]),
             total_reward=sum(self._rewards),
-            course={**course, "reward": np.array(self._rewards)},
-            clearance_m=math.nan if clearance is None else clearance(start, course["pose"]),
+            trajectory={**trajectory, "reward": np.array(self._rewards)},
+            clearance_m=math.nan if clearance is None else clearance(start, trajectory["pose"]),
         )
 
 
 def score(episodes: Sequence[Episode]) -> tuple[int, float]:
-    """How policies are ranked: episodes docked, then mean return."""
+    """Return what policies are ranked by: episodes docked, then mean return."""
     return sum(e.docked for e in episodes), float(np.mean([e.total_reward for e in episodes]))
+
+
+def trajectories_csv(episodes: Sequence[Episode], control_period_s: float) -> str:
+    """Return the text of ``trajectories.csv``."""
+    rows = list(_trajectory_rows(episodes, control_period_s))
+    return to_csv(rows, all_columns(TRAJECTORIES, rows))
+
+
+def _trajectory_rows(episodes: Sequence[Episode], control_period_s: float) -> Iterator[dict[str, Value]]:
+    """Yield one row per control step."""
+    for pose, episode in enumerate(episodes):
+        recorded = episode.trajectory
+        for step in range(episode.steps + 1):
+            x, y, heading = recorded["pose"][step]
+            u, v, r = recorded["velocity"][step]
+            force, angle = recorded["command"][step]
+            yield {
+                "pose": pose,
+                "step": step,
+                "outcome": episode.outcome,
+                "time_s": step * control_period_s,
+                "x_m": x,
+                "y_m": y,
+                "heading_deg": math.degrees(heading),
+                "u_mps": u,
+                "v_mps": v,
+                "r_degps": math.degrees(r),
+                "propeller_n": force,
+                "rudder_deg": math.degrees(angle),
+                "distance_m": recorded["distance_m"][step],
+                "heading_error_deg": math.degrees(recorded["heading_error_rad"][step]),
+                "phase": int(recorded["phase"][step]),
+                "reward": recorded["reward"][step],
+                **{f"range_{i}_m": d for i, d in enumerate(recorded["sector_ranges_m"][step], start=1)},
+            }

@@ -16,9 +16,9 @@ from dockctl.agents.checkpoint import save_policy
 from dockctl.analysis.episodes import ending
 from dockctl.console import say
 from dockctl.errors import DockctlError
-from dockctl.evaluation.policies import Trained, find
-from dockctl.evaluation.rollout import Episode
-from dockctl.evaluation.starts import player
+from dockctl.evaluation.policies import CheckpointPolicy, load_checkpoint
+from dockctl.evaluation.rollout import Episode, Rollout
+from dockctl.evaluation.starts import TRAINING, training_starts
 from dockctl.experiments import model_card
 from dockctl.runs.directory import SCENARIO, RunDirectory, require_replaceable
 from dockctl.runs.files import new_folder
@@ -26,14 +26,10 @@ from dockctl.scenarios.base import NAME
 from dockctl.scenarios.content import mesh_files, with_paths
 from dockctl.scenarios.interface import PolicyInterface
 from dockctl.scenarios.loader import LoadedScenario, dump
-from dockctl.scenarios.schema import Scenario
-from dockctl.sim.starts import Start, free_sites, given_start
-from dockctl.sim.world import World, build_worlds
 
 CARD = "card.md"
 CHECKPOINT = ("policy.json", "policy.safetensors", SCENARIO, CARD)
 """Files of a shipped checkpoint."""
-TRAINING = "training"
 
 
 @dataclass(frozen=True, eq=False)
@@ -45,7 +41,7 @@ class Candidate:
         elsewhere: docked share of its other evaluations, elsewhere or with values set, 0 without any.
     """
 
-    trained: Trained
+    trained: CheckpointPolicy
     run: RunDirectory
     evaluation: pd.DataFrame
     elsewhere: float
@@ -83,7 +79,7 @@ def ship(runs: Sequence[Path], name: str | None, out: Path) -> None:
         raise DockctlError(f"--name '{name}': use letters, digits, dots, dashes and underscores")
     require_replaceable(out / name, CHECKPOINT, ("plugins", "meshes"), "earlier checkpoint")
     for best in candidates:
-        loaded = best.trained.scenario(None)
+        loaded = best.trained.scenario()
         episodes = play_training(best.trained, loaded)
         # At many berths the random starts of the evaluation say more than any one pose.
         wanted = [] if loaded.scenario.task.berths else episodes
@@ -109,7 +105,7 @@ def candidate(path: Path) -> Candidate:
         DockctlError: it is no run, has no policy, or that policy is not evaluated.
     """
     run = RunDirectory.open(path)
-    trained = find(path)
+    trained = load_checkpoint(path)
     told = f"evaluate it first: dockctl evaluate --ckpt {path}"
     if not (run.path / "evaluation.json").is_file() or not (run.path / "evaluation.csv").is_file():
         raise DockctlError(f"{path}: holds no evaluation; {told}")
@@ -121,21 +117,11 @@ def candidate(path: Path) -> Candidate:
     return Candidate(trained, run, tables["evaluation"], elsewhere)
 
 
-def training_starts(scenario: Scenario, worlds: Sequence[World]) -> list[Start]:
-    """Return starts at the initial poses of the training, at every trained berth where there are berths."""
-    sites = free_sites(scenario, [world.obstacles.blocked for world in worlds])
-    return [
-        given_start(site, scenario.task, pose, index, TRAINING)
-        for site in sites
-        if site.kind != "held_out"
-        for index, pose in enumerate(site.initial)
-    ]
-
-
-def play_training(trained: Trained, loaded: LoadedScenario) -> list[Episode]:
+def play_training(trained: CheckpointPolicy, loaded: LoadedScenario) -> list[Episode]:
     """Play greedy episodes from the poses of the training."""
-    worlds = build_worlds(loaded.scenario, loaded.base_dir)
-    return player(loaded, worlds, training_starts(loaded.scenario, worlds))(trained.policy)
+    rollout = Rollout(loaded)
+    starts = training_starts(loaded.scenario, rollout.worlds)
+    return rollout.play(trained.make(rollout.env()), starts)
 
 
 def _table(episodes: Sequence[Episode]) -> pd.DataFrame:

@@ -18,7 +18,8 @@ from dockctl.analysis.learning import RECENT
 from dockctl.console import say
 from dockctl.envs.vector import DockingVectorEnv
 from dockctl.errors import DockctlError
-from dockctl.evaluation.starts import judging_starts, player, shown_starts, trajectories_csv
+from dockctl.evaluation.rollout import Rollout, trajectories_csv
+from dockctl.evaluation.starts import trajectory_starts, validation_starts
 from dockctl.experiments.interrupt import on_interrupt
 from dockctl.experiments.live import TrainingDisplay, best, clock
 from dockctl.experiments.memory import Estimate, require_memory
@@ -114,14 +115,15 @@ def carry_out(session: Session, device: str) -> str:
     loaded, run, console = session.loaded, session.run, Console()
     scenario, training = loaded.scenario, loaded.scenario.training
     env = DockingVectorEnv(loaded, training.boats, exploring=True, worlds=session.worlds)
-    play = player(loaded, session.worlds, judging_starts(scenario, session.worlds))
+    rollout = Rollout(loaded, session.worlds)
+    starts = validation_starts(scenario, session.worlds)
     title = f"{scenario.name}, seed {training.seed}"
     boats = f"{training.boats} boat{'s' * (training.boats > 1)}"
     say(console, f"{title}: {boats}; memory: {session.memory}")
     say(console, f"run folder: {run.path}")
     with asked_to_leave() as asked, TrainingDisplay(training, title, console) as display:
         trainer = Trainer(
-            training, scenario.name, env, play, run,
+            training, scenario.name, env, lambda policy: rollout.play(policy, starts), run,
             interface=PolicyInterface.of(scenario), device=device, on_progress=display, interrupted=asked,
         )  # fmt: skip
         if session.taken_up:
@@ -133,8 +135,8 @@ def carry_out(session: Session, device: str) -> str:
     run.write_json(PROVENANCE, facts)
     if trainer.progress.best is not None:
         network, _ = load_policy(run.checkpoint("best"))
-        show = player(loaded, session.worlds, shown_starts(scenario, session.worlds))
-        text = trajectories_csv(show(GreedyPolicy(network)), scenario.vessel.control_period_s)
+        shown = rollout.play(GreedyPolicy(network), trajectory_starts(scenario, session.worlds))
+        text = trajectories_csv(shown, scenario.vessel.control_period_s)
         run.write_text("trajectories.csv", text)
     tell(console, run, trainer.progress, reason)
     return reason

@@ -48,6 +48,8 @@ from dockctl.errors import DockctlError
 from dockctl.runs.files import intact, new_folder, reading, write_atomically, writing
 from dockctl.runs.tables import Table, cut_table
 
+RUNS = Path("runs")
+"""Default folder of the trainings."""
 SCENARIO = "scenario.yaml"
 PROVENANCE = "provenance.json"
 SCENE = "scene.json"

@@ -11,6 +11,7 @@ import pytest
 from typer.testing import CliRunner
 
 from dockctl.cli import app
+from dockctl.errors import DockctlError
 
 QUICK = (
     "training.boats=2", "training.warmup_steps=20", "training.batch_size=8", "training.steps_per_update=2",
@@ -21,9 +22,16 @@ QUICK = (
 
 @dataclass
 class Outcome:
+    """Exit code and output of a command, and the error that it reported, if any."""
+
     code: int
     out: str
     err: str
+    error: DockctlError | None = None
+
+    @property
+    def error_code(self) -> str:
+        return self.error.code if self.error else ""
 
 
 def dockctl(*arguments: object) -> Outcome:
@@ -31,7 +39,10 @@ def dockctl(*arguments: object) -> Outcome:
     result = CliRunner().invoke(app, [str(argument) for argument in arguments])
     if result.exception and not isinstance(result.exception, SystemExit):
         raise result.exception
-    return Outcome(result.exit_code, result.stdout, result.stderr)
+    cause: BaseException | None = result.exception
+    while cause and not isinstance(cause, DockctlError):
+        cause = cause.__context__  # what the command line turned into an exit code
+    return Outcome(result.exit_code, result.stdout, result.stderr, cause)
 
 
 def quick_train(out: Path, *arguments: object) -> Outcome:

@@ -52,22 +52,29 @@ def test_a_policy_does_not_differ_from_itself(trained: Trained, tmp_path: Path) 
 
 
 @pytest.mark.parametrize(
-    ("arguments", "message"),
+    ("arguments", "code", "suggestion"),
     [
-        ([], "Missing argument"),
-        (["RUN"], "give two policies or more"),
-        (["RUN", "nowhere"], "nowhere: no such run folder or checkpoint"),
-        (["RUN", "RUN", "--scenario", "s33"], "did you mean 's3'"),
-        (["RUN", "RUN", "--csv", "no/such/folder.csv"], "not a file name in an existing folder"),
-        (["RUN", "RUN", "--out", "a-file/figures"], "is not a folder"),
+        ([], "", ""),  # reported by the option parser
+        (["RUN"], "missing_key", ""),
+        (["RUN", "nowhere"], "not_found", ""),
+        (["RUN", "marine"], "not_found", "marina"),
+        (["RUN", "RUN", "--scenario", "s33"], "unknown_name", "s3"),
+        (["RUN", "RUN", "--csv", "no/such/folder.csv"], "not_writable", ""),
+        (["RUN", "RUN", "--out", "a-file/figures"], "invalid", ""),
     ],
 )
 def test_refusals(
-    trained: Trained, arguments: list[str], message: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+    trained: Trained,
+    arguments: list[str],
+    code: str,
+    suggestion: str,
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     monkeypatch.chdir(tmp_path)
     Path("a-file").touch()
     outcome = dockctl("compare", *(str(trained[0]) if word == "RUN" else word for word in arguments))
     assert outcome.code == 2
-    assert message in " ".join(outcome.err.split())
+    assert outcome.error_code == code
+    assert outcome.error is None or outcome.error.suggestion == suggestion
     assert [path.name for path in tmp_path.iterdir()] == ["a-file"]

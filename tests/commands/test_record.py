@@ -44,21 +44,21 @@ def test_only_an_earlier_recording_is_replaced(
         before = sorted(path.name for path in folder.iterdir())
         outcome = dockctl("record", "--ckpt", run, "--out", folder)
         assert outcome.code == 2
-        assert "is not empty and holds no earlier recording" in outcome.err
+        assert outcome.error is not None and str(outcome.error).startswith(f"{folder}: ")
         assert sorted(path.name for path in folder.iterdir()) == before
 
 
 @pytest.mark.parametrize(
-    ("pose", "told"),
+    ("pose", "code"),
     [
-        ("20,2", "--pose"),
-        ("36,4,180", "is blocked by"),
-        ("90,0,0", "is outside of the basin"),
-        ("1e9,0,0", "--pose"),
+        ("20,2", "wrong_type"),
+        ("36,4,180", "invalid"),  # blocked
+        ("90,0,0", "invalid"),  # outside of the basin
+        ("1e9,0,0", "out_of_range"),
     ],
 )
-def test_a_pose_that_is_not_free_is_told(run: Path, pose: str, told: str) -> None:
+def test_a_pose_that_cannot_be_used(run: Path, pose: str, code: str) -> None:
     outcome = dockctl("record", "--ckpt", run, "--pose", pose)
-    assert outcome.code == 2
-    assert told in outcome.err
+    assert (outcome.code, outcome.error_code) == (2, code)
+    assert str(outcome.error).startswith("--pose")
     assert not (run / "transfer").exists()

@@ -10,7 +10,7 @@ from pathlib import Path
 import pytest
 
 from dockctl.agents.checkpoint import load_policy
-from dockctl.evaluation.policies import Trained
+from dockctl.evaluation.policies import CheckpointPolicy
 from dockctl.experiments import export as shipping
 from tests.commands.conftest import Outcome, dockctl, forget_interface
 
@@ -24,7 +24,7 @@ def runs(
     """Make a run of some seed that was evaluated with these outcomes, and whose training poses do as told."""
     docking: set[int] = set()
 
-    def play(policy: Trained, loaded: object) -> list[object]:
+    def play(policy: CheckpointPolicy, loaded: object) -> list[object]:
         class One:
             docked = policy.card.seed in docking
             outcome = "docked" if docked else "timeout"
@@ -114,7 +114,7 @@ def test_only_an_earlier_checkpoint_is_replaced(runs: MakeRun, tmp_path: Path) -
         before = sorted(path.name for path in folder.iterdir())
         outcome = dockctl("ship", run, "--out", folder.parent, "--name", folder.name)
         assert outcome.code == 2
-        assert "is not empty and holds no earlier checkpoint" in outcome.err
+        assert outcome.error is not None and str(outcome.error).startswith(f"{folder}: ")
         assert sorted(path.name for path in folder.iterdir()) == before
 
 

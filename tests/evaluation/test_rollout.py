@@ -35,14 +35,16 @@ def test_episodes_are_the_same_however_many_boats_play_them(boats: int) -> None:
     for together, single, start in zip(episodes, alone, starts, strict=True):
         assert together.start is start
         assert together.total_reward == single.total_reward
-        for key, values in single.course.items():
-            np.testing.assert_array_equal(together.course[key], values)
+        for key, values in single.trajectory.items():
+            np.testing.assert_array_equal(together.trajectory[key], values)
 
 
 def test_what_an_episode_records() -> None:
     (episode,) = play(ToyDocking(1), BrakeAtZero(), starts_at(-0.35))
-    np.testing.assert_allclose(episode.course["pose"][:, 0], [-0.35, -0.25, -0.15, -0.05, -0.05], atol=1e-12)
-    np.testing.assert_allclose(episode.course["command"][:, 0], [0, 0.1, 0, 0, -0.1], atol=1e-12)
+    np.testing.assert_allclose(
+        episode.trajectory["pose"][:, 0], [-0.35, -0.25, -0.15, -0.05, -0.05], atol=1e-12
+    )
+    np.testing.assert_allclose(episode.trajectory["command"][:, 0], [0, 0.1, 0, 0, -0.1], atol=1e-12)
     assert episode.steps == 4
     assert episode.path_length_m == pytest.approx(0.3)
     assert episode.control_changes == pytest.approx(2 / 3)

@@ -1,0 +1,104 @@
+"""Where the commands that measure a policy write their results."""
+
+from __future__ import annotations
+
+import json
+import os
+from collections.abc import Callable
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from rich.console import Console
+
+from dockctl.console import say
+from dockctl.errors import DockctlError
+from dockctl.runs.directory import FIGURES, require_writable
+from dockctl.runs.files import write_atomically, writing
+
+if TYPE_CHECKING:
+    from dockctl.evaluation.policies import LoadedPolicy
+
+
+@dataclass(frozen=True)
+class Outputs:
+    """A table and a figure of the same name, and a second place for the table."""
+
+    tables: Path
+    figures: Path
+    stem: str
+    csv: Path | None
+    policy: LoadedPolicy
+
+    @classmethod
+    def of(
+        cls, what: str, policy: LoadedPolicy, scenario: str | None, out: Path | None, csv: Path | None
+    ) -> Outputs:
+        """Select the run folder of the policy, or `out`, or a folder under ``figures/``.
+
+        Args:
+            what: stem of the files; the scenario's name is appended where it is not the policy's own.
+            scenario: the scenario that the user asked for, if any.
+            out: the folder that the user asked for, if any.
+            csv: the second file for the table, if any.
+
+        Raises:
+            DockctlError: a place cannot be written, or there is no such scenario.
+        """
+        run = policy.run.path if policy.run else None
+        if out is None and run and not os.access(run, os.W_OK):
+            raise DockctlError(f"{run}: cannot be written; give a folder with --out", code="not_writable")
+        tables = out or run or Path(FIGURES) / Path(what).name
+        figures = run / FIGURES if run and not out else tables
+        for folder in (tables, figures):
+            require_writable(folder)
+        if csv:
+            require_writable_file(csv)
+        resolved = policy.scenario(scenario).scenario
+        is_own = scenario is None or not policy.is_transfer(resolved)
+        stem = what if run and is_own else f"{what}-{resolved.name}"
+        return cls(tables, figures, stem, csv, policy)
+
+    def write(self, table: str, draw: Callable[[], Any]) -> None:
+        """Draw the figure, write it, the table (CSV) and the policy's identity (JSON); print the paths.
+
+        Raises:
+            DockctlError: a file cannot be written.
+        """
+        with writing(self.tables):
+            self.tables.mkdir(parents=True, exist_ok=True)
+        save_figure(self.stem, draw, self.figures)
+        for path in filter(None, (self.tables / f"{self.stem}.csv", self.csv)):
+            say(Console(), str(write_atomically(path, table.encode())))
+        facts = json.dumps({"policy": self.policy.facts()}, indent=2) + "\n"
+        say(Console(), str(write_atomically(self.tables / f"{self.stem}.json", facts.encode())))
+
+
+def save_figure(name: str, draw: Callable[[], Any], folder: Path) -> None:
+    """Draw a figure in the style of the package, write it as PNG and SVG, and print the paths.
+
+    Args:
+        draw: returns a matplotlib figure.
+
+    Raises:
+        DockctlError: the folder cannot be written.
+    """
+    from dockctl.reports.style import house_style, save
+
+    with house_style():
+        written = save({name: draw()}, folder)
+    for path in written:
+        say(Console(), str(path))
+
+
+def require_writable_file(file: Path) -> None:
+    """Check that a file can be written, before any work is done for it.
+
+    Raises:
+        DockctlError: its folder does not exist or cannot be written, or it is a folder itself.
+    """
+    if not os.path.isdir(file.absolute().parent) or os.path.isdir(file):
+        raise DockctlError(
+            f"{file}: cannot be written: not a file name in an existing folder", code="not_writable"
+        )
+    require_writable(file.absolute().parent)
