@@ -30,8 +30,8 @@ def plot(
     with house_style():
         data = read_run(folder)
         written = save(dict(figures(data)), out or folder / FIGURES)
-    for name in data.missing:
-        note = f"note: {folder / name} is missing or has no rows; its figures are left out"
+    if data.missing:
+        note = f"note: {folder} has no rows in {', '.join(data.missing)}; their figures are left out"
         typer.secho(note, fg="yellow", err=True)
     for path in written:
         typer.echo(path)

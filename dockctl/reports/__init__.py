@@ -1,1 +1,1 @@
-"""Figures of runs, scenarios and timings; matplotlib lives here, and nothing here simulates or learns."""
+"""Figures from run folders, scenarios and measurements; drawing only."""

@@ -1,4 +1,4 @@
-"""All the figures of a run, by file name."""
+"""Figures of a run, by file name (``dockctl plot``)."""
 
 from __future__ import annotations
 
@@ -17,33 +17,35 @@ from dockctl.reports.style import titled_axes, titled_figure
 from dockctl.runs.reader import Run
 from dockctl.scenarios.schema import Task
 
-Learning = Callable[[Axes, pd.DataFrame], None]
-Motion = Callable[[Axes, Sequence[Track], Task], None]
+DrawEpisodes = Callable[[Axes, pd.DataFrame], None]
+DrawTracks = Callable[[Axes, Sequence[Track], Task], None]
 
-TRAINING: dict[str, tuple[str, Learning]] = {
-    "training-reward": ("Total reward of every training episode", learning.draw_reward),
-    "training-duration": ("How long every training episode lasted", learning.draw_duration),
+TRAINING: dict[str, tuple[str, DrawEpisodes]] = {
+    "training-reward": ("Return of the training episodes", learning.draw_reward),
+    "training-duration": ("Duration of the training episodes", learning.draw_duration),
     "training-epsilon": ("Exploration during training", learning.draw_epsilon),
-    "training-phase": ("How far the training episodes got", learning.draw_phase),
-    "training-outcomes": ("How the training episodes ended", learning.draw_outcomes),
-    "training-reward-terms": ("What the reward was made of", learning.draw_terms),
+    "training-phase": ("Training episodes that reach the intermediate pose", learning.draw_phase),
+    "training-outcomes": ("Outcomes of the training episodes", learning.draw_outcomes),
+    "training-reward-terms": ("Reward by term", learning.draw_terms),
 }
-DOCKING: dict[str, tuple[str, Motion]] = {
+DOCKING: dict[str, tuple[str, DrawTracks]] = {
     "docking-distance": ("Distance to the goal", trajectory.draw_distance),
-    "docking-heading-error": ("Heading error against the goal", trajectory.draw_heading_error),
+    "docking-heading-error": ("Heading error to the goal", trajectory.draw_heading_error),
     "docking-velocity": ("Surge and sway", trajectory.draw_velocity),
     "docking-yaw-rate": ("Yaw rate", trajectory.draw_yaw_rate),
 }
-CONTROLS: dict[str, tuple[str, Motion]] = {
+COMMANDS: dict[str, tuple[str, DrawTracks]] = {
     "docking-propeller": ("Propeller force", trajectory.draw_propeller),
     "docking-rudder": ("Rudder angle", trajectory.draw_rudder),
 }
 
 
 def figures(run: Run) -> Iterator[tuple[str, Figure]]:
-    """Yield the name and the figure of everything that the tables of a run tell."""
+    """Yield name and figure for everything that the tables of a run contain."""
     if run.episodes is not None:
         yield from training_figures(run, run.episodes)
+    if run.updates is not None and (columns := [c for c in learning.UPDATE_COLUMNS if c in run.updates]):
+        yield "training-updates", updates_figure(run, run.updates, columns)
     if run.evaluations is not None:
         yield "training-evaluations", evaluation_figure(run, run.evaluations)
     if run.trajectories is not None:
@@ -55,7 +57,7 @@ def figures(run: Run) -> Iterator[tuple[str, Figure]]:
 
 
 def training_figures(run: Run, episodes: pd.DataFrame) -> Iterator[tuple[str, Figure]]:
-    """Yield the figures of the episodes: Figs. 4.1-4.3 and 4.23, outcomes and reward terms."""
+    """Yield the figures of the training episodes: Figs. 4.1-4.3 and 4.23, outcomes and reward terms."""
     for name, (title, draw) in TRAINING.items():
         if draw is learning.draw_phase and run.task.intermediate is None:
             continue
@@ -66,25 +68,35 @@ def training_figures(run: Run, episodes: pd.DataFrame) -> Iterator[tuple[str, Fi
         yield name, figure
 
 
+def updates_figure(run: Run, updates: pd.DataFrame, columns: Sequence[str]) -> Figure:
+    """Loss, TD error, Q and gradient norm of the updates, one panel each."""
+    rows = -(-len(columns) // 2)
+    figure = titled_figure("Updates of the network", run.caption, (10.0, 0.9 + 2.4 * rows))
+    axes = figure.subplots(rows, 2, sharex=True, squeeze=False).ravel()
+    learning.draw_updates(axes[: len(columns)], updates, columns)
+    for ax in axes[len(columns) :]:
+        ax.set_visible(False)
+    return figure
+
+
 def evaluation_figure(run: Run, evaluations: pd.DataFrame) -> Figure:
-    """How the greedy policy ended from every test pose, over the training."""
+    """Outcomes of the greedy policy from each test pose during training."""
     rows = evaluations["pose"].nunique()
-    figure, ax = titled_axes("The greedy policy at every evaluation", run.caption, (7.6, 2.3 + 0.3 * rows))
-    at_berths = run.task.berths is not None  # judged from random starts there, not from the test poses
+    figure, ax = titled_axes("Greedy evaluations during training", run.caption, (7.6, 2.3 + 0.3 * rows))
+    at_berths = run.task.berths is not None  # evaluated from random starts there, not from the test poses
     names = [] if at_berths else [plan_view.pose_names([pose]) for pose in run.tests]
     learning.draw_evaluations(ax, evaluations, names)
     return figure
 
 
 def pose_figure(run: Run, tracks: Sequence[Track]) -> Figure:
-    """Paths of the greedy policy over the harbor (Fig. 4.4)."""
+    """Trajectories of the best policy over the harbor (Fig. 4.4)."""
     plan, view = _plan_and_view(run, tracks)
     height = 6.9 * (view[3] - view[1]) / (view[2] - view[0]) + (1.45 if len(tracks) > 1 else 1.2)
     interval = plan_view.outline_interval(tracks)
-    title = (
-        "How the best policy docks" if all(track.docked for track in tracks) else "Where the best policy goes"
+    figure, ax = titled_axes(
+        "Trajectories of the best policy", f"{run.caption}, one outline every {interval:g} s", (7.8, height)
     )
-    figure, ax = titled_axes(title, f"{run.caption}, one outline every {interval:g} s", (7.8, height))
     plan_view.draw_harbor(ax, plan, view)
     plan_view.draw_paths(ax, plan, tracks, run.task)
     plan_view.draw_compass(ax, view)
@@ -92,41 +104,42 @@ def pose_figure(run: Run, tracks: Sequence[Track]) -> Figure:
 
 
 def docking_figures(run: Run, tracks: Sequence[Track]) -> Iterator[tuple[str, Figure]]:
-    """Yield distance, heading, velocities and controls over time (Figs. 4.5-4.10)."""
+    """Yield distance, heading error, velocities and commands over time (Figs. 4.5-4.10)."""
     for name, (title, draw) in DOCKING.items():
         figure, ax = titled_axes(f"{title} while docking", run.caption)
         draw(ax, tracks, run.task)
         trajectory.mark_phases(ax, tracks)
         yield name, figure
-    for name, (title, draw) in CONTROLS.items():
-        size = (7.6, 4.3) if len(tracks) == 1 else (7.6, 1.2 + 1.25 * len(tracks))
-        figure = titled_figure(f"{title} while docking", run.caption, size)
-        axes = np.atleast_1d(figure.subplots(len(tracks), sharex=True, sharey=True))
-        for ax, track in zip(axes, tracks, strict=True):
-            draw(ax, [track], run.task)
-            trajectory.mark_phases(ax, [track], names=len(tracks) == 1)
-            if len(tracks) > 1:
-                ax.set_title(
-                    track.label, loc="left", fontsize=8.5, color=track.color, fontweight="bold", pad=3
-                )
-                ax.set_ylabel("")
-                ax.label_outer()
+    for name, (title, draw) in COMMANDS.items():
+        yield name, _command_figure(run, tracks, title, draw)
+
+
+def _command_figure(run: Run, tracks: Sequence[Track], title: str, draw: DrawTracks) -> Figure:
+    """One row of axes per track."""
+    size = (7.6, 4.3) if len(tracks) == 1 else (7.6, 1.2 + 1.25 * len(tracks))
+    figure = titled_figure(f"{title} while docking", run.caption, size)
+    axes = np.atleast_1d(figure.subplots(len(tracks), sharex=True, sharey=True))
+    for ax, track in zip(axes, tracks, strict=True):
+        draw(ax, [track], run.task)
+        trajectory.mark_phases(ax, [track], names=len(tracks) == 1)
         if len(tracks) > 1:
-            axes[0].set_xlim(0, 1.015 * max(track.table["time_s"].iloc[-1] for track in tracks))
-            unit = {"docking-propeller": "Propeller force P [N]", "docking-rudder": "Rudder angle φ [°]"}[
-                name
-            ]
-            figure.supylabel(unit, fontsize=9.5)
-        yield name, figure
+            ax.set_title(track.label, loc="left", fontsize=8.5, color=track.color, fontweight="bold", pad=3)
+            label = ax.get_ylabel()
+            ax.set_ylabel("")
+            ax.label_outer()
+    if len(tracks) > 1:
+        axes[0].set_xlim(0, 1.015 * max(track.table["time_s"].iloc[-1] for track in tracks))
+        figure.supylabel(label, fontsize=9.5)
+    return figure
 
 
 def overview(run: Run, episodes: pd.DataFrame, tracks: Sequence[Track]) -> Figure:
-    """One page: the paths, how the policy learned, and what it does on its way."""
+    """One page: trajectories over the harbor, training curves, and time series."""
     docked = sum(track.docked for track in tracks)
     last = episodes.tail(RECENT)
     share = float((last["outcome"] == "docked").mean())
     figure = titled_figure(
-        f"Scenario {run.scenario} at a glance",
+        f"Overview of scenario {run.scenario}",
         f"seed {run.seed}, {len(episodes):,} training episodes, {share:.0%} of the last {len(last)} docked; "
         f"the best policy docks from {docked} of {len(tracks)} test pose{'s' * (len(tracks) > 1)}",
         (12.4, 8.4),
@@ -138,27 +151,27 @@ def overview(run: Run, episodes: pd.DataFrame, tracks: Sequence[Track]) -> Figur
     plan_view.draw_harbor(paths, plan, view)
     plan_view.draw_paths(paths, plan, tracks, run.task)
     plan_view.draw_compass(paths, view)
-    for ax, learned in zip(right.subplots(2), (learning.draw_reward, learning.draw_outcomes), strict=True):
-        learned(ax, episodes)
-    motions = (
+    for ax, draw in zip(right.subplots(2), (learning.draw_reward, learning.draw_outcomes), strict=True):
+        draw(ax, episodes)
+    series = (
         trajectory.draw_distance,
         trajectory.draw_heading_error,
         trajectory.draw_velocity,
         trajectory.draw_propeller,
     )
-    for ax, draw in zip(lower.subplots(1, len(motions)), motions, strict=True):
-        draw(ax, tracks, run.task)
+    for ax, draw_series in zip(lower.subplots(1, len(series)), series, strict=True):
+        draw_series(ax, tracks, run.task)
         trajectory.mark_phases(ax, tracks, names=False)
-        if (legend := ax.get_legend()) and (len(tracks) > 1 or draw is not trajectory.draw_velocity):
-            legend.remove()  # the paths above carry the same colors
+        if (legend := ax.get_legend()) and (len(tracks) > 1 or draw_series is not trajectory.draw_velocity):
+            legend.remove()  # the colors are those of the paths above
     return figure
 
 
 def _plan_and_view(
     run: Run, tracks: Sequence[Track], aspect: tuple[float, float] = (0.85, 1.75)
 ) -> tuple[Scene, plan_view.Bounds]:
-    """The harbor, with water wherever the boat went, and the part of it that holds paths and poses."""
+    """The harbor, with water wherever the boat went, and the part of it around paths and poses."""
     paths = [track.table[["x_m", "y_m"]].to_numpy(float) for track in tracks]
     points = np.concatenate([*paths, plan_view.task_points(run.task)])
-    plan = plan_view.embracing(run.scene, points)
+    plan = plan_view.extended(run.scene, points)
     return plan, plan_view.close_view(plan, points, aspect=aspect)

@@ -1,14 +1,14 @@
-"""How a run learned: reward, duration, epsilon, phase, outcomes (thesis Figs. 4.1-4.3, 4.21-4.23)."""
+"""Training curves: return, duration, epsilon, phase, outcomes, updates (thesis Figs. 4.1-4.3, 4.21-4.23)."""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 
 import numpy as np
 import pandas as pd
 from matplotlib.axes import Axes
 from matplotlib.colors import to_rgba
-from matplotlib.ticker import PercentFormatter
+from matplotlib.ticker import MaxNLocator, PercentFormatter
 
 from dockctl.analysis.learning import from_initial_poses, moving_average, smoothing_window, term_columns
 from dockctl.drawing import palette
@@ -24,75 +24,67 @@ TERM_COLORS = {
     "progress": "#3AA6B9",
 }
 OTHER_TERMS = ("#8A6E5A", "#7B8794", "#D98BB4", "#5D6BB0")
+"""Colors of reward terms that are not built in."""
+UPDATE_COLUMNS = {
+    "loss": "Loss",
+    "td_error": "Mean |TD error|",
+    "q_mean": "Mean Q",
+    "gradient_norm": "Gradient norm",
+}
+"""Columns of ``updates.csv`` that are drawn; all but the mean Q on a logarithmic axis."""
 
 
 def draw_reward(ax: Axes, episodes: pd.DataFrame) -> None:
-    """Return of every episode, and its mean (Fig. 4.1)."""
-    _dots_and_means(ax, episodes, "return")
-    ax.set_ylabel("Total reward of the episode")
+    """Draw the return of each episode and its moving average (Fig. 4.1)."""
+    _draw_episodes(ax, episodes, "return")
+    ax.set_ylabel("Return of the episode")
     thousands(ax, "y")
 
 
 def draw_duration(ax: Axes, episodes: pd.DataFrame) -> None:
-    """Control steps of every episode, and their mean (Fig. 4.2)."""
-    _dots_and_means(ax, episodes, "steps")
+    """Draw the number of control steps of each episode and its moving average (Fig. 4.2)."""
+    _draw_episodes(ax, episodes, "steps")
     ax.set_ylabel("Duration [control steps]")
     ax.set_ylim(bottom=0)
 
 
 def draw_epsilon(ax: Axes, episodes: pd.DataFrame) -> None:
-    """Probability of a random action at the end of every episode (Fig. 4.3)."""
+    """Draw the probability of a random action at the end of each episode (Fig. 4.3)."""
     ax.plot(episodes["episode"], episodes["epsilon"], color=palette.MEAN)
     ax.fill_between(episodes["episode"], episodes["epsilon"], color=palette.RAW, alpha=0.35, lw=0)
     last = episodes.iloc[-1]
     ax.annotate(
-        f"{last['epsilon']:.2g}",
-        (last["episode"], last["epsilon"]),
-        xytext=(-2, 6),
-        textcoords="offset points",
-        ha="right",
-        color=palette.MEAN,
-    )
-    ax.set_ylabel("ε, share of random actions")
+        f"{last['epsilon']:.2g}", (last["episode"], last["epsilon"]), xytext=(-2, 6),
+        textcoords="offset points", ha="right", color=palette.MEAN,
+    )  # fmt: skip
+    ax.set_ylabel("ε, probability of a random action")
     ax.set_ylim(0, 1.03)
-    _episode_axis(ax, episodes)
+    _label_episodes(ax, episodes)
 
 
 def draw_phase(ax: Axes, episodes: pd.DataFrame) -> None:
-    """Phase at the end of the episodes that began at an initial pose, and the share in phase 1 (4.23)."""
-    ours = from_initial_poses(episodes)
-    window = smoothing_window(ours)
-    rng = np.random.default_rng(0)  # spreads the dots, which would otherwise hide each other
+    """Draw which episodes from an initial pose reached the intermediate pose, and their share (Fig. 4.23)."""
+    selected = from_initial_poses(episodes)
+    window = smoothing_window(selected)
+    jitter = np.random.default_rng(0).uniform(-0.035, 0.035, len(selected))  # separates the dots
     ax.plot(
-        ours["episode"],
-        ours["phase"] + rng.uniform(-0.035, 0.035, len(ours)),
-        ".",
-        ms=2.6,
-        color=palette.RAW,
-        rasterized=True,
+        selected["episode"], selected["phase"] + jitter, ".", ms=2.6, color=palette.RAW, rasterized=True,
         label="episodes",
-    )
-    ax.plot(
-        ours["episode"],
-        moving_average(ours["phase"], window),
-        color=palette.MEAN,
-        label=f"mean of {window} episodes",
-    )
-    ax.set_yticks([0, 0.25, 0.5, 0.75, 1], ["0  aligning", "25 %", "50 %", "75 %", "1  docking"])
+    )  # fmt: skip
+    share = moving_average(selected["phase"], window)
+    ax.plot(selected["episode"], share, color=palette.MEAN, label=f"mean of {window} episodes")
+    ax.set_yticks([0, 0.25, 0.5, 0.75, 1], ["no", "25 %", "50 %", "75 %", "yes"])
     ax.set_ylim(-0.08, 1.08)
-    ax.set_ylabel("Task at the end of the episode")
-    legend_above(
-        ax, [("episode", palette.RAW), (f"share past the intermediate pose, of {window}", palette.MEAN)]
-    )
-    _episode_axis(ax, episodes)
+    ax.set_ylabel("Intermediate pose reached")
+    legend_above(ax, [("episode", palette.RAW), (f"share of {window} episodes", palette.MEAN)])
+    _label_episodes(ax, episodes)
 
 
 def draw_outcomes(ax: Axes, episodes: pd.DataFrame) -> None:
-    """How the last episodes ended: docked, ran out of time, or hit something."""
+    """Draw the shares of docked, timeout and collision among the last episodes."""
     window = smoothing_window(episodes)
-    shares = [
-        moving_average((episodes["outcome"] == outcome).astype(float), window) for outcome in palette.OUTCOMES
-    ]
+    outcomes = [(episodes["outcome"] == name).astype(float) for name in palette.OUTCOMES]
+    shares = [moving_average(outcome, window) for outcome in outcomes]
     colors = [to_rgba(color, 0.85) for color in palette.OUTCOMES.values()]
     ax.stackplot(episodes["episode"], *shares, colors=colors, edgecolor="white", lw=0.6)
     ax.set_ylim(0, 1)
@@ -100,11 +92,11 @@ def draw_outcomes(ax: Axes, episodes: pd.DataFrame) -> None:
     ax.set_ylabel(f"Share of the last {window} episodes")
     ax.grid(False)
     legend_above(ax, list(palette.OUTCOMES.items()))
-    _episode_axis(ax, episodes)
+    _label_episodes(ax, episodes)
 
 
 def draw_terms(ax: Axes, episodes: pd.DataFrame) -> None:
-    """What every reward term paid or cost an episode, as a mean; gains stack up, costs stack down."""
+    """Draw the moving average of each reward term per episode; gains stack upward, costs downward."""
     columns = term_columns(episodes)
     window = smoothing_window(episodes)
     others = iter(OTHER_TERMS * (1 + len(columns) // len(OTHER_TERMS)))
@@ -121,22 +113,20 @@ def draw_terms(ax: Axes, episodes: pd.DataFrame) -> None:
         entries.append((name, color))
     ax.plot(episodes["episode"], moving_average(episodes["return"], window), color=palette.INK, lw=1.6)
     ax.axhline(0, color=palette.INK_SOFT, lw=0.8)
-    ax.set_ylabel(f"Reward an episode, mean of {window}")
+    ax.set_ylabel(f"Reward per episode, mean of {window}")
     thousands(ax, "y")
     legend_above(ax, [*entries, ("total", palette.INK)], columns=7)
-    _episode_axis(ax, episodes)
+    _label_episodes(ax, episodes)
 
 
 def draw_evaluations(ax: Axes, evaluations: pd.DataFrame, names: Sequence[str]) -> None:
-    """How the greedy policy ended from each test pose, a column an evaluation; stars mark the best so far."""
+    """Draw the outcome from each test pose, one column per evaluation; stars mark the best policy so far."""
     steps = sorted(evaluations["env_steps"].unique())
     poses = sorted(evaluations["pose"].unique())
     for outcome, color in palette.OUTCOMES.items():
         rows = evaluations[evaluations["outcome"] == outcome]
-        columns = np.searchsorted(steps, rows["env_steps"])
-        ax.barh(
-            np.searchsorted(poses, rows["pose"]), 0.9, left=columns - 0.45, height=0.86, color=color, lw=0
-        )
+        left = np.searchsorted(steps, rows["env_steps"]) - 0.45
+        ax.barh(np.searchsorted(poses, rows["pose"]), 0.9, left=left, height=0.86, color=color, lw=0)
     stars = np.searchsorted(steps, sorted(evaluations[evaluations["best"] == 1]["env_steps"].unique()))
     ax.plot(stars, np.full(len(stars), len(poses) - 0.22), "*", color=palette.INK, ms=6, clip_on=False)
     labels = [names[pose] if pose < len(names) else f"pose {pose}" for pose in poses]
@@ -150,8 +140,31 @@ def draw_evaluations(ax: Axes, evaluations: pd.DataFrame, names: Sequence[str]) 
     legend_above(ax, list(palette.OUTCOMES.items()))
 
 
-def _dots_and_means(ax: Axes, episodes: pd.DataFrame, column: str) -> None:
-    """Every episode as a light dot and the running mean as a dark line, apart for the two kinds of start."""
+def draw_updates(axes: Iterable[Axes], updates: pd.DataFrame, columns: Sequence[str]) -> None:
+    """Draw diagnostics of the updates over the environment steps, with their moving average.
+
+    Args:
+        axes: one for each column.
+        updates: ``updates.csv``.
+        columns: keys of `UPDATE_COLUMNS`.
+    """
+    window = smoothing_window(updates)
+    for ax, column in zip(axes, columns, strict=True):
+        ax.plot(updates["env_steps"], updates[column], color=palette.RAW, lw=0.8, label=column)
+        mean = moving_average(updates[column], window)
+        ax.plot(updates["env_steps"], mean, color=palette.MEAN, lw=1.5, label=f"{column}, mean of {window}")
+        if column != "q_mean" and (updates[column] > 0).all():
+            ax.set_yscale("log")
+        ax.set_xlim(0, max(updates["env_steps"].max(), 1))
+        ax.set_ylabel(UPDATE_COLUMNS[column])
+        ax.set_xlabel("Environment steps")
+        ax.xaxis.set_major_locator(MaxNLocator(5))
+        thousands(ax)
+        ax.label_outer()
+
+
+def _draw_episodes(ax: Axes, episodes: pd.DataFrame, column: str) -> None:
+    """Draw dots and their moving average, separately for initial poses and exploring starts."""
     exploring = episodes["start_kind"] == "exploring"
     groups = [
         ("from an initial pose", episodes[~exploring], palette.RAW, palette.MEAN),
@@ -160,30 +173,21 @@ def _dots_and_means(ax: Axes, episodes: pd.DataFrame, column: str) -> None:
     groups = [group for group in groups if len(group[1])]
     for name, table, light, _ in groups:
         ax.plot(
-            table["episode"],
-            table[column],
-            ".",
-            ms=2.6,
-            color=light,
-            rasterized=True,
+            table["episode"], table[column], ".", ms=2.6, color=light, rasterized=True,
             label=f"{name}, episodes",
-        )
+        )  # fmt: skip
     window = smoothing_window(groups[0][1])
     for name, table, _, dark in groups:
-        ax.plot(
-            table["episode"],
-            moving_average(table[column], window),
-            color=dark,
-            label=f"{name}, mean of {window}",
-        )
+        mean = moving_average(table[column], window)
+        ax.plot(table["episode"], mean, color=dark, label=f"{name}, mean of {window}")
     if len(groups) > 1:
         legend_above(ax, [(f"{name}, mean of {window}", dark) for name, _, _, dark in groups])
     else:
         legend_above(ax, [("episode", groups[0][2]), (f"mean of {window}", groups[0][3])])
-    _episode_axis(ax, episodes)
+    _label_episodes(ax, episodes)
 
 
-def _episode_axis(ax: Axes, episodes: pd.DataFrame) -> None:
+def _label_episodes(ax: Axes, episodes: pd.DataFrame) -> None:
     first, last = episodes["episode"].min(), episodes["episode"].max()
     ax.set_xlim(first, max(last, first + 1))
     ax.set_xlabel("Episode")

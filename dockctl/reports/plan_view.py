@@ -1,4 +1,4 @@
-"""The harbor from above, with poses, boats and paths on it (thesis Figs. 3.13-3.15, 4.4, 4.14, 4.24)."""
+"""Plan view of the harbor with poses, boats and paths (thesis Figs. 3.13-3.15, 4.4, 4.14, 4.24)."""
 
 from __future__ import annotations
 
@@ -25,13 +25,13 @@ Floats = NDArray[np.float64]
 Bounds = tuple[float, float, float, float]
 
 INTERVALS_S = (1.0, 2.0, 5.0, 10.0, 20.0, 50.0, 100.0)
-OUTLINES = 12  # boats drawn along the longest path, at most
-QUAY_M = 3.0  # strip of land shown around the water
+MOST_OUTLINES = 12  # along the longest path
+QUAY_M = 3.0  # width of the strip of land around the water
 SCALE_BARS_M = (1.0, 2.0, 5.0, 10.0, 20.0, 50.0)
 
 
 def draw_harbor(ax: Axes, scene: Scene, view: Bounds) -> None:
-    """Draw the marina on tinted water within `view`, (x_min, y_min, x_max, y_max) [m]."""
+    """Draw the harbor within `view`, (x_min, y_min, x_max, y_max) [m]."""
     drawn = [stroke for stroke in strokes(scene) if _overlaps(stroke.xy, view)]
     ax.add_collection(
         PolyCollection(
@@ -54,10 +54,10 @@ def draw_harbor(ax: Axes, scene: Scene, view: Bounds) -> None:
 
 
 def draw_compass(ax: Axes, view: Bounds) -> None:
-    """Put a scale bar and an arrow to +y (north) on a pale plate in the lower right corner."""
+    """Draw a scale bar and an arrow to +y (north) in the lower right corner."""
     width, height = view[2] - view[0], view[3] - view[1]
     length = max((bar for bar in SCALE_BARS_M if bar <= 0.2 * width), default=SCALE_BARS_M[0])
-    unit = 0.01 * max(width, height)  # the arrow and the thickness of the bar grow with the view
+    unit = 0.01 * max(width, height)  # scales the arrow and the height of the bar with the view
     right, bottom = view[2] - 2.5 * unit, view[1] + 2.5 * unit
     left = right - length
     plate = FancyBboxPatch(
@@ -101,7 +101,7 @@ def draw_boat(
     dashed: bool = False,
     lw: float = 1.1,
 ) -> None:
-    """Outline of the own boat at a pose (x [m], y [m], heading [rad]), filled to the given opacity."""
+    """Draw the outline of the own boat at a pose (3,) [m, m, rad], filled with opacity `fill`."""
     outline = place_outline(hull, pose)
     if fill:
         ax.add_patch(Polygon(outline, fc=color, ec="none", alpha=fill, zorder=4))
@@ -119,7 +119,7 @@ def draw_boat(
 
 
 def draw_heading(ax: Axes, hull: Floats, pose: Floats, color: str) -> None:
-    """Arrow from amidships to a little before the bow."""
+    """Draw an arrow from the reference point of the boat to a point just ahead of the bow."""
     reach = hull[:, 0].max() + 0.9
     head = (pose[0] + reach * math.cos(pose[2]), pose[1] + reach * math.sin(pose[2]))
     ax.add_patch(_arrow((pose[0], pose[1]), head, color, size=8.0, zorder=6))
@@ -142,22 +142,22 @@ def _arrow(
 
 
 def draw_goals(ax: Axes, hull: Floats, task: Task, *, named: bool = True) -> None:
-    """The pose to dock at and the intermediate pose, if there is one, each with its circle of tolerance."""
+    """Draw the final pose and the intermediate pose, if any, with their tolerance circles."""
     goals = [("berth", task.final, task.final_tolerance)]
     if task.intermediate is not None:
         goals.append(("intermediate pose", task.intermediate, task.intermediate_tolerance))
     for name, pose, tolerance in goals:
-        place = pose_array(pose)
+        eta = pose_array(pose)
         circle = {"radius": tolerance.distance_m, "lw": 0.9, "zorder": 3}
         ax.add_patch(Circle((pose.x_m, pose.y_m), fc=palette.GOAL, ec="none", alpha=0.16, **circle))
         ax.add_patch(Circle((pose.x_m, pose.y_m), fc="none", ec=palette.GOAL, ls=(0, (1, 1.6)), **circle))
-        draw_boat(ax, hull, place, palette.GOAL, dashed=True, lw=1.3)
-        draw_heading(ax, hull, place, palette.GOAL)
+        draw_boat(ax, hull, eta, palette.GOAL, dashed=True, lw=1.3)
+        draw_heading(ax, hull, eta, palette.GOAL)
         if named:
-            label(ax, hull, place, name, palette.GOAL, apart_m=tolerance.distance_m)
+            draw_label(ax, hull, eta, name, palette.GOAL, apart_m=tolerance.distance_m)
 
 
-def label(
+def draw_label(
     ax: Axes,
     hull: Floats,
     pose: Floats,
@@ -167,7 +167,7 @@ def label(
     below: bool = False,
     apart_m: float = 0.0,
 ) -> None:
-    """Write a name above or below a boat, at least `apart_m` from its centre."""
+    """Write text above or below a boat, at least `apart_m` from its reference point."""
     ys = np.array([*place_outline(hull, pose)[:, 1], pose[1] - apart_m, pose[1] + apart_m])
     ax.annotate(
         text,
@@ -186,7 +186,7 @@ def label(
 
 
 def draw_paths(ax: Axes, scene: Scene, tracks: Sequence[Track], task: Task) -> None:
-    """Paths with the boat's outline at equal intervals of time (Fig. 4.4)."""
+    """Draw paths with the outline of the boat at equal time intervals (Fig. 4.4)."""
     interval = outline_interval(tracks)
     draw_goals(ax, scene.hull, task)
     for track in tracks:
@@ -203,32 +203,32 @@ def draw_paths(ax: Axes, scene: Scene, tracks: Sequence[Track], task: Task) -> N
         )
         time = table["time_s"].to_numpy(float) - table["time_s"].iloc[0]
         rows = np.searchsorted(time, np.arange(0, time[-1] + 1e-9, interval) - 1e-9)
-        among_others = len(tracks) > 1  # their outlines lie on each other, and must not hide the ways
+        is_crowded = len(tracks) > 1  # outlines overlap and must not hide the paths
         for row in rows[1:]:
             draw_boat(
                 ax,
                 scene.hull,
                 poses[row],
                 track.color,
-                fill=0.0 if among_others else 0.14,
-                lw=0.45 if among_others else 0.7,
+                fill=0.0 if is_crowded else 0.14,
+                lw=0.45 if is_crowded else 0.7,
             )
         draw_boat(ax, scene.hull, poses[0], track.color, fill=0.35, lw=1.4)
         draw_heading(ax, scene.hull, poses[0], track.color)
         draw_boat(ax, scene.hull, poses[-1], track.color, fill=0.55, lw=1.4)
     if len(tracks) == 1:
-        label(ax, scene.hull, poses[0], f"start {tracks[0].label}", tracks[0].color, below=True)
+        draw_label(ax, scene.hull, poses[0], f"start {tracks[0].label}", tracks[0].color, below=True)
     legend_above(ax, [(track.label, track.color) for track in tracks])
 
 
 def outline_interval(tracks: Iterable[Track]) -> float:
-    """Round number of seconds between outlines that leaves at most `OUTLINES` on the longest track."""
+    """Interval between outlines [s], a round number, with at most `MOST_OUTLINES` on the longest track."""
     longest = max(float(track.table["time_s"].iloc[-1] - track.table["time_s"].iloc[0]) for track in tracks)
-    return next((seconds for seconds in INTERVALS_S if longest / seconds <= OUTLINES), INTERVALS_S[-1])
+    return next((seconds for seconds in INTERVALS_S if longest / seconds <= MOST_OUTLINES), INTERVALS_S[-1])
 
 
 def draw_poses(ax: Axes, scene: Scene, task: Task, tests: Sequence[Pose], *, named: bool = True) -> None:
-    """The poses of a scenario: where episodes begin, pass and end, and where else it is tested from."""
+    """Draw the initial, intermediate and final poses of a task, and the test poses that are not initial."""
     draw_goals(ax, scene.hull, task, named=named)
     starts = {(pose.x_m, pose.y_m, pose.heading_deg) for pose in task.initial}
     others = [pose for pose in tests if (pose.x_m, pose.y_m, pose.heading_deg) not in starts]
@@ -239,21 +239,22 @@ def draw_poses(ax: Axes, scene: Scene, task: Task, tests: Sequence[Pose], *, nam
     if not named:
         return
     lowest = pose_array(min(task.initial, key=lambda pose: pose.y_m))
-    label(ax, scene.hull, lowest, "start" if len(task.initial) == 1 else "starts", palette.BLUE, below=True)
+    draw_label(
+        ax, scene.hull, lowest, "start" if len(task.initial) == 1 else "starts", palette.BLUE, below=True
+    )
     if others:
-        label(
-            ax, scene.hull, pose_array(max(others, key=lambda pose: pose.y_m)), "test poses", palette.PURPLE
-        )
+        highest = pose_array(max(others, key=lambda pose: pose.y_m))
+        draw_label(ax, scene.hull, highest, "test poses", palette.PURPLE)
 
 
 def whole_view(scene: Scene) -> Bounds:
-    """The water and a strip of the quays around it."""
+    """The water and a strip of the quays around it, (x_min, y_min, x_max, y_max) [m]."""
     x_min, y_min, x_max, y_max = water(scene)
     return x_min - QUAY_M, y_min - QUAY_M, x_max + QUAY_M, y_max + QUAY_M
 
 
-def embracing(scene: Scene, points: Floats) -> Scene:
-    """Return the scene with water around all of `points` (k, 2), which may lie off a harbor of mesh files."""
+def extended(scene: Scene, points: Floats) -> Scene:
+    """Return the scene with bounds that include `points` (k, 2) [m]; a harbor from mesh files may not."""
     x_min, y_min, x_max, y_max = scene.bounds
     low, high = points.min(axis=0), points.max(axis=0)
     if (low >= (x_min, y_min)).all() and (high <= (x_max, y_max)).all():
@@ -265,25 +266,29 @@ def embracing(scene: Scene, points: Floats) -> Scene:
 def close_view(
     scene: Scene, points: Floats, margin_m: float = 4.5, aspect: tuple[float, float] = (0.85, 1.75)
 ) -> Bounds:
-    """Return a view around `points` (k, 2), within the harbor, whose width by height lies within `aspect`."""
+    """Return a view around `points` (k, 2) [m], clipped to the harbor.
+
+    Args:
+        aspect: smallest and largest ratio of width to height.
+    """
     low, high = points.min(axis=0) - margin_m, points.max(axis=0) + margin_m
     width, height = high - low
-    centre = (low + high) / 2
+    center = (low + high) / 2
     size = np.array([max(width, aspect[0] * height), max(height, width / aspect[1])])
     whole = np.array(whole_view(scene))
     size = np.minimum(size, whole[2:] - whole[:2])
-    low = np.clip(centre - size / 2, whole[:2], whole[2:] - size)
+    low = np.clip(center - size / 2, whole[:2], whole[2:] - size)
     return float(low[0]), float(low[1]), float(low[0] + size[0]), float(low[1] + size[1])
 
 
 def task_points(task: Task, tests: Sequence[Pose] = ()) -> Floats:
-    """Positions of the poses of a task and its tests, (k, 2) [m]."""
+    """Positions of the poses of a task and of its test poses, (k, 2) [m]."""
     poses = [*task.initial, *tests, task.final, *([task.intermediate] if task.intermediate else [])]
     return np.array([[pose.x_m, pose.y_m] for pose in poses])
 
 
 def pose_names(poses: Sequence[Pose]) -> str:
-    """Poses in print: ``(20, 2, 160°), (20, 0, 180°)``."""
+    """Poses as text: ``(20, 2, 160°), (20, 0, 180°)``."""
     return ", ".join(pose_label(pose.x_m, pose.y_m, pose.heading_deg) for pose in poses)
 
 

@@ -1,7 +1,8 @@
-"""The one look of every figure: type, lines, colors, titles, and files that repeat byte for byte."""
+"""Common style of all figures: fonts, lines, colors, titles, and reproducible files."""
 
 from __future__ import annotations
 
+import io
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from pathlib import Path
@@ -18,13 +19,13 @@ from matplotlib.patheffects import withStroke
 from matplotlib.ticker import FuncFormatter
 
 from dockctl.drawing import palette
-from dockctl.runs.files import writing
+from dockctl.runs.files import write_atomically, writing
 
 DPI = 200
 HALO = [withStroke(linewidth=2.6, foreground="white", alpha=0.85)]
-"""Around text and lines that must read on anything."""
+"""Outline of text and lines, for contrast on any background."""
 STYLE: dict[Any, Any] = {
-    "font.family": "DejaVu Sans",  # travels with matplotlib, so a figure looks the same on every machine
+    "font.family": "DejaVu Sans",  # comes with matplotlib, so figures are the same on every machine
     "font.size": 9.5,
     "text.color": palette.INK,
     "axes.edgecolor": palette.RULE,
@@ -55,15 +56,22 @@ STYLE: dict[Any, Any] = {
     "legend.fontsize": 8.5,
     "figure.facecolor": "white",
     "axes.facecolor": "white",
-    "svg.hashsalt": "dockctl",  # element ids that do not change from one drawing to the next
+    "svg.hashsalt": "dockctl",  # reproducible element ids
     "svg.fonttype": "path",
     "savefig.dpi": DPI,
 }
+METADATA: dict[str, dict[str, str | None]] = {
+    "png": {"Software": None},
+    "svg": {"Date": None, "Creator": "dockctl"},
+}
+"""File formats, with the metadata that keeps the files reproducible."""
+Entry = tuple[str, str] | tuple[str, str, str]
+"""Legend entry: name, color and, optionally, line style."""
 
 
 @contextmanager
 def house_style() -> Iterator[None]:
-    """Draw and save inside this block; outside it matplotlib keeps its own settings."""
+    """Context in which figures are drawn and saved; matplotlib's settings are restored afterwards."""
     with mpl.rc_context():
         mpl.rcdefaults()
         mpl.rcParams.update(STYLE)
@@ -71,9 +79,9 @@ def house_style() -> Iterator[None]:
 
 
 def titled_figure(title: str, subtitle: str, size_in: tuple[float, float] = (7.6, 4.3)) -> Figure:
-    """Return an empty figure with a bold title and a quiet line under it, both at the left edge."""
+    """Return an empty figure with a bold title and a subtitle, left-aligned."""
     width, height = size_in
-    head = 0.62 / height  # inches kept for the two lines, whatever the height of the figure
+    head = 0.62 / height  # the two lines take 0.62 inches
     figure = Figure(figsize=size_in, layout=ConstrainedLayoutEngine(rect=(0.02, 0.02, 0.96, 0.97 - head)))
     FigureCanvasAgg(figure)
     left = 0.22 / width
@@ -83,15 +91,13 @@ def titled_figure(title: str, subtitle: str, size_in: tuple[float, float] = (7.6
 
 
 def titled_axes(title: str, subtitle: str, size_in: tuple[float, float] = (7.6, 4.3)) -> tuple[Figure, Axes]:
-    """Return a sheet with one pair of axes."""
+    """Return a titled figure with one pair of axes."""
     figure = titled_figure(title, subtitle, size_in)
     return figure, figure.add_subplot()
 
 
-def legend_above(
-    ax: Axes, entries: Sequence[tuple[str, str] | tuple[str, str, str]], columns: int = 5
-) -> None:
-    """Name lines above the axes: (name, color) or (name, color, line style); a single one needs no name."""
+def legend_above(ax: Axes, entries: Sequence[Entry], columns: int = 5) -> None:
+    """Put a legend above the axes, unless it has a single entry."""
     if len(entries) < 2:
         return
     handles = [
@@ -108,19 +114,19 @@ def legend_above(
         columnspacing=1.5,
         borderaxespad=0.3,
     )
-    # A long row must not squeeze the axes: the layout sees an empty title of the same height instead.
+    # A long legend must not squeeze the axes: the layout sees an empty title of the same height instead.
     legend.set_in_layout(False)
     ax.set_title("\n" * ((len(entries) - 1) // columns) + " ", fontsize=8.5, pad=7)
 
 
 def thousands(ax: Axes, which: str = "x") -> None:
-    """Write the ticks of an axis as 12,000."""
+    """Format the ticks of an axis with thousands separators."""
     axis = ax.xaxis if which == "x" else ax.yaxis
     axis.set_major_formatter(FuncFormatter(lambda value, _: f"{value:,.0f}".replace("-", "−")))
 
 
 def save(figures: dict[str, Figure], folder: Path) -> list[Path]:
-    """Write each figure as PNG (200 dpi) and SVG, the same bytes for the same data; return the paths.
+    """Write each figure as PNG (200 dpi) and SVG, byte for byte reproducible, and return the paths.
 
     Raises:
         DockctlError: the folder cannot be written.
@@ -128,12 +134,9 @@ def save(figures: dict[str, Figure], folder: Path) -> list[Path]:
     written = []
     with writing(folder):
         folder.mkdir(parents=True, exist_ok=True)
-        for name, figure in figures.items():
-            for suffix, metadata in (
-                (".png", {"Software": None}),
-                (".svg", {"Date": None, "Creator": "dockctl"}),
-            ):
-                path = folder / f"{name}{suffix}"
-                figure.savefig(path, metadata=metadata)
-                written.append(path)
+    for name, figure in figures.items():
+        for suffix, metadata in METADATA.items():
+            content = io.BytesIO()
+            figure.savefig(content, format=suffix, metadata=metadata)
+            written.append(write_atomically(folder / f"{name}.{suffix}", content.getvalue()))
     return written

@@ -1,4 +1,4 @@
-"""What the boat did on its way, over time (thesis Figs. 4.5-4.10, 4.15-4.20, 4.25-4.30)."""
+"""Time series of recorded trajectories (thesis Figs. 4.5-4.10, 4.15-4.20, 4.25-4.30)."""
 
 from __future__ import annotations
 
@@ -13,30 +13,34 @@ from dockctl.drawing import palette
 from dockctl.reports.style import HALO, legend_above
 from dockctl.scenarios.schema import Task, Tolerance
 
+DENSE_STEPS = 240
+"""Longer command sequences are drawn thin, with their mean: single steps are narrower than a line."""
+MEAN_STEPS = 20
+
 
 def draw_distance(ax: Axes, tracks: Sequence[Track], task: Task) -> None:
-    """Distance to the goal of the phase (Fig. 4.5)."""
-    _lines(ax, tracks, "distance_m", breaks=True)
+    """Draw the distance to the goal of the current phase (Fig. 4.5)."""
+    _draw_lines(ax, tracks, "distance_m", gap_at_switch=True)
     ax.set_ylabel("Distance δd [m]")
     ax.set_ylim(bottom=0)
-    for start, end, tolerance in _spans(ax, tracks, task):
+    for start, end, tolerance in _tolerance_spans(ax, tracks, task):
         width = tolerance.distance_m
-        _tolerance(ax, (start, end), (0.0, width), f"tolerance {width:g} m")
+        _draw_tolerance(ax, (start, end), (0.0, width), f"tolerance {width:g} m")
 
 
 def draw_heading_error(ax: Axes, tracks: Sequence[Track], task: Task) -> None:
-    """Heading against the goal's, within ±180° (Fig. 4.6)."""
-    _lines(ax, tracks, "heading_error_deg", breaks=True)
+    """Draw the heading error to the goal of the current phase, within ±180° (Fig. 4.6)."""
+    _draw_lines(ax, tracks, "heading_error_deg", gap_at_switch=True)
     ax.set_ylabel("Heading error δψ [°]")
-    for start, end, tolerance in _spans(ax, tracks, task):
+    for start, end, tolerance in _tolerance_spans(ax, tracks, task):
         width = math.degrees(tolerance.heading)
-        _tolerance(ax, (start, end), (-width, width), f"tolerance ±{width:.2g}°")
+        _draw_tolerance(ax, (start, end), (-width, width), f"tolerance ±{width:.2g}°")
 
 
 def draw_velocity(ax: Axes, tracks: Sequence[Track], task: Task) -> None:
-    """Surge as full lines and sway as dotted ones (Fig. 4.7)."""
-    _lines(ax, tracks, "u_mps")
-    _lines(ax, tracks, "v_mps", linestyle=":", mark=False)
+    """Draw surge as solid and sway as dotted lines (Fig. 4.7)."""
+    _draw_lines(ax, tracks, "u_mps")
+    _draw_lines(ax, tracks, "v_mps", mark_end=False, linestyle=":")
     ax.axhline(0, color=palette.RULE, lw=0.8, zorder=1)
     if len(tracks) > 1:
         ax.set_ylabel("u (full), v (dotted) [m/s]")
@@ -46,91 +50,26 @@ def draw_velocity(ax: Axes, tracks: Sequence[Track], task: Task) -> None:
 
 
 def draw_yaw_rate(ax: Axes, tracks: Sequence[Track], task: Task) -> None:
-    """Yaw rate (Fig. 4.8)."""
-    _lines(ax, tracks, "r_degps")
+    """Draw the yaw rate (Fig. 4.8)."""
+    _draw_lines(ax, tracks, "r_degps")
     ax.axhline(0, color=palette.RULE, lw=0.8, zorder=1)
     ax.set_ylabel("Yaw rate r [°/s]")
 
 
 def draw_propeller(ax: Axes, tracks: Sequence[Track], task: Task) -> None:
-    """Propeller force, held over each control period (Fig. 4.9)."""
-    _steps(ax, tracks, "propeller_n")
+    """Draw the propeller force of each control period (Fig. 4.9)."""
+    _draw_commands(ax, tracks, "propeller_n")
     ax.set_ylabel("Propeller force P [N]")
 
 
 def draw_rudder(ax: Axes, tracks: Sequence[Track], task: Task) -> None:
-    """Rudder angle, held over each control period (Fig. 4.10)."""
-    _steps(ax, tracks, "rudder_deg")
+    """Draw the rudder angle of each control period (Fig. 4.10)."""
+    _draw_commands(ax, tracks, "rudder_deg")
     ax.set_ylabel("Rudder angle φ [°]")
 
 
-def broken(time: np.ndarray, values: np.ndarray, at: Sequence[int]) -> tuple[np.ndarray, np.ndarray]:
-    """Put a gap before each row in `at`, so that no line joins two goals or crosses ±180°."""
-    return np.insert(time, at, np.nan), np.insert(values, at, np.nan)
-
-
-def _lines(
-    ax: Axes,
-    tracks: Sequence[Track],
-    column: str,
-    *,
-    breaks: bool = False,
-    mark: bool = True,
-    linestyle: object = "-",
-) -> None:
-    for track in tracks:
-        time, values = track.table["time_s"].to_numpy(float), track.table[column].to_numpy(float)
-        gaps = []
-        if breaks and track.switch is not None:
-            gaps.append(track.switch)
-        if column == "heading_error_deg":
-            gaps += [
-                int(i) + 1 for i in np.flatnonzero(np.abs(np.diff(values)) > 180) if int(i) + 1 not in gaps
-            ]
-        ax.plot(
-            *broken(time, values, sorted(gaps)),
-            color=track.color,
-            linestyle=linestyle,
-            label=f"{track.label} {column}",
-        )
-        if mark:
-            ax.plot(
-                time[-1],
-                values[-1],
-                "o",
-                ms=4.5,
-                color=track.color,
-                mec="white",
-                mew=0.8,
-                clip_on=False,
-                zorder=5,
-            )
-    _time_axis(ax, tracks)
-
-
-def _steps(ax: Axes, tracks: Sequence[Track], column: str) -> None:
-    for track in tracks:
-        # The command of a row was held over the period that ends at its time.
-        ax.step(
-            track.table["time_s"],
-            track.table[column],
-            where="pre",
-            color=track.color,
-            lw=1.3,
-            label=f"{track.label} {column}",
-        )
-    ax.axhline(0, color=palette.RULE, lw=0.8, zorder=1)
-    _time_axis(ax, tracks)
-
-
-def _time_axis(ax: Axes, tracks: Sequence[Track]) -> None:
-    ax.set_xlim(0, 1.015 * max(track.table["time_s"].iloc[-1] for track in tracks))
-    ax.set_xlabel("Time [s]")
-    legend_above(ax, [(track.label, track.color) for track in tracks])
-
-
 def mark_phases(ax: Axes, tracks: Sequence[Track], *, names: bool = True) -> None:
-    """Shade the way to the intermediate pose of a single track, and name its two phases at the top."""
+    """Shade the first phase of a single two-phase track, and label both phases."""
     if len(tracks) > 1 or (row := tracks[0].switch) is None:
         return
     time_s = float(tracks[0].table["time_s"].iloc[row])
@@ -139,43 +78,98 @@ def mark_phases(ax: Axes, tracks: Sequence[Track], *, names: bool = True) -> Non
     if not names:
         return
     low, high = ax.get_ylim()
-    ax.set_ylim(low, high + 0.07 * (high - low))  # room for the names
+    ax.set_ylim(low, high + 0.07 * (high - low))  # space for the labels
     for text, shift, side in (("to the intermediate pose", -5, "right"), ("to the berth", 5, "left")):
         ax.annotate(
-            text,
-            (time_s, 1.0),
-            xycoords=ax.get_xaxis_transform(),
-            xytext=(shift, -4),
-            textcoords="offset points",
-            ha=side,
-            va="top",
-            fontsize=8,
-            color=palette.INK_SOFT,
+            text, (time_s, 1.0), xycoords=ax.get_xaxis_transform(), xytext=(shift, -4),
+            textcoords="offset points", ha=side, va="top", fontsize=8, color=palette.INK_SOFT,
             path_effects=HALO,
+        )  # fmt: skip
+
+
+def with_gaps(time: np.ndarray, values: np.ndarray, rows: Sequence[int]) -> tuple[np.ndarray, np.ndarray]:
+    """Insert NaN before each of `rows`, where a line would connect two goals or cross ±180°.
+
+    Args:
+        time, values: (k,).
+
+    Returns:
+        both, (k + len(rows),).
+    """
+    return np.insert(time, rows, np.nan), np.insert(values, rows, np.nan)
+
+
+def _draw_lines(
+    ax: Axes,
+    tracks: Sequence[Track],
+    column: str,
+    *,
+    gap_at_switch: bool = False,
+    mark_end: bool = True,
+    linestyle: object = "-",
+) -> None:
+    for track in tracks:
+        time, values = track.table["time_s"].to_numpy(float), track.table[column].to_numpy(float)
+        gaps = {track.switch} if gap_at_switch and track.switch is not None else set()
+        if column == "heading_error_deg":
+            gaps |= set((np.flatnonzero(np.abs(np.diff(values)) > 180) + 1).tolist())
+        ax.plot(
+            *with_gaps(time, values, sorted(gaps)),
+            color=track.color,
+            linestyle=linestyle,
+            label=f"{track.label} {column}",
         )
+        if mark_end:
+            ax.plot(
+                time[-1], values[-1], "o", ms=4.5, color=track.color, mec="white", mew=0.8, clip_on=False,
+                zorder=5,
+            )  # fmt: skip
+    _finish_axes(ax, tracks)
 
 
-def _spans(ax: Axes, tracks: Sequence[Track], task: Task) -> list[tuple[float, float, Tolerance]]:
-    """When which tolerance holds: the final one from the first change of phase on, the other to the last."""
+def _draw_commands(ax: Axes, tracks: Sequence[Track], column: str) -> None:
+    for track in tracks:
+        time, values = track.table["time_s"], track.table[column]
+        is_dense = len(values) > DENSE_STEPS
+        # The command of a row was applied over the control period that ends at its time.
+        ax.step(
+            time, values, where="pre", color=track.color, lw=0.4 if is_dense else 1.3,
+            alpha=0.4 if is_dense else 1.0, label=f"{track.label} {column}",
+        )  # fmt: skip
+        if is_dense:
+            mean = values.rolling(MEAN_STEPS, center=True, min_periods=1).mean()
+            ax.plot(time, mean, color=track.color, lw=1.6, label=f"{track.label} {column}, mean")
+            ax.annotate(
+                f"thick: mean over {MEAN_STEPS} steps", (1.0, 1.0), xycoords="axes fraction", xytext=(-4, -4),
+                textcoords="offset points", ha="right", va="top", fontsize=7.5, color=palette.INK_SOFT,
+                path_effects=HALO,
+            )  # fmt: skip
+    ax.axhline(0, color=palette.RULE, lw=0.8, zorder=1)
+    _finish_axes(ax, tracks)
+
+
+def _finish_axes(ax: Axes, tracks: Sequence[Track]) -> None:
+    ax.set_xlim(0, 1.015 * max(track.table["time_s"].iloc[-1] for track in tracks))
+    ax.set_xlabel("Time [s]")
+    legend_above(ax, [(track.label, track.color) for track in tracks])
+
+
+def _tolerance_spans(ax: Axes, tracks: Sequence[Track], task: Task) -> list[tuple[float, float, Tolerance]]:
+    """Tolerances with their start and end; with several tracks, those of the two phases may overlap."""
     end = ax.get_xlim()[1]
     changes = [float(t.table["time_s"].iloc[row]) for t in tracks if (row := t.switch) is not None]
     if not changes:
-        return [(0.0, end, task.final_tolerance)]
+        in_first = tracks[0].table["phase"].iloc[-1] == 0
+        return [(0.0, end, task.intermediate_tolerance if in_first else task.final_tolerance)]
     return [(0.0, max(changes), task.intermediate_tolerance), (min(changes), end, task.final_tolerance)]
 
 
-def _tolerance(ax: Axes, times: tuple[float, float], band: tuple[float, float], text: str) -> None:
+def _draw_tolerance(ax: Axes, times: tuple[float, float], band: tuple[float, float], text: str) -> None:
     ax.fill_between(times, *band, color=palette.DOCKED, alpha=0.18, lw=0, zorder=0.5)
-    # The last band's name stands at its end, where the boats are inside of it.
+    # The label of the last band is at its end, where the boats are inside of it.
     is_last = times[1] >= ax.get_xlim()[1]
     ax.annotate(
-        text,
-        (times[1] if is_last else times[0], band[1]),
-        xytext=(-4 if is_last else 4, 3),
-        textcoords="offset points",
-        ha="right" if is_last else "left",
-        fontsize=8,
-        color=palette.DOCKED,
-        path_effects=HALO,
-        zorder=6,
-    )
+        text, (times[1] if is_last else times[0], band[1]), xytext=(-4 if is_last else 4, 3),
+        textcoords="offset points", ha="right" if is_last else "left", fontsize=8, color=palette.DOCKED,
+        path_effects=HALO, zorder=6,
+    )  # fmt: skip

@@ -1,4 +1,4 @@
-"""The harbor and the LiDARs' points in three dimensions (thesis Fig. 3.6), seen by a pinhole camera."""
+"""Minimal 3-D drawing: solids as seen by a pinhole camera (thesis Fig. 3.6)."""
 
 from __future__ import annotations
 
@@ -19,11 +19,12 @@ Floats = NDArray[np.float64]
 
 SUN = np.array([-0.45, -0.35, 0.82]) / np.linalg.norm([-0.45, -0.35, 0.82])
 NEAR_M = 1.0
+"""Smallest depth that is drawn."""
 
 
 @dataclass(frozen=True, eq=False)
 class Body:
-    """Something solid: a color and its (m, 3, 3) triangles in the world frame [m], facing outwards."""
+    """A solid: name, kind for the color, and (m, 3, 3) triangles [m] with outward normals."""
 
     name: str
     kind: str
@@ -36,14 +37,14 @@ class Body:
 
 @dataclass(frozen=True)
 class Camera:
-    """A pinhole at `eye` that looks at `target`, both (x, y, z) [m]."""
+    """A pinhole camera at `eye` that looks at `target`, both (x, y, z) [m]."""
 
     eye: tuple[float, float, float]
     target: tuple[float, float, float]
 
     @cached_property
     def axes(self) -> Floats:
-        """Rows: right, up, forward."""
+        """Unit vectors right, up and forward as rows, (3, 3)."""
         forward = np.subtract(self.target, self.eye)
         forward = forward / np.linalg.norm(forward)
         right = np.cross(forward, (0.0, 0.0, 1.0))
@@ -51,18 +52,18 @@ class Camera:
         return np.array([right, np.cross(right, forward), forward])
 
     def project(self, points: Floats) -> tuple[Floats, Floats]:
-        """Return (..., 2) places on the picture and (...) depths [m] of (..., 3) points."""
+        """Return image coordinates (..., 2) and depths (...) [m] of points (..., 3) [m]."""
         seen = (points - np.asarray(self.eye)) @ self.axes.T
         depth = np.maximum(seen[..., 2], NEAR_M)
         return seen[..., :2] / depth[..., None], seen[..., 2]
 
 
 def draw_bodies(ax: Axes, camera: Camera, bodies: Sequence[Body], *, shadows: bool = True) -> None:
-    """Paint solids and their shadows on the water, the farthest first; what faces away is left out."""
+    """Draw solids and their shadows on the water, the farthest first, without back faces."""
     above = [Body(body.name, body.kind, _above_water(body.triangles)) for body in bodies]
     for body in above if shadows else ():
         if body.kind != "quay":
-            _paint(ax, camera.project(_shadow(body.triangles))[0], palette.WATER_SHADE, zorder=1.5)
+            _add_polygons(ax, camera.project(_shadow(body.triangles))[0], palette.WATER_SHADE, zorder=1.5)
     polygons, colors = [], []
     for body in _far_to_near(camera, above):
         a, b, c = np.moveaxis(body.triangles, 1, 0)
@@ -75,11 +76,11 @@ def draw_bodies(ax: Axes, camera: Camera, bodies: Sequence[Body], *, shadows: bo
         order = order[(depth[order] > NEAR_M).all(axis=1)]
         polygons.append(flat[order])
         colors.append(light[order, None] * np.array(to_rgb(body.color)))
-    _paint(ax, np.concatenate(polygons), np.concatenate(colors), zorder=2)
+    _add_polygons(ax, np.concatenate(polygons), np.concatenate(colors), zorder=2)
 
 
-def _paint(ax: Axes, polygons: Floats, colors: Floats | str, zorder: float) -> None:
-    # Edges in the color of the face close the hairlines between neighbours.
+def _add_polygons(ax: Axes, polygons: Floats, colors: Floats | str, zorder: float) -> None:
+    # Edges in the color of the faces close the hairlines between neighbors.
     collection = PolyCollection(
         list(polygons), facecolors=colors, edgecolors="face", linewidths=0.15, zorder=zorder
     )
@@ -88,33 +89,33 @@ def _paint(ax: Axes, polygons: Floats, colors: Floats | str, zorder: float) -> N
 
 
 def _above_water(triangles: Floats) -> Floats:
-    """Press everything under water flat against the surface, where it is no longer seen."""
+    """Project triangles under water onto the surface, where they are not visible."""
     return np.asarray(np.maximum(triangles, (-np.inf, -np.inf, 0.0)))
 
 
 def _shadow(triangles: Floats) -> Floats:
-    """Slide triangles along the sunlight onto the water."""
+    """Project triangles along the sunlight onto the water."""
     return np.asarray(triangles - triangles[..., 2:] / SUN[2] * SUN)
 
 
 def _far_to_near(camera: Camera, bodies: Iterable[Body]) -> list[Body]:
-    """Land and piers first, then thing after thing by distance; the solids of one keep their order."""
-    things: dict[str, list[Body]] = {}
+    """Sort land and piers first, then objects by distance; the solids of an object stay in order."""
+    objects: dict[str, list[Body]] = {}
     for body in bodies:
-        things.setdefault(body.name, []).append(body)
+        objects.setdefault(body.name, []).append(body)
 
-    def rank(thing: list[Body]) -> tuple[int, float]:
-        low = thing[0].kind in ("quay", "finger")
-        centre = thing[0].triangles.reshape(-1, 3).mean(axis=0)
-        return (0 if thing[0].kind == "quay" else 1 if low else 2), -float(camera.project(centre)[1])
+    def rank(one: list[Body]) -> tuple[int, float]:
+        low = one[0].kind in ("quay", "finger")
+        center = one[0].triangles.reshape(-1, 3).mean(axis=0)
+        return (0 if one[0].kind == "quay" else 1 if low else 2), -float(camera.project(center)[1])
 
-    return [body for thing in sorted(things.values(), key=rank) for body in thing]
+    return [body for one in sorted(objects.values(), key=rank) for body in one]
 
 
 def draw_water(
     ax: Axes, camera: Camera, bounds: tuple[float, float, float, float], color: str = palette.WATER
 ) -> None:
-    """Paint the rectangle (x_min, y_min, x_max, y_max) at z = 0."""
+    """Draw the rectangle (x_min, y_min, x_max, y_max) [m] at z = 0."""
     x0, y0, x1, y1 = bounds
     corners = np.array([[x0, y0, 0.0], [x1, y0, 0.0], [x1, y1, 0.0], [x0, y1, 0.0]])
     ax.add_collection(
@@ -123,10 +124,10 @@ def draw_water(
 
 
 def extent(camera: Camera, points: Floats, ratio: float | None = None) -> Floats:
-    """Rectangle of the picture that holds (k, 3) points, widened or heightened to a ratio of width to height.
+    """Rectangle of the image that contains points (k, 3), extended to a ratio of width to height.
 
     Returns:
-        (2, 2) lower left and upper right corner.
+        (2, 2) lower left and upper right corner in image coordinates.
     """
     flat, _ = camera.project(points)
     low, high = flat.min(axis=0), flat.max(axis=0)
@@ -138,7 +139,7 @@ def extent(camera: Camera, points: Floats, ratio: float | None = None) -> Floats
 
 
 def frame(ax: Axes, extent: Floats, background: str) -> None:
-    """Show a rectangle of the picture, on a plain background and without axes."""
+    """Show a rectangle of the image without axes."""
     (left, bottom), (right, top) = extent
     ax.set_xlim(left, right)
     ax.set_ylim(bottom, top)
@@ -151,28 +152,28 @@ def frame(ax: Axes, extent: Floats, background: str) -> None:
 def overlook(
     bounds: tuple[float, float, float, float], turn_deg: float = 0.0, height_share: float = 0.5
 ) -> Camera:
-    """Camera that looks down across the longer side of a rectangle of water, from the west or the south.
+    """Camera that looks down on a rectangle of water across its longer side, from the west or the south.
 
     Args:
         bounds: x_min, y_min, x_max, y_max [m].
-        turn_deg: by which it goes around the water, counter-clockwise.
-        height_share: its height in parts of the longer side.
+        turn_deg: rotation about the center, counter-clockwise.
+        height_share: height of the camera, relative to the longer side.
     """
     x0, y0, x1, y1 = bounds
-    centre = np.array([(x0 + x1) / 2, (y0 + y1) / 2, 0.0])
+    center = np.array([(x0 + x1) / 2, (y0 + y1) / 2, 0.0])
     longest = max(x1 - x0, y1 - y0)
     aside = -0.92 - 0.42j if y1 - y0 >= x1 - x0 else -0.42 - 0.92j
     aside *= complex(math.cos(math.radians(turn_deg)), math.sin(math.radians(turn_deg)))
-    eye = centre + longest * np.array([aside.real, aside.imag, height_share])
-    return Camera(tuple(eye.tolist()), tuple(centre.tolist()))
+    eye = center + longest * np.array([aside.real, aside.imag, height_share])
+    return Camera(tuple(eye.tolist()), tuple(center.tolist()))
 
 
 def clearest(cameras: Sequence[Camera], boat: Floats, others: Floats) -> Camera:
-    """Return the camera that has the least in front of the boat, the first of several such.
+    """Return the first camera with the fewest triangles in front of the boat.
 
     Args:
-        boat: (k, 3, 3) its triangles.
-        others: (m, 3, 3) those of everything else.
+        boat: (k, 3, 3) triangles of the boat [m].
+        others: (m, 3, 3) triangles of everything else [m].
     """
 
     def in_front(camera: Camera) -> int:
@@ -184,8 +185,8 @@ def clearest(cameras: Sequence[Camera], boat: Floats, others: Floats) -> Camera:
     return min(cameras, key=in_front)
 
 
-def placed(triangles: Floats, pose: Floats) -> Floats:
-    """Move (..., 3) points from the body frame to a pose (x [m], y [m], heading [rad])."""
+def to_world(points: Floats, pose: Floats) -> Floats:
+    """Transform points (..., 3) [m] from the body frame to the world frame of a pose (3,) [m, m, rad]."""
     cos, sin = math.cos(pose[2]), math.sin(pose[2])
     turn = np.array([[cos, sin, 0.0], [-sin, cos, 0.0], [0.0, 0.0, 1.0]])
-    return np.asarray(triangles @ turn + (pose[0], pose[1], 0.0))
+    return np.asarray(points @ turn + (pose[0], pose[1], 0.0))

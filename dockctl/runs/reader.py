@@ -1,4 +1,4 @@
-"""What the figures need from a run folder: its task, its scene and its tables."""
+"""Task, scene and tables of a run folder, for figures."""
 
 from __future__ import annotations
 
@@ -9,11 +9,18 @@ from pathlib import Path
 
 import pandas as pd
 import yaml
-from pydantic import ValidationError
 
 from dockctl.drawing.scene import Scene
 from dockctl.errors import DockctlError
-from dockctl.runs.directory import ARCHIVED_AS
+from dockctl.runs.directory import (
+    ARCHIVED_AS,
+    EPISODES_CSV,
+    EVALUATIONS_CSV,
+    SCENARIO,
+    SCENE,
+    TRAJECTORIES_CSV,
+    UPDATES_CSV,
+)
 from dockctl.runs.files import reading
 from dockctl.scenarios.base import Pose
 from dockctl.scenarios.schema import Task
@@ -25,13 +32,15 @@ TRAJECTORIES = (
     *("pose", "outcome", "time_s", "x_m", "y_m", "heading_deg", "u_mps", "v_mps", "r_degps"),
     *("propeller_n", "rudder_deg", "distance_m", "heading_error_deg", "phase"),
 )
-WORDS = ("start_kind", "outcome")
-"""Columns that hold text."""
+UPDATES = ("env_steps",)
+"""Columns that the figures require; the metrics in ``updates.csv`` depend on the algorithm."""
+TEXT = ("start_kind", "outcome", "collided_with", "berth", "behavior")
+"""Columns that contain text; all others contain numbers."""
 
 
 @dataclass(frozen=True)
 class Run:
-    """A finished or interrupted run, as its folder tells it; a table that is not there yet is None."""
+    """A run, finished or not; a table that is missing or has no rows yet is None."""
 
     folder: Path
     scenario: str
@@ -40,66 +49,64 @@ class Run:
     tests: tuple[Pose, ...]
     scene: Scene
     episodes: pd.DataFrame | None
+    updates: pd.DataFrame | None
     evaluations: pd.DataFrame | None
     trajectories: pd.DataFrame | None
 
     @property
     def missing(self) -> list[str]:
-        """Tables that are not there, or have no rows yet."""
+        """File names of the tables that are missing or have no rows yet."""
         tables = {
-            "episodes": self.episodes,
-            "evaluations": self.evaluations,
-            "trajectories": self.trajectories,
+            EPISODES_CSV: self.episodes,
+            UPDATES_CSV: self.updates,
+            EVALUATIONS_CSV: self.evaluations,
+            TRAJECTORIES_CSV: self.trajectories,
         }
-        return [f"{name}.csv" for name, table in tables.items() if table is None]
+        return [name for name, table in tables.items() if table is None]
 
     @property
     def caption(self) -> str:
-        """Which run a figure shows, in a few words."""
+        """Scenario and seed, for subtitles."""
         return f"scenario {self.scenario}, seed {self.seed}"
 
 
 def read_run(folder: Path) -> Run:
-    """Read a run folder.
+    """Read a run folder or a recording.
 
     Raises:
-        DockctlError: no run folder, a broken file, or no table to draw from.
+        DockctlError: it is not a run folder, a file is damaged, or there is no table to draw from.
     """
-    if not (folder / "scenario.yaml").is_file():
+    path = folder / SCENARIO
+    if not path.is_file():
         raise DockctlError(
-            f"{folder}: not a run folder (it has no scenario.yaml); `dockctl train` makes one under runs/"
+            f"{folder}: not a run folder (it has no {SCENARIO}); `dockctl train` creates one under runs/",
+            code="not_found",
         )
     try:
-        resolved = yaml.safe_load((folder / "scenario.yaml").read_text(encoding="utf-8"))
+        resolved = yaml.safe_load(path.read_text(encoding="utf-8"))
         task = Task.model_validate(resolved["task"])
         tests = Evaluation.model_validate(resolved.get("evaluation", {})).poses or task.initial
         scenario, seed = str(resolved["name"]), int(resolved["training"]["seed"])
-    except (
-        OSError,
-        UnicodeDecodeError,
-        yaml.YAMLError,
-        KeyError,
-        TypeError,
-        ValueError,
-        ValidationError,
-    ) as error:
+    except (OSError, yaml.YAMLError, KeyError, TypeError, ValueError) as error:
         raise DockctlError(
-            f"{folder / 'scenario.yaml'}: not the resolved scenario of a run: {error}"
+            f"{path}: not the resolved scenario of a run: {error}", code="not_readable"
         ) from error
     run = Run(
-        folder,
-        scenario,
-        seed,
-        task,
-        tests,
-        read_scene(folder / "scene.json"),
-        read_table(folder / "episodes.csv", EPISODES),
-        read_table(folder / "evaluations.csv", EVALUATIONS),
-        read_table(folder / "trajectories.csv", TRAJECTORIES),
+        folder=folder,
+        scenario=scenario,
+        seed=seed,
+        task=task,
+        tests=tests,
+        scene=read_scene(folder / SCENE),
+        episodes=read_table(folder / EPISODES_CSV, EPISODES),
+        updates=read_table(folder / UPDATES_CSV, UPDATES),
+        evaluations=read_table(folder / EVALUATIONS_CSV, EVALUATIONS),
+        trajectories=read_table(folder / TRAJECTORIES_CSV, TRAJECTORIES),
     )
     if run.episodes is None and run.trajectories is None:
         raise DockctlError(
-            f"{folder}: nothing to plot yet: episodes.csv and trajectories.csv are missing or have no rows"
+            f"{folder}: nothing to plot yet: {EPISODES_CSV} and {TRAJECTORIES_CSV} are missing or empty",
+            code="not_found",
         )
     return run
 
@@ -108,7 +115,7 @@ def read_scene(path: Path) -> Scene:
     """Read the plan view of the harbor, or the shared one that an archived run points to.
 
     Raises:
-        DockctlError: it is missing or broken.
+        DockctlError: it is missing or damaged.
     """
     with reading(path):
         data = json.loads(path.read_text(encoding="utf-8"))
@@ -118,10 +125,10 @@ def read_scene(path: Path) -> Scene:
 
 
 def read_table(path: Path, columns: tuple[str, ...]) -> pd.DataFrame | None:
-    """Return a CSV table, as it is or compressed, or None where it is missing or has no rows.
+    """Read a CSV table, plain or gzipped; None if it is missing or has no rows.
 
     Raises:
-        DockctlError: it cannot be read as a table, lacks a column, or holds text where a number belongs.
+        DockctlError: it is not a table, lacks one of `columns`, or has text in a column of numbers.
     """
     if not path.exists():
         path = path.with_name(f"{path.name}.gz")
@@ -130,15 +137,16 @@ def read_table(path: Path, columns: tuple[str, ...]) -> pd.DataFrame | None:
             table = pd.read_csv(path, keep_default_na=False, na_values=["", "nan"])
         except (FileNotFoundError, pd.errors.EmptyDataError):
             return None
-    missing = [column for column in columns if column not in table]
-    if missing:
-        raise DockctlError(f"{path}: not a table of a run, it lacks the columns: {', '.join(missing)}")
-    for column in columns:
+    if missing := [column for column in columns if column not in table]:
+        raise DockctlError(
+            f"{path}: not a table of a run: missing columns {', '.join(missing)}", code="missing_key"
+        )
+    for column in (name for name in table if name not in TEXT):
         numbers = pd.to_numeric(table[column], errors="coerce")
         wrong = table[column][numbers.isna() & table[column].notna()]
-        if column not in WORDS and len(wrong):
+        if len(wrong):
             line = int(wrong.index[0]) + 2
             raise DockctlError(
-                f"{path}:{line}: {column}: found the text '{wrong.iloc[0]}', expected a number"
+                f"{path}:{line}: {column}: expected a number, found '{wrong.iloc[0]}'", code="wrong_type"
             )
     return table if len(table) else None

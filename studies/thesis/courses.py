@@ -67,7 +67,7 @@ def draw_ways(ax: Axes, plan: Scene, task: Task, tracks: Sequence[Track], number
     """The ways over the part of the harbor that holds them."""
     ways = [track.table[["x_m", "y_m"]].to_numpy(float) for track in tracks]
     points = np.concatenate([*ways, plan_view.task_points(task)])
-    whole = plan_view.embracing(plan, points)
+    whole = plan_view.extended(plan, points)
     view = plan_view.close_view(whole, points, aspect=(0.9, 0.98))
     plan_view.draw_harbor(ax, whole, view)
     plan_view.draw_paths(ax, whole, tracks, task)

@@ -1,4 +1,4 @@
-"""A made-up marina and a made-up run, so that reports can be tested without a simulator or a learner."""
+"""A synthetic marina and run, to test reports without simulator and learner."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ def rectangle(kind: str, name: str, x0: float, y0: float, x1: float, y1: float, 
 
 
 def marina() -> Scene:
-    """East quay with fingers and boats like the reference marina's, drawn from boxes."""
+    """Two quays, with fingers and boats at the east one, from boxes."""
     parts = [
         rectangle("quay", "east quay", 38.5, -43, 42, 43, 1.0),
         rectangle("quay", "west quay", 1, -43, 4.5, 43, 1.0),
@@ -86,7 +86,7 @@ def episodes(count: int = 900, seed: int = 0) -> pd.DataFrame:
 def track(
     pose: int, start: tuple[float, float, float], *, intermediate: bool = False, steps: int = 110
 ) -> pd.DataFrame:
-    """A smooth made-up way into the berth, in one phase or two."""
+    """A smooth trajectory into the berth, in one phase or two."""
     goals = [INTERMEDIATE, FINAL] if intermediate else [FINAL]
     rows, here, speed = [], np.array([*start[:2], math.radians(start[2])]), 0.0
     for phase, goal in enumerate(goals, start=2 - len(goals)):
@@ -140,8 +140,23 @@ def evaluations(poses: int = 1, count: int = 12) -> pd.DataFrame:
     return pd.DataFrame(rows)
 
 
+def updates(count: int = 60) -> pd.DataFrame:
+    decay = np.exp(-np.arange(count) / 20)
+    return pd.DataFrame(
+        {
+            "update": np.arange(1, count + 1) * 50,
+            "env_steps": np.arange(1, count + 1) * 800,
+            "loss": 0.05 * decay,
+            "td_error": 0.2 * decay + 0.01,
+            "q_mean": 3 * (1 - decay) - 1,
+            "gradient_norm": 0.5 * decay + 0.05,
+            "learning_rate": 1e-3,
+        }
+    )
+
+
 def write_run(folder: Path, *, intermediate: bool = False, poses: int = 1, count: int = 900) -> Path:
-    """Write a run folder with all that reports read; return it."""
+    """Write a run folder with everything that reports read, and return it."""
     folder.mkdir(parents=True)
     starts = [
         (20.0, 2.0, 160.0),
@@ -162,7 +177,8 @@ def write_run(folder: Path, *, intermediate: bool = False, poses: int = 1, count
     (folder / "scenario.yaml").write_text(yaml.safe_dump(scenario))
     (folder / "scene.json").write_text(json.dumps(marina().to_json()))
     episodes(count).to_csv(folder / "episodes.csv", index=False)
+    updates().to_csv(folder / "updates.csv", index=False)
     evaluations(poses).to_csv(folder / "evaluations.csv", index=False)
-    ways = [track(i, start, intermediate=intermediate) for i, start in enumerate(starts)]
-    pd.concat(ways).to_csv(folder / "trajectories.csv", index=False)
+    tracks = [track(i, start, intermediate=intermediate) for i, start in enumerate(starts)]
+    pd.concat(tracks).to_csv(folder / "trajectories.csv", index=False)
     return folder

@@ -1,4 +1,4 @@
-"""All the figures of a run."""
+"""Which figures a run has."""
 
 from __future__ import annotations
 
@@ -10,11 +10,11 @@ from matplotlib.figure import Figure
 from dockctl.reports.figures import figures
 from dockctl.reports.style import house_style, save
 from dockctl.runs.reader import read_run
-from tests.reports.synthetic import write_run
+from tests.reports.synthetic import updates, write_run
 
-EVERY = {
+ALL = {
     *("training-reward", "training-duration", "training-epsilon", "training-outcomes"),
-    *("training-reward-terms", "training-evaluations", "overview"),
+    *("training-reward-terms", "training-updates", "training-evaluations", "overview"),
     *("docking-poses", "docking-distance", "docking-heading-error", "docking-velocity"),
     *("docking-yaw-rate", "docking-propeller", "docking-rudder"),
 }
@@ -26,35 +26,48 @@ def drawn(folder: Path) -> dict[str, Figure]:
 
 
 def test_a_run_without_intermediate_pose_has_no_phase_plot(tmp_path: Path) -> None:
-    assert set(drawn(write_run(tmp_path / "run", count=60))) == EVERY
+    assert set(drawn(write_run(tmp_path / "run", count=60))) == ALL
 
 
 def test_a_run_with_intermediate_pose_has_one(tmp_path: Path) -> None:
-    assert set(drawn(write_run(tmp_path / "run", count=60, intermediate=True))) == {*EVERY, "training-phase"}
+    assert set(drawn(write_run(tmp_path / "run", count=60, intermediate=True))) == {*ALL, "training-phase"}
 
 
-def test_controls_have_a_row_a_pose(tmp_path: Path) -> None:
-    book = drawn(write_run(tmp_path / "run", count=60, poses=5))
-    assert len(book["docking-propeller"].axes) == 5
-    assert len(book["docking-distance"].axes) == 1
+def test_commands_have_one_row_of_axes_per_pose(tmp_path: Path) -> None:
+    found = drawn(write_run(tmp_path / "run", count=60, poses=5))
+    assert len(found["docking-propeller"].axes) == 5
+    assert len(found["docking-distance"].axes) == 1
 
 
 @pytest.mark.parametrize(
-    ("gone", "kept"),
+    ("removed", "expected"),
     [
-        ("trajectories.csv", {name for name in EVERY if name.startswith("training")}),
-        ("episodes.csv", {name for name in EVERY if name.startswith("docking")} | {"training-evaluations"}),
+        ("trajectories.csv", {name for name in ALL if name.startswith("training")}),
+        (
+            "episodes.csv",
+            {name for name in ALL if name.startswith("docking")}
+            | {"training-evaluations", "training-updates"},
+        ),
     ],
 )
-def test_what_the_tables_do_not_tell_is_left_out(tmp_path: Path, gone: str, kept: set[str]) -> None:
+def test_figures_without_a_table_are_left_out(tmp_path: Path, removed: str, expected: set[str]) -> None:
     folder = write_run(tmp_path / "run", count=60)
-    (folder / gone).unlink()
-    assert set(drawn(folder)) == kept
+    (folder / removed).unlink()
+    assert set(drawn(folder)) == expected
 
 
 def test_a_run_of_one_episode_can_be_drawn(tmp_path: Path) -> None:
     folder = write_run(tmp_path / "run", count=1)
     with house_style():
         written = save(dict(figures(read_run(folder))), tmp_path / "figures")
-    assert len(written) == 2 * len(EVERY)
+    assert len(written) == 2 * len(ALL)
     assert all(path.stat().st_size > 5000 for path in written)
+
+
+def test_updates_are_drawn_for_the_metrics_that_there_are(tmp_path: Path) -> None:
+    folder = write_run(tmp_path / "run", count=20)
+    updates(30).drop(columns=["td_error"]).to_csv(folder / "updates.csv", index=False)
+    axes = [ax for ax in drawn(folder)["training-updates"].axes if ax.get_visible()]
+    assert len(axes) == 3
+    updates(30)[["update", "env_steps"]].to_csv(folder / "updates.csv", index=False)
+    assert "training-updates" not in drawn(folder)

@@ -1,4 +1,4 @@
-"""The training figures hold the numbers of the tables."""
+"""Training figures show the numbers of the tables."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from matplotlib.colors import to_hex
 from dockctl.analysis.learning import smoothing_window
 from dockctl.drawing import palette
 from dockctl.reports import learning
-from dockctl.reports.figures import Learning
+from dockctl.reports.figures import DrawEpisodes
 from dockctl.reports.style import house_style, titled_axes
 from tests.reports import synthetic
 
@@ -41,8 +41,8 @@ def brute_mean(values: np.ndarray, window: int) -> list[float]:
 @pytest.mark.parametrize(
     ("draw", "column"), [(learning.draw_reward, "return"), (learning.draw_duration, "steps")]
 )
-def test_dots_are_the_episodes_and_lines_their_means(
-    ax: Axes, episodes: pd.DataFrame, draw: Learning, column: str
+def test_dots_are_episodes_and_lines_their_means(
+    ax: Axes, episodes: pd.DataFrame, draw: DrawEpisodes, column: str
 ) -> None:
     draw(ax, episodes)
     for kind, name in (("pose", "from an initial pose"), ("exploring", "exploring start")):
@@ -70,16 +70,18 @@ def test_epsilon(ax: Axes, episodes: pd.DataFrame) -> None:
     assert np.array_equal(ax.lines[0].get_ydata(), episodes["epsilon"])
 
 
-def test_phase_leaves_exploring_starts_out(ax: Axes, episodes: pd.DataFrame) -> None:
+def test_phase_without_exploring_starts(ax: Axes, episodes: pd.DataFrame) -> None:
     learning.draw_phase(ax, episodes)
-    ours = episodes[episodes["start_kind"] == "pose"]
+    selected = episodes[episodes["start_kind"] == "pose"]
     x, y = line(ax, "episodes")
-    assert np.array_equal(x, ours["episode"])
-    assert np.array_equal(np.round(y), ours["phase"])
-    assert line(ax, "mean of 10 episodes")[1] == pytest.approx(brute_mean(ours["phase"].to_numpy(float), 10))
+    assert np.array_equal(x, selected["episode"])
+    assert np.array_equal(np.round(y), selected["phase"])
+    assert line(ax, "mean of 10 episodes")[1] == pytest.approx(
+        brute_mean(selected["phase"].to_numpy(float), 10)
+    )
 
 
-def test_outcome_shares_fill_the_axes(ax: Axes, episodes: pd.DataFrame) -> None:
+def test_outcome_shares_sum_to_one(ax: Axes, episodes: pd.DataFrame) -> None:
     learning.draw_outcomes(ax, episodes)
     docked, timeout, collision = (np.asarray(area.get_paths()[0].vertices) for area in ax.collections)
     assert docked[:, 1].min() == 0
@@ -89,7 +91,7 @@ def test_outcome_shares_fill_the_axes(ax: Axes, episodes: pd.DataFrame) -> None:
     assert timeout[:, 1].max() <= 1 + 1e-12
 
 
-def test_reward_terms_stack_to_the_total(ax: Axes, episodes: pd.DataFrame) -> None:
+def test_reward_terms_sum_to_the_return(ax: Axes, episodes: pd.DataFrame) -> None:
     learning.draw_terms(ax, episodes)
     (total,) = [line for line in ax.lines if len(np.asarray(line.get_ydata())) == len(episodes)]
     assert np.asarray(total.get_ydata()) == pytest.approx(brute_mean(episodes["return"].to_numpy(), 10))
@@ -99,7 +101,7 @@ def test_reward_terms_stack_to_the_total(ax: Axes, episodes: pd.DataFrame) -> No
     assert stacked == pytest.approx(total.get_ydata()[-1])
 
 
-def test_evaluations_are_a_field_a_pose_and_a_time(ax: Axes) -> None:
+def test_evaluations_have_one_bar_per_pose_and_time(ax: Axes) -> None:
     table = synthetic.evaluations(poses=2, count=4)
     learning.draw_evaluations(ax, table, ["first"])
     assert [text.get_text() for text in ax.get_yticklabels()] == ["first", "pose 1"]
@@ -111,3 +113,20 @@ def test_evaluations_are_a_field_a_pose_and_a_time(ax: Axes) -> None:
     }
     for _, row in table.iterrows():
         assert drawn[row["env_steps"] // 10_000 - 1, row["pose"]] == palette.OUTCOMES[row["outcome"]].lower()
+
+
+def test_updates(ax: Axes) -> None:
+    table = synthetic.updates()
+    learning.draw_updates([ax], table, ["loss"])
+    x, y = line(ax, "loss")
+    assert np.array_equal(x, table["env_steps"])
+    assert np.array_equal(y, table["loss"])
+    assert line(ax, "loss, mean of 10")[1] == pytest.approx(brute_mean(table["loss"].to_numpy(), 10))
+    assert ax.get_yscale() == "log"
+
+
+@pytest.mark.parametrize(("column", "value"), [("loss", 0.0), ("q_mean", 5.0)])
+def test_updates_that_may_be_zero_or_negative_have_a_linear_axis(ax: Axes, column: str, value: float) -> None:
+    table = synthetic.updates().assign(**{column: value})
+    learning.draw_updates([ax], table, [column])
+    assert ax.get_yscale() == "linear"

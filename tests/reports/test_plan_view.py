@@ -74,8 +74,8 @@ def test_a_view_holds_its_points_within_the_harbor(
 
 
 def test_water_reaches_poses_outside() -> None:
-    assert plan_view.embracing(PLAN, np.array([[20.0, 0.0]])) is PLAN
-    assert plan_view.embracing(PLAN, np.array([[20.0, 0.0], [60.0, -50.0]])).bounds == (
+    assert plan_view.extended(PLAN, np.array([[20.0, 0.0]])) is PLAN
+    assert plan_view.extended(PLAN, np.array([[20.0, 0.0], [60.0, -50.0]])).bounds == (
         4.5,
         -50.0,
         60.0,

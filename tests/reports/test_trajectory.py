@@ -1,4 +1,4 @@
-"""The docking figures hold the numbers of the tables."""
+"""Time series show the numbers of the tables."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from matplotlib.axes import Axes
 from dockctl.analysis.trajectories import pose_label, tracks_of
 from dockctl.drawing import palette
 from dockctl.reports import trajectory
-from dockctl.reports.figures import Motion
+from dockctl.reports.figures import DrawTracks
 from dockctl.reports.style import house_style, titled_axes
 from dockctl.scenarios.schema import Task
 from tests.reports import synthetic
@@ -39,7 +39,7 @@ def two_phases() -> pd.DataFrame:
     return synthetic.track(0, (23.0, -10.0, 90.0), intermediate=True, steps=20)
 
 
-def test_tracks_are_named_by_their_start_and_colored_in_order(three: pd.DataFrame) -> None:
+def test_labels_and_colors_of_tracks(three: pd.DataFrame) -> None:
     tracks = tracks_of(three)
     assert [track.label for track in tracks] == ["(20, 3, 150°)", "(20, 2, 160°)", "(20, −1.5, 190°)"]
     assert [track.color for track in tracks] == [palette.RED, palette.GREEN, palette.BLUE]
@@ -60,7 +60,7 @@ def test_a_single_track_is_blue(two_phases: pd.DataFrame) -> None:
         ((1, 1, 359.999), "(1, 1, 0°)"),
     ],
 )
-def test_poses_in_print(pose: tuple[float, float, float], text: str) -> None:
+def test_pose_labels(pose: tuple[float, float, float], text: str) -> None:
     assert pose_label(*pose) == text
 
 
@@ -76,7 +76,7 @@ def test_poses_in_print(pose: tuple[float, float, float], text: str) -> None:
     ],
 )
 def test_lines_are_the_columns(
-    ax: Axes, three: pd.DataFrame, draw: Motion, columns: list[str], unit: str
+    ax: Axes, three: pd.DataFrame, draw: DrawTracks, columns: list[str], unit: str
 ) -> None:
     tracks = tracks_of(three)
     draw(ax, tracks, TASK)
@@ -91,12 +91,12 @@ def test_lines_are_the_columns(
     assert ax.get_xlabel() == "Time [s]"
 
 
-def test_commands_are_steps_held_until_their_row(ax: Axes, three: pd.DataFrame) -> None:
+def test_commands_are_steps_that_end_at_their_row(ax: Axes, three: pd.DataFrame) -> None:
     trajectory.draw_propeller(ax, tracks_of(three), TASK)
     assert {line.get_drawstyle() for line in ax.lines[:3]} == {"steps-pre"}
 
 
-def test_no_line_joins_two_goals(ax: Axes, two_phases: pd.DataFrame) -> None:
+def test_no_line_connects_two_goals(ax: Axes, two_phases: pd.DataFrame) -> None:
     trajectory.draw_distance(ax, tracks_of(two_phases), TASK)
     values = np.asarray(ax.lines[0].get_ydata(), float)
     assert np.flatnonzero(np.isnan(values)).tolist() == [20]
@@ -118,3 +118,22 @@ def test_the_tolerance_follows_the_phase(ax: Axes, two_phases: pd.DataFrame) -> 
     assert {text.get_text() for text in ax.texts} == {"tolerance 1.5 m", "tolerance 1 m"}
     trajectory.mark_phases(ax, tracks_of(two_phases))
     assert {"to the intermediate pose", "to the berth"} <= {text.get_text() for text in ax.texts}
+
+
+def test_the_tolerance_of_a_boat_that_never_reaches_the_intermediate_pose(
+    ax: Axes, two_phases: pd.DataFrame
+) -> None:
+    trajectory.draw_distance(ax, tracks_of(two_phases[two_phases["phase"] == 0]), TASK)
+    band = np.asarray(ax.collections[0].get_paths()[0].vertices)
+    assert band[:, 1].max() == TASK.intermediate_tolerance.distance_m
+
+
+def test_long_command_sequences_have_their_mean(ax: Axes) -> None:
+    table = synthetic.track(0, STARTS[0], steps=trajectory.DENSE_STEPS + 1)
+    trajectory.draw_propeller(ax, tracks_of(table), TASK)
+    raw, mean = ax.lines[0], ax.lines[1]
+    assert np.array_equal(raw.get_ydata(), table["propeller_n"])
+    half = trajectory.MEAN_STEPS // 2
+    middle = table["propeller_n"].to_numpy()[100 - half : 100 + half]
+    assert np.asarray(mean.get_ydata())[100] == pytest.approx(middle.mean())
+    assert raw.get_linewidth() < mean.get_linewidth()

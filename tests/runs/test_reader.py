@@ -1,12 +1,14 @@
-"""Reading a run folder, whole, partial or broken."""
+"""Run folders that are complete, partial or damaged."""
 
 from __future__ import annotations
 
+import gzip
 from pathlib import Path
 
+import pandas as pd
 import pytest
 
-from dockctl.errors import DockctlError
+from dockctl.errors import Code, DockctlError
 from dockctl.runs.reader import read_run
 from tests.reports.synthetic import write_run
 
@@ -20,8 +22,8 @@ def test_a_run_is_read(tmp_path: Path) -> None:
     assert [pose.heading_deg for pose in run.tests] == [160.0, 150.0]
 
 
-@pytest.mark.parametrize("content", [None, "", "pose,step\n"])
-def test_missing_empty_and_bare_tables_are_left_out(tmp_path: Path, content: str | None) -> None:
+@pytest.mark.parametrize("content", [None, "", "header"])
+def test_missing_and_empty_tables_are_listed(tmp_path: Path, content: str | None) -> None:
     folder = write_run(tmp_path / "run", count=20)
     evaluations = folder / "evaluations.csv"
     header = evaluations.read_text().splitlines()[0] + "\n"
@@ -31,34 +33,50 @@ def test_missing_empty_and_bare_tables_are_left_out(tmp_path: Path, content: str
     assert read_run(folder).missing == ["evaluations.csv"]
 
 
-def test_a_run_without_any_table_says_so(tmp_path: Path) -> None:
+def test_gzipped_tables_are_read(tmp_path: Path) -> None:
+    folder = write_run(tmp_path / "run", count=20)
+    plain = read_run(folder).episodes
+    content = (folder / "episodes.csv").read_bytes()
+    (folder / "episodes.csv").unlink()
+    (folder / "episodes.csv.gz").write_bytes(gzip.compress(content))
+    assert plain is not None
+    pd.testing.assert_frame_equal(read_run(folder).episodes, plain)
+
+
+def test_a_run_without_any_table(tmp_path: Path) -> None:
     folder = write_run(tmp_path / "run", count=20)
     (folder / "episodes.csv").unlink()
     (folder / "trajectories.csv").write_text("")
-    with pytest.raises(DockctlError, match=r"nothing to plot yet: episodes\.csv and trajectories\.csv"):
+    with pytest.raises(DockctlError) as caught:
         read_run(folder)
+    assert caught.value.code == "not_found"
+    assert str(folder) in caught.value.message
 
 
 @pytest.mark.parametrize(
-    ("name", "content", "message"),
+    ("name", "content", "code", "location"),
     [
-        ("episodes.csv", "episode,steps\n1,2\n", "lacks the columns: start_kind, return, outcome"),
-        ("episodes.csv", "\x00\xff", "episodes.csv: cannot be read"),
-        ("scene.json", "{", "scene.json: cannot be read"),
-        ("scene.json", "[]", "scene.json: cannot be read"),
-        ("scenario.yaml", "name: x\n", "not the resolved scenario"),
-        ("scenario.yaml", "a: [", "not the resolved scenario"),
-        ("scenario.yaml", "name: x\ntask: {final: 3}\ntraining: {seed: 1}\n", "not the resolved scenario"),
+        ("episodes.csv", "episode,steps\n1,2\n", "missing_key", "start_kind, return, outcome"),
+        ("episodes.csv", "\x00\xff", None, ""),
+        ("updates.csv", "env_steps,loss\n1,2\n2,high\n", "wrong_type", "updates.csv:3: loss"),
+        ("scene.json", "{", None, ""),
+        ("scene.json", "[]", None, ""),
+        ("scenario.yaml", "name: x\n", "not_readable", ""),
+        ("scenario.yaml", "a: [", "not_readable", ""),
+        ("scenario.yaml", "name: x\ntask: {final: 3}\ntraining: {seed: 1}\n", "not_readable", ""),
     ],
 )
-def test_broken_files_are_named(tmp_path: Path, name: str, content: str, message: str) -> None:
+def test_damaged_files(tmp_path: Path, name: str, content: str, code: Code | None, location: str) -> None:
     folder = write_run(tmp_path / "run", count=20)
     (folder / name).write_text(content, encoding="latin-1")
-    with pytest.raises(DockctlError, match=message) as caught:
+    with pytest.raises(DockctlError) as caught:
         read_run(folder)
-    assert name in str(caught.value)
+    assert str(folder / name) in caught.value.message
+    assert location in caught.value.message
+    assert code in (None, caught.value.code)
 
 
-def test_another_folder_is_not_a_run(tmp_path: Path) -> None:
-    with pytest.raises(DockctlError, match="not a run folder"):
+def test_a_folder_that_is_not_a_run(tmp_path: Path) -> None:
+    with pytest.raises(DockctlError) as caught:
         read_run(tmp_path)
+    assert caught.value.code == "not_found"

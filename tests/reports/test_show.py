@@ -1,4 +1,4 @@
-"""The points of a scan, from above and in three dimensions."""
+"""LiDAR scans from above and in 3-D, and the camera."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from dockctl.reports import cloud, view3d
+from dockctl.reports import show, view3d
 from dockctl.reports.style import house_style, titled_axes
 from dockctl.reports.view3d import Body, Camera
 from tests.reports import synthetic
@@ -25,7 +25,7 @@ def test_the_nearest_point_of_each_sector_is_marked_with_its_distance() -> None:
         ranges[sector] = min(ranges[sector], math.hypot(x, y))
     with house_style():
         _, ax = titled_axes("", "")
-        cloud.draw_sectors(ax, points, ranges, synthetic.marina().hull, 100.0)
+        show.draw_sectors(ax, points, ranges, synthetic.marina().hull, 100.0)
     texts = [text.get_text() for text in ax.texts]
     assert texts.count("d5  3.16 m") == 1  # port bow
     assert texts.count("d1  4.12 m") == 1  # starboard quarter
@@ -36,15 +36,15 @@ def test_the_nearest_point_of_each_sector_is_marked_with_its_distance() -> None:
     assert dots == pytest.approx(np.stack([-points[:, 1], points[:, 0]], axis=1))
 
 
-def test_a_scan_that_hits_nothing_can_be_drawn() -> None:
+def test_a_scan_without_returns() -> None:
     with house_style():
         _, ax = titled_axes("", "")
-        cloud.draw_sectors(ax, np.empty((0, 3)), np.full(8, 100.0), synthetic.marina().hull, 100.0)
-        cloud.draw_cloud(ax, CAMERA, np.empty((0, 3)), 1.0)
+        show.draw_sectors(ax, np.empty((0, 3)), np.full(8, 100.0), synthetic.marina().hull, 100.0)
+        show.draw_cloud(ax, CAMERA, np.empty((0, 3)), 1.0)
     assert len([text for text in ax.texts if text.get_text().endswith("nothing")]) == 8
 
 
-def test_a_camera_sees_its_target_in_the_middle_and_what_is_behind_at_negative_depth() -> None:
+def test_projection() -> None:
     flat, depth = CAMERA.project(
         np.array([[0.0, 0.0, 0.0], [0.0, -1.0, 0.0], [0.0, 0.0, 1.0], [-20.0, 0.0, 10.0]])
     )
@@ -55,15 +55,15 @@ def test_a_camera_sees_its_target_in_the_middle_and_what_is_behind_at_negative_d
     assert depth[3] < 0
 
 
-def test_points_move_with_the_boat() -> None:
-    moved = view3d.placed(np.array([[1.0, 0.0, 2.0]]), np.array([10.0, 5.0, math.pi / 2]))
+def test_body_to_world() -> None:
+    moved = view3d.to_world(np.array([[1.0, 0.0, 2.0]]), np.array([10.0, 5.0, math.pi / 2]))
     assert moved == pytest.approx(np.array([[10.0, 6.0, 2.0]]))
 
 
-def test_only_what_faces_the_camera_above_water_is_painted() -> None:
-    def wall(x: float, z: float, towards: int) -> np.ndarray:
+def test_back_faces_and_underwater_faces_are_not_drawn() -> None:
+    def wall(x: float, z: float, order: int) -> np.ndarray:
         corners = np.array([[x, -1.0, z], [x, 1.0, z], [x, 0.0, z + 1.0]])
-        return corners[None, ::towards]
+        return corners[None, ::order]
 
     bodies = [
         Body("seen", "quay", wall(0.0, 0.0, -1)),
@@ -77,7 +77,7 @@ def test_only_what_faces_the_camera_above_water_is_painted() -> None:
 
 
 @given(st.one_of(st.none(), st.floats(0.3, 3.0)))
-def test_an_extent_holds_its_points_at_the_asked_ratio(ratio: float | None) -> None:
+def test_extent_contains_its_points_at_the_given_ratio(ratio: float | None) -> None:
     points = np.array([[0.0, -3.0, 0.0], [2.0, 4.0, 1.0], [5.0, 0.0, 2.0]])
     low, high = view3d.extent(CAMERA, points, ratio)
     flat, _ = CAMERA.project(points)
@@ -87,17 +87,17 @@ def test_an_extent_holds_its_points_at_the_asked_ratio(ratio: float | None) -> N
         assert (high - low)[0] / (high - low)[1] == pytest.approx(ratio)
 
 
-def test_the_overlooking_camera_looks_across_the_longer_side() -> None:
+def test_overlook_is_across_the_longer_side() -> None:
     tall, wide = view3d.overlook((0, 0, 10, 80)), view3d.overlook((0, 0, 80, 10))
     assert abs(tall.eye[0] - 5) > abs(tall.eye[1] - 40)
     assert abs(wide.eye[1] - 5) > abs(wide.eye[0] - 40)
 
 
-def test_the_clearest_camera_sees_the_boat_past_a_mast() -> None:
+def test_clearest_camera() -> None:
     boat = np.array([[[-1.0, -1.0, 0.0], [1.0, -1.0, 0.0], [0.0, 1.0, 0.5]]])
     mast = np.array([[[-5.0, -0.1, 0.0], [-5.0, 0.1, 0.0], [-5.0, 0.0, 9.0]]])
     west, south = view3d.Camera((-20, 0, 3), (0, 0, 0)), view3d.Camera((0, -20, 3), (0, 0, 0))
     behind = view3d.Camera((20, 0, 3), (0, 0, 0))
     assert view3d.clearest([west, south], boat, mast) is south
     assert view3d.clearest([west, behind], boat, mast) is behind
-    assert view3d.clearest([west, south], boat, mast + (0.0, 30.0, 0.0)) is west  # the first choice, if free
+    assert view3d.clearest([west, south], boat, mast + (0.0, 30.0, 0.0)) is west  # the first
