@@ -1,1 +1,1 @@
-"""The harbor and the boat in plan view: data and colors, shared by figures and rendered frames."""
+"""Plan view of the harbor and the boat: data, strokes and colors, shared by figures and rendered frames."""

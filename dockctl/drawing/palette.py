@@ -1,4 +1,4 @@
-"""The colors of every drawing, so that a frame of the environment and a figure show the same marina."""
+"""Colors of all drawings: rendered frames and figures show the same marina."""
 
 from __future__ import annotations
 
@@ -10,13 +10,13 @@ INK_SOFT = "#51616F"
 RULE = "#A9B4BD"
 GRID = "#E6EBEE"
 
-# Series: the thesis names its five test poses red, green, blue, purple, yellow (Table 4.3).
-# These are tones of those hues that stay apart for color-blind readers and stand out on water and on white.
+# Series: the thesis names its five test poses red, green, blue, purple, yellow (Table 4.3). These tones of
+# the hues can be told apart by color-blind readers and are visible on water and on white.
 RED, GREEN, BLUE, PURPLE, YELLOW = "#C9303A", "#16A085", "#3F86CB", "#662A78", "#DBA70F"
 SINGLE = "#1F62AE"
 SERIES = (RED, GREEN, BLUE, PURPLE, YELLOW)
 
-# Training: raw episodes light, their mean dark
+# Training: raw episodes light, mean dark
 RAW, MEAN = "#A9CBE3", "#14507F"
 SECOND_RAW, SECOND_MEAN = "#F2CFA3", "#B4630C"
 
@@ -26,7 +26,7 @@ OUTCOMES = {"docked": DOCKED, "timeout": TIMEOUT, "collision": COLLISION}
 
 # Marina
 WATER, WATER_SHADE, WATER_DEEP = "#D9EAF1", "#B9D3DF", "#8FB6C8"
-NIGHT_WATER, NIGHT_LAND, NIGHT_RULE = "#12293A", "#1D3B4F", "#3E6379"  # behind the point cloud
+NIGHT_WATER, NIGHT_LAND, NIGHT_RULE = "#12293A", "#1D3B4F", "#3E6379"  # background of point clouds
 GOAL = "#E4572E"
 OWN_HULL = "#D1383F"
 FILL = {
@@ -71,7 +71,7 @@ EDGE = {
     "mesh": "#8C9396",
 }
 PLANK = "#C4A678"
-# Moored hulls: mostly white, a few in color, as in any marina
+# Moored hulls: mostly white, a few in color
 HULLS = (
     "#FBFAF6",
     "#FBFAF6",
@@ -87,7 +87,7 @@ HULLS = (
 
 
 def solid_color(kind: str, name: str) -> str:
-    """Color of a solid of a kind that belongs to the thing called `name`; hulls differ from boat to boat."""
+    """Return the color of a solid of one kind in the part `name`; hulls differ from boat to boat."""
     if kind == "hull":
         return HULLS[zlib.crc32(name.encode()) % len(HULLS)]
     return FILL.get(kind, FILL["mesh"])

@@ -1,4 +1,4 @@
-"""What to paint, in which order, to draw a scene from above, in figures and in the environment's frames."""
+"""Strokes of the plan view of a scene, in painting order, for figures and for frames of the environment."""
 
 from __future__ import annotations
 
@@ -13,14 +13,14 @@ from dockctl.drawing.scene import Polygon, Scene
 
 Floats = NDArray[np.float64]
 SHADED = ("quay", "finger", "hull", "tube", "mesh")
-SHADOW_M_PER_M = np.array([0.16, -0.22])  # shadow on the water for each metre of height
+SHADOW_M_PER_M = np.array([0.16, -0.22])  # offset of the shadow per meter of height
 PLANK_M = 0.5
-OPEN_SEA_M = 15.0
+OPEN_WATER_M = 15.0
 
 
 @dataclass(frozen=True)
 class Stroke:
-    """A polygon, or a line where `fill` is None, with its outline's width in metres."""
+    """A polygon, or a line if `fill` is None, and the width of its outline [m]."""
 
     xy: Floats
     fill: str | None
@@ -29,7 +29,7 @@ class Stroke:
 
 
 def strokes(scene: Scene) -> Iterator[Stroke]:
-    """Yield the strokes of a scene: shadows on the water first, then the polygons in the scene's order."""
+    """Yield the strokes of a scene: shadows on the water, then the polygons in their order."""
     for polygon in scene.polygons:
         if polygon.kind in SHADED:
             yield Stroke(polygon.xy + min(polygon.height_m, 2.0) * SHADOW_M_PER_M, palette.WATER_SHADE, None)
@@ -41,7 +41,7 @@ def strokes(scene: Scene) -> Iterator[Stroke]:
 
 
 def _planks(polygon: Polygon) -> Iterator[Stroke]:
-    """Lines across a pier, between its two long edges."""
+    """Yield lines across a finger pier, between its two long edges."""
     along, across = (np.linalg.norm(polygon.xy[i + 1] - polygon.xy[i]) for i in (0, 1))
     a, b, c, d = polygon.xy if along > across else np.roll(polygon.xy, -1, axis=0)
     count = int(np.linalg.norm(b - a) / PLANK_M)
@@ -50,8 +50,8 @@ def _planks(polygon: Polygon) -> Iterator[Stroke]:
 
 
 def water(scene: Scene) -> tuple[float, float, float, float]:
-    """Rectangle of water to show [m]: the basin, or the sea around solids without quays, as of mesh files."""
+    """Return the rectangle of water to show [m]: the basin, or open water around a harbor without quays."""
     if any(polygon.kind == "quay" for polygon in scene.polygons):
         return scene.bounds
     x_min, y_min, x_max, y_max = scene.bounds
-    return x_min - OPEN_SEA_M, y_min - OPEN_SEA_M, x_max + OPEN_SEA_M, y_max + OPEN_SEA_M
+    return x_min - OPEN_WATER_M, y_min - OPEN_WATER_M, x_max + OPEN_WATER_M, y_max + OPEN_WATER_M

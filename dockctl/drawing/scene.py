@@ -1,4 +1,4 @@
-"""The harbor and the boat seen from above, as plain data: what a drawing needs, and no more."""
+"""The harbor and the boat in plan view, as plain data for drawings."""
 
 from __future__ import annotations
 
@@ -12,10 +12,10 @@ from numpy.typing import ArrayLike, NDArray
 Floats = NDArray[np.float64]
 
 KINDS = (
-    "quay",  # the land around the basin
+    "quay",  # land around the basin
     "finger",
     "pile",
-    "hull",  # topsides of a moored vessel, from here on
+    "hull",  # topsides; from here on, parts of moored vessels
     "tube",  # of an inflatable
     "deck",
     "cockpit",  # sole of a recess in the deck
@@ -31,12 +31,12 @@ KINDS = (
     "sail",
     "mesh",  # a solid of a mesh file
 )
-"""What a polygon can show."""
+"""Kinds of solids."""
 
 
 @dataclass(frozen=True, eq=False)
 class Polygon:
-    """Outline of a solid from above, (k, 2) [m] without a closing point, and its highest corner [m]."""
+    """Outline of a solid from above, (k, 2) [m] without a closing point, and the height of its top [m]."""
 
     kind: str
     name: str
@@ -46,13 +46,13 @@ class Polygon:
 
 @dataclass(frozen=True, eq=False)
 class Scene:
-    """A harbor and a boat in plan view; draw the polygons in their order, each over the ones before it.
+    """A harbor and a boat in plan view; polygons are painted in their order.
 
     Attributes:
-        name: the harbor's.
+        name: of the harbor.
         polygons: outlines in the world frame [m].
         hull: (k, 2) outline of the own boat in the body frame [m].
-        bounds: the water, ``(x_min, y_min, x_max, y_max)`` [m].
+        bounds: of the water, ``(x_min, y_min, x_max, y_max)`` [m].
     """
 
     name: str
@@ -61,7 +61,7 @@ class Scene:
     bounds: tuple[float, float, float, float]
 
     def to_json(self) -> dict[str, Any]:
-        """Plain lists and numbers, rounded to the millimetre; `from_json` reads them back."""
+        """Return the scene as JSON data, rounded to millimeters."""
         return {
             "name": self.name,
             "bounds_m": _rounded(self.bounds),
@@ -74,14 +74,14 @@ class Scene:
 
     @classmethod
     def from_json(cls, data: dict[str, Any]) -> Self:
-        """Read what `to_json` gave.
+        """Return the scene from the data of `to_json`.
 
         Raises:
-            KeyError, TypeError, ValueError: the data is not that of a scene.
+            KeyError, TypeError, ValueError: the data is not a scene.
         """
         x_min, y_min, x_max, y_max = map(float, data["bounds_m"])
         if not (x_min < x_max and y_min < y_max):
-            raise ValueError(f"bounds_m {data['bounds_m']} hold no water")
+            raise ValueError(f"bounds_m {data['bounds_m']}: the minimum must be less than the maximum")
         return cls(
             name=str(data["name"]),
             polygons=tuple(_polygons(data["polygons"])),
@@ -97,7 +97,7 @@ def _polygons(rows: Iterable[dict[str, Any]]) -> Iterable[Polygon]:
 def _outline(points: ArrayLike) -> Floats:
     outline = np.asarray(points, dtype=np.float64).reshape(-1, 2)
     if len(outline) < 3 or not np.isfinite(outline).all():
-        raise ValueError("an outline needs three corners or more, in finite numbers")
+        raise ValueError("an outline needs at least three corners with finite coordinates")
     return outline
 
 

@@ -14,7 +14,7 @@ from hypothesis import strategies as st
 from matplotlib.patches import Circle
 
 from dockctl.analysis.trajectories import Track, tracks_of
-from dockctl.drawing.plan import OPEN_SEA_M, strokes, water
+from dockctl.drawing.plan import OPEN_WATER_M, strokes, water
 from dockctl.drawing.scene import Scene
 from dockctl.geometry import place_outline
 from dockctl.reports import plan_view
@@ -54,7 +54,7 @@ def test_shadows_lie_under_everything() -> None:
 def test_a_harbor_without_quays_lies_in_the_sea() -> None:
     assert water(PLAN) == PLAN.bounds
     bare = replace(PLAN, polygons=tuple(p for p in PLAN.polygons if p.kind != "quay"))
-    assert water(bare)[0] == PLAN.bounds[0] - OPEN_SEA_M
+    assert water(bare)[0] == PLAN.bounds[0] - OPEN_WATER_M
 
 
 @given(

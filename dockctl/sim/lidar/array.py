@@ -1,4 +1,4 @@
-"""Four VLP-16 LiDARs over the boat, and the eight ranges that the policy sees of them.
+"""The spinning LiDARs in one harbor: point clouds, and the range of the nearest return in each sector.
 
 Thesis section 3.1.2, Tables 3.2 and 3.3, eqs. 3.1-3.8, Fig. 3.9.
 """
@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 from dockctl.compute.cache import Arrays, cached
 from dockctl.compute.threads import usable_cores, workers
 from dockctl.sim.lidar import height_grid, scan
-from dockctl.sim.lidar.height_grid import FINEST_CELL_M, MOST_CELLS, HeightGrid
+from dockctl.sim.lidar.height_grid import FINEST_CELL_M, MAX_CELLS, HeightGrid
 from dockctl.sim.lidar.raycast import BoundingVolumes, closest_hits
 from dockctl.sim.lidar.scan import Levels, ShellTable, needed_radii, sector_of, sector_ranges
 from dockctl.sim.lidar.spinning import LidarMount, SpinningLidars
@@ -27,9 +27,9 @@ Ints = NDArray[np.int32]
 Tables = tuple[ShellTable, HeightGrid, Levels]
 
 # Measured on the reference marina with full LiDARs.
-RAY_BYTES = 160  # of the table of rays, for each ray of a scan
-CELL_BYTES = 36  # of the harbor's grid, for each of its cells
-GRID_MARGIN_M = 7.0  # by which the grid extends beyond the harbor, both sides together
+RAY_BYTES = 160  # of the table of rays, per ray of a scan
+CELL_BYTES = 36  # of the grid of the harbor, per cell
+GRID_MARGIN_M = 7.0  # of the grid around the harbor, both sides together
 
 
 def rotation(mount: LidarMount) -> Floats:
@@ -48,12 +48,13 @@ def _cos_sin(angle: float) -> tuple[float, float]:
 
 @dataclass(frozen=True, eq=False)
 class Rays:
-    """All the rays of one scan in the body frame, firing after firing within a channel.
+    """All rays of one scan in the body frame, ordered by LiDAR, channel and firing.
 
     Attributes:
         origins, directions: (k, 3) [m] and unit vectors.
-        reach: (k,) where a ray ends [m]: at the sensor's range or at the water, which returns nothing.
-        channel: (k,) index of the laser, counted through over all the LiDARs.
+        reach: (k,) length of a ray [m]: to the range of the sensor, or to the water surface, which has no
+            return.
+        channel: (k,) index of the laser over all LiDARs.
     """
 
     origins: Floats
@@ -63,7 +64,7 @@ class Rays:
 
     @classmethod
     def of(cls, spec: SpinningLidars) -> Rays:
-        """Lay out the rays of `spec`: mounts x channels x azimuth steps."""
+        """Return the rays of `spec`: mounts x channels x azimuth steps."""
         elevation = np.radians(np.linspace(spec.lowest_channel_deg, spec.highest_channel_deg, spec.channels))
         azimuth = np.arange(spec.azimuth_steps) * (2 * np.pi / spec.azimuth_steps)
         e, a = (grid.ravel() for grid in np.meshgrid(elevation, azimuth, indexing="ij"))
@@ -86,11 +87,11 @@ class Rays:
 
 @dataclass(frozen=True, eq=False)
 class LidarArray:
-    """The boat's LiDARs in one harbor.
+    """The LiDARs of the boat in one harbor.
 
     Args:
         spec: the sensors.
-        triangles: (m, 3, 3) the harbor's surface in the world frame [m].
+        triangles: (m, 3, 3) surface of the harbor in the world frame [m].
     """
 
     spec: SpinningLidars
@@ -108,15 +109,15 @@ class LidarArray:
     def table_bytes(self) -> int:
         """Memory of the tables [bytes], from the number of rays and the extent of the harbor."""
         extent = np.ptp(self.triangles[:, :, :2], axis=(0, 1))
-        cells = min(np.prod(extent + GRID_MARGIN_M) / FINEST_CELL_M**2, MOST_CELLS)
+        cells = min(np.prod(extent + GRID_MARGIN_M) / FINEST_CELL_M**2, MAX_CELLS)
         rays = len(self.spec.mounts) * self.spec.channels * self.spec.azimuth_steps
         return RAY_BYTES * rays + CELL_BYTES * int(cells)
 
     @property
     def _tables(self) -> Tables:
-        """What the compiled scan takes: rays by shells, the harbor's grid, and its level for each cell.
+        """Tables of the compiled scan: rays by shells, the grid of the harbor, and its level for each cell.
 
-        Not a `cached_property`: in Python 3.11 its lock would build the harbors' tables one by one.
+        Not a `cached_property`: in Python 3.11 its lock would serialize the building of several tables.
         """
         built: Tables | None = vars(self).get("_built")
         if built is None:
@@ -134,13 +135,14 @@ class LidarArray:
         return HeightGrid.over(self.triangles, largest_radius_m)._asdict()
 
     def sector_ranges(self, eta: Floats) -> Floats:
-        """Scan from n poses and return the nearest return of each sector: exact, by branch and bound.
+        """Return the range of the nearest return in each sector; exact, by branch and bound.
 
         Args:
             eta: (n, 3) x, y [m] and heading [rad].
 
         Returns:
-            (n, sectors) horizontal distance from the body's origin [m]; the range where nothing returns.
+            (n, sectors) horizontal distance from the body origin [m]; the range of the sensor if there is no
+            return.
         """
         poses = np.ascontiguousarray(eta, np.float64).reshape(-1, 3)
         out = np.empty((len(poses), self.spec.sectors))
@@ -157,7 +159,7 @@ class LidarArray:
         return out
 
     def sector_ranges_by_full_scan(self, eta: Floats) -> Floats:
-        """Do what `sector_ranges` does by tracing every ray: the oracle.
+        """Reference implementation of `sector_ranges`: trace every ray.
 
         Args:
             eta: (n, 3) x, y [m] and heading [rad].
@@ -173,16 +175,16 @@ class LidarArray:
         return out
 
     def points(self, pose: Floats) -> Floats:
-        """Scan from one pose (3,): the (k, 3) returns in the body frame [m]."""
+        """Return the points (k, 3) of a scan from one pose (3,), in the body frame [m]."""
         hits = self._trace(pose)
         seen = np.isfinite(hits)
         return self.rays.origins[seen] + hits[seen, None] * self.rays.directions[seen]
 
     def _trace(self, pose: Floats) -> Floats:
-        """Return the (k,) distance of every ray's closest hit from one pose [m], infinity for a miss."""
+        """Return the distance (k,) to the closest hit of every ray from one pose [m], infinity for a miss."""
         x, y, heading = (float(value) for value in pose)
         c, s = math.cos(heading), math.sin(heading)
-        origins = _turned(self.rays.origins, c, s)
+        origins = _rotated(self.rays.origins, c, s)
         origins[:, 0] += x
         origins[:, 1] += y
         volumes = self._volumes
@@ -191,37 +193,37 @@ class LidarArray:
             volumes.children,
             volumes.triangles,
             origins,
-            _turned(self.rays.directions, c, s),
+            _rotated(self.rays.directions, c, s),
             self.rays.reach,
         )
 
 
 @lru_cache(maxsize=4)
 def _shells(spec: SpinningLidars) -> ShellTable:
-    """Return the rays by shells, which all the harbors share."""
+    """Return the table of rays by shells, which does not depend on the harbor."""
 
     def build() -> Arrays:
         rays = Rays.of(spec)
         beams = rays.origins, rays.directions, rays.reach, rays.channel
         return ShellTable.of(*beams, spec.sectors, spec.range_m)._asdict()
 
-    ingredients = [spec.model_dump_json().encode(), _source(scan, height_grid)]
-    return ShellTable(**cached("LiDAR rays", ingredients, build))
+    inputs = [spec.model_dump_json().encode(), _source(scan, height_grid)]
+    return ShellTable(**cached("LiDAR rays", inputs, build))
 
 
 def _source(*modules: ModuleType) -> bytes:
-    """Return the code of modules, on which the tables that they make depend."""
+    """Return the source code of modules; cached tables depend on it."""
     return b"".join(Path(str(module.__file__)).read_bytes() for module in modules)
 
 
-def _turned(vectors: Floats, c: float, s: float) -> Floats:
+def _rotated(vectors: Floats, c: float, s: float) -> Floats:
     """Rotate (k, 3) vectors about z by the angle with cosine c and sine s."""
     x, y, z = vectors.T
     return np.stack([c * x - s * y, s * x + c * y, z], axis=1)
 
 
 def _blocks(rows: int) -> list[slice]:
-    """Cut rows into blocks for the threads: a few for each, since some poses take longer than others."""
+    """Split rows into blocks, a few per thread, because some poses take longer than others."""
     if usable_cores() == 1:
         return [slice(rows)]
     size = max(1, -(-rows // (4 * usable_cores())))

@@ -1,8 +1,8 @@
-"""A grid over the harbor's plan: at which heights anything stands in each cell, and which triangles do.
+"""A grid over the plan of the harbor: the heights of obstacles and the triangles in each cell.
 
-The grid serves the fast LiDAR scan. It answers three questions, all on the safe side: at which heights is
-anything within a radius of a point, how far is the nearest thing, and which triangles can a ray meet in a
-cell. Heights are told in bands, one bit each: a ray may pass between a deck and a boom, or under a stay.
+The fast LiDAR scan uses it for conservative answers to three questions: at which heights are obstacles within
+a radius of a point, how far is the nearest one, and which triangles can a ray hit in a cell. Heights are sets
+of bands, one bit each, because a ray may pass between a deck and a boom, or under a stay.
 """
 
 from __future__ import annotations
@@ -24,19 +24,19 @@ Members = NDArray[np.void]
 Line = tuple[float, float, float, float, float, float]
 
 FINEST_CELL_M = 0.1
-MOST_CELLS = 4_000_000
+MAX_CELLS = 4_000_000
 # Radii of the levels, in cells: these, then 4, 5, 6 times 2, 4, 8 ... on cells as much larger.
 FINE_REACHES = (1, 2, 3, 4, 5, 6)
 COARSE_REACHES = (4, 5, 6)
 DISTANCE_STRIDE = 2
-SLACK_M = 1e-5  # outweighs every rounding, in float32 too
+SLACK_M = 1e-5  # greater than any rounding error, also in float32
 
 MEMBER = np.dtype([("triangle", np.int32), ("low", np.uint8), ("high", np.uint8)])
 
 
 @compiled(inline="always")
 def band_at(z: float) -> int:
-    """Return the band of a height [m]: 40 of 0.1 m, 21 of 0.5 m, one for all above; under 0 the lowest."""
+    """Return the band of a height [m]: 40 of 0.1 m, 21 of 0.5 m, one above; the lowest if negative."""
     if z < 4.0:
         return int(max(z, 0.0) * 10.0)
     return min(40 + int((z - 4.0) * 2.0), 61)
@@ -51,18 +51,20 @@ def bits(low: int, high: int) -> int:
 class HeightGrid(NamedTuple):
     """Bands of height on a grid of square cells; rows run along y.
 
-    Few sets of bands occur, so a cell holds the place of its own in `palette`, an eighth of the memory.
+    Few sets of bands occur, so a cell stores an index into `palette`, with an eighth of the memory.
 
     Attributes:
-        frame: (3,) x and y of the lower corner, and the cell's side [m].
+        frame: (3,) x and y of the lower corner, and the cell size [m].
         radii: (levels,) [m]; the first is 0.
         level_shape: (levels, 4) offset into `levels`, nx, ny and stride in cells of each level.
-        levels: level after level: the bands within the level's radius of anywhere in a cell, in `palette`.
-        palette: (sets,) bits of the bands in which anything stands; the first is 0.
+        levels: for each level and cell, the bands within the radius of the level of any point of the cell;
+            indices into `palette`.
+        palette: (sets,) sets of bands with obstacles; the first is 0.
         starts, members: triangles of cell ``iy * nx + ix`` are ``members[starts[cell]:starts[cell + 1]]``,
-            with the lowest and the highest band in which they pass there.
-        triangles: (m, 9) as `hit_triangle` takes them.
-        distances: from anywhere in a block of cells to the nearest that is not empty, at least [m].
+            with their lowest and highest band in the cell.
+        triangles: (m, 9) in the form of `hit_triangle`.
+        distances: lower bound of the distance from any point of a block of cells to a cell that is not empty
+            [m].
     """
 
     frame: Floats
@@ -82,7 +84,7 @@ class HeightGrid(NamedTuple):
         corners = above.reshape(-1, 3)[:, :2] if len(above) else np.zeros((1, 2))
         margin = largest_radius_m + 1.0
         low, high = corners.min(axis=0) - margin, corners.max(axis=0) + margin
-        cell = max(FINEST_CELL_M, math.sqrt(float(np.prod(high - low)) / MOST_CELLS))
+        cell = max(FINEST_CELL_M, math.sqrt(float(np.prod(high - low)) / MAX_CELLS))
         nx, ny = (math.ceil(side / cell) for side in high - low)
         frame = np.array([low[0], low[1], cell])
         counts = np.zeros(nx * ny + 1, np.int32)
@@ -109,10 +111,10 @@ class HeightGrid(NamedTuple):
 
 @compiled()
 def _lay(triangles: Floats, frame: Floats, bands: Bands, places: Ints, members: Members) -> None:
-    """Enter each triangle in the cells that its plan touches, with the bands in which it passes there.
+    """Enter each triangle, with its bands, in the cells that it touches in plan view.
 
-    Triangles are only counted in `places` where `members` is empty, otherwise filled in from there on. What
-    is under water in a cell is left out: rays end at the water.
+    If `members` is empty, triangles are counted in `places`; otherwise they are written from `places` on.
+    Triangles under water are skipped: rays end at the water surface.
     """
     ny, nx = bands.shape
     x0, y0, cell = frame
@@ -144,7 +146,7 @@ def _lay(triangles: Floats, frame: Floats, bands: Bands, places: Ints, members: 
 
 @compiled()
 def _extent(points: Floats, count: int, axis: int) -> tuple[float, float]:
-    """Return the lowest and the highest coordinate of the first points, with some slack [m]."""
+    """Return the lowest and highest coordinate of the first `count` points, with a margin [m]."""
     low, high = math.inf, -math.inf
     for i in range(count):
         low, high = min(low, points[i, axis]), max(high, points[i, axis])
@@ -153,27 +155,27 @@ def _extent(points: Floats, count: int, axis: int) -> tuple[float, float]:
 
 @compiled()
 def _cut(polygon: Floats, out: Floats, corners: int, axis: int, sign: float, bound: float) -> int:
-    """Cut a convex polygon by ``sign * p[axis] >= bound`` into `out`, and return the corners left.
+    """Clip a convex polygon by ``sign * p[axis] >= bound`` into `out`; return its number of corners.
 
     Sutherland and Hodgman, "Reentrant polygon clipping", 1974.
     """
-    kept = 0
+    count = 0
     for i in range(corners):
         j = (i + 1) % corners
         a, b = sign * polygon[i, axis] - bound, sign * polygon[j, axis] - bound
         if a >= 0.0:
             for k in range(3):
-                out[kept, k] = polygon[i, k]
-            kept += 1
+                out[count, k] = polygon[i, k]
+            count += 1
         if (a >= 0.0) != (b >= 0.0):
             for k in range(3):
-                out[kept, k] = polygon[i, k] + (polygon[j, k] - polygon[i, k]) * (a / (a - b))
-            kept += 1
-    return kept
+                out[count, k] = polygon[i, k] + (polygon[j, k] - polygon[i, k]) * (a / (a - b))
+            count += 1
+    return count
 
 
 def _dilate_levels(bands: Bands, cell: float, largest_radius_m: float) -> tuple[Floats, Ints, Bands]:
-    """Return `radii`, `level_shape` and the levels' bands end to end; the first level is `bands` itself."""
+    """Return `radii`, `level_shape` and the concatenated bands of the levels; the first level is `bands`."""
     radii, shapes, parts = [0.0], [(0, bands.shape[1], bands.shape[0], 1)], [bands.ravel()]
     stride, offset = 1, bands.size
     while radii[-1] < largest_radius_m:
@@ -198,7 +200,7 @@ def _block_union(bands: Bands, stride: int) -> Bands:
 
 @compiled()
 def _dilated(bands: Bands, reach: int) -> Bands:
-    """Return the bands within `reach` cells of anywhere in each cell."""
+    """Return the bands within `reach` cells of any point of each cell."""
     ny, nx = bands.shape
     out = np.zeros_like(bands)
     for iy in range(ny):
@@ -217,8 +219,8 @@ def _dilated(bands: Bands, reach: int) -> Bands:
 def _distances(bands: Bands, cell: float) -> Singles:
     """Return a lower bound of the distance to the nearest cell that is not empty.
 
-    Exact squared distances between cell centres by lower envelopes of parabolas (Felzenszwalb and
-    Huttenlocher, "Distance transforms of sampled functions", 2012), less a cell's diagonal.
+    Exact squared distances between cell centers by lower envelopes of parabolas (Felzenszwalb and
+    Huttenlocher, "Distance transforms of sampled functions", 2012), minus the diagonal of a cell.
     """
     ny, nx = bands.shape
     far = 1e12
@@ -266,18 +268,18 @@ def _distances(bands: Bands, cell: float) -> Singles:
 
 @compiled(inline="always")
 def bands_near(grid: HeightGrid, level: int, x: float, y: float) -> int:
-    """Return the bands of height in which anything stands within the level's radius of (x, y)."""
+    """Return the bands of height with obstacles within the radius of the level of (x, y)."""
     offset, nx, ny, stride = grid.level_shape[level]
     ix = math.floor((x - grid.frame[0]) / (grid.frame[2] * stride))
     iy = math.floor((y - grid.frame[1]) / (grid.frame[2] * stride))
     if ix < 0 or iy < 0 or ix >= nx or iy >= ny:
-        return 0  # the grid's margin is wider than every radius
+        return 0  # the margin of the grid is wider than every radius
     return int(grid.palette[grid.levels[offset + iy * nx + ix]])
 
 
 @compiled(inline="always")
 def distance_at(grid: HeightGrid, x: float, y: float) -> float:
-    """Return a lower bound of the distance from (x, y) to anything [m]."""
+    """Return a lower bound of the distance from (x, y) to an obstacle [m]."""
     ny, nx = grid.distances.shape
     left, lower, cell = grid.frame[0], grid.frame[1], grid.frame[2] * DISTANCE_STRIDE
     ix, iy = math.floor((x - left) / cell), math.floor((y - lower) / cell)
@@ -290,11 +292,11 @@ def distance_at(grid: HeightGrid, x: float, y: float) -> float:
 
 @compiled_bare
 def first_hit(grid: HeightGrid, line: Line, begin: float, end: float) -> float:
-    """Walk a ray between two of its parameters, cell by cell, to its closest hit there or infinity.
+    """Return the closest hit of a ray between two of its parameters, or infinity, by traversing the grid.
 
-    As in Amanatides and Woo, "A fast voxel traversal algorithm for ray tracing", 1987; a cell that the ray
-    passes above or below all that stands there is skipped. A hit on a triangle of a visited cell also counts
-    just past `end`.
+    Amanatides and Woo, "A fast voxel traversal algorithm for ray tracing", 1987. A cell is skipped if the ray
+    passes above or below everything in it. A hit on a triangle of a visited cell may be slightly beyond
+    `end`.
 
     Args:
         grid: the harbor.
@@ -354,7 +356,7 @@ def _inside(p: float, cells: int) -> bool:
 
 @compiled_bare
 def _within(p: float, v: float, cells: int, begin: float, end: float) -> tuple[float, float]:
-    """Return the part of ``begin .. end`` in which ``p + t v`` lies in the grid; begin > end for none."""
+    """Return the part of ``begin .. end`` with ``p + t v`` inside the grid; begin > end if there is none."""
     if v == 0.0:
         return MISS, end
     a, b = -p / v, (cells - p) / v

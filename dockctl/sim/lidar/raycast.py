@@ -1,7 +1,7 @@
-"""Rays against triangles: the one intersection rule, and a plain bounding-volume tracer on top of it.
+"""Ray casting: ray-triangle intersection, and a tracer with a bounding volume hierarchy.
 
-The tracer is the oracle of the LiDAR: it knows nothing of shells or grids. The fast scan
-(`dockctl.sim.lidar.scan`) uses the same `hit_triangle`, so that both give the same bits.
+The tracer is the reference implementation of the LiDAR scan, without shells or grids. The fast scan in
+`dockctl.sim.lidar.scan` uses the same `hit_triangle`, so that the results are identical to the last bit.
 """
 
 from __future__ import annotations
@@ -20,19 +20,19 @@ LEAF_TRIANGLES = 4
 MISS = np.inf
 
 
-# For a function that allocates nothing: without counting references to the arrays in its tuples, which costs
-# a third of the time in the inner loops of a scan.
+# For functions that allocate nothing: without reference counting of the arrays in their tuples, which takes a
+# third of the time in the inner loops of a scan.
 compiled_bare = compiled(_nrt=False)
 
 
 @compiled(inline="always")
 def hit_triangle(triangle: Floats, ox: float, oy: float, oz: float, dx: float, dy: float, dz: float) -> float:
-    """Return the ray parameter where the ray meets one triangle from either side, or infinity.
+    """Return the ray parameter of the intersection with a triangle, from either side, or infinity.
 
     Moeller and Trumbore, "Fast, minimum storage ray/triangle intersection", 1997.
 
     Args:
-        triangle: (9,) one corner and the two edges that leave it [m].
+        triangle: (9,) one corner and the two edges from it [m].
         ox, oy, oz, dx, dy, dz: origin [m] and direction of the ray.
     """
     ax, ay, az = triangle[3], triangle[4], triangle[5]
@@ -59,7 +59,7 @@ def hit_triangle(triangle: Floats, ox: float, oy: float, oz: float, dx: float, d
 
 
 def corner_and_edges(triangles: Floats) -> Floats:
-    """Turn (m, 3, 3) corners into (m, 9): a corner and the two edges that leave it."""
+    """Convert (m, 3, 3) corners to (m, 9): one corner and the two edges from it."""
     corner = triangles[:, 0]
     return np.ascontiguousarray(
         np.concatenate([corner, triangles[:, 1] - corner, triangles[:, 2] - corner], axis=1)
@@ -68,11 +68,11 @@ def corner_and_edges(triangles: Floats) -> Floats:
 
 @dataclass(frozen=True, eq=False)
 class BoundingVolumes:
-    """A binary tree of axis-aligned boxes over triangles, split at the median of the longest side.
+    """A binary tree of axis-aligned bounding boxes, split at the median of the longest side.
 
     Attributes:
         boxes: (nodes, 6) lower and upper corner [m].
-        children: (nodes, 2) the two children of a node, or (-first - 1, count) into `triangles` at a leaf.
+        children: (nodes, 2) the two children of a node; for a leaf, (-first - 1, count) in `triangles`.
         triangles: (m, 9) in the order of the leaves.
     """
 
@@ -84,7 +84,7 @@ class BoundingVolumes:
     def over(cls, triangles: Floats) -> BoundingVolumes:
         """Build the tree over (m, 3, 3) triangles [m]."""
         low, high = triangles.min(axis=1), triangles.max(axis=1)
-        centres = (low + high) / 2
+        centers = (low + high) / 2
         boxes: list[Floats] = []
         children: list[tuple[int, int]] = []
         order: list[Ints] = []
@@ -94,15 +94,15 @@ class BoundingVolumes:
             nonlocal placed
             node = len(boxes)
             box = np.concatenate([low[members].min(axis=0), high[members].max(axis=0)])
-            # A hair of slack: rounding in the slab test must lose no triangle that lies in the box's face.
+            # Margin: rounding in the slab test must not lose a triangle in a face of the box.
             boxes.append(box + np.repeat([-1e-9, 1e-9], 3))
             children.append((-placed - 1, len(members)))
             if len(members) <= LEAF_TRIANGLES:
                 order.append(members.astype(np.int32))
                 placed += len(members)
                 return node
-            axis = int(np.argmax(np.ptp(centres[members], axis=0)))
-            ranked = members[np.argsort(centres[members, axis], kind="stable")]
+            axis = int(np.argmax(np.ptp(centers[members], axis=0)))
+            ranked = members[np.argsort(centers[members, axis], kind="stable")]
             middle = len(ranked) // 2
             children[node] = (add(ranked[:middle]), add(ranked[middle:]))
             return node
@@ -121,7 +121,7 @@ class BoundingVolumes:
 def closest_hits(
     boxes: Floats, children: Ints, triangles: Floats, origins: Floats, directions: Floats, reach: Floats
 ) -> Floats:
-    """Return (k,) ray parameters of each ray's closest hit within its `reach` (k,), infinity for a miss."""
+    """Return the ray parameters (k,) of the closest hits within `reach` (k,), infinity for a miss."""
     hits = np.full(len(origins), MISS)
     if len(boxes) == 0:
         return hits

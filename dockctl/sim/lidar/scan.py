@@ -1,14 +1,14 @@
-"""The fast LiDAR scan: an exact branch and bound over rings of water around the boat.
+"""The fast LiDAR scan: exact branch and bound over shells around the boat.
 
-Only the nearest return of each sector matters, so the scan looks outwards from the boat, ring by ring (shells
-of growing radius cut into narrow bins of azimuth), and stops in a sector once its nearest return is nearer
-than the ring. A table in the body frame, made once for a set of sensors, tells which rays cross a cell of the
-rings and in which bands of height; rays that pass above or below all of the harbor near a cell are left
-out there, and so are stretches of open water. The rays that remain are walked through the fine grid of the
-harbor; a ray that hits something nearer than the sector's best is walked again from its origin, because
-something else may stop it first.
+Only the nearest return of each sector is needed. The scan therefore proceeds outward from the boat, shell by
+shell (rings of growing radius, divided into narrow bins of azimuth), and stops in a sector once its nearest
+return is nearer than the shell. A table in the body frame, built once per set of sensors, lists the rays that
+cross each cell of a shell and their bands of height. Rays that pass above or below everything in the harbor
+near a cell are skipped there, as is open water. The other rays are traversed through the fine grid of the
+harbor. A ray that hits something nearer than the nearest return so far is traversed again from its origin,
+because something else may be hit first.
 
-A hit is found by the same `hit_triangle` as in the plain tracer: the ranges equal the oracle's bit for bit.
+Hits are computed by the same `hit_triangle` as in the ray tracer: the ranges are equal to the last bit.
 """
 
 from __future__ import annotations
@@ -42,7 +42,7 @@ BINS_PER_SECTOR = 32
 SHELL_GROWTH = 1.03
 CORE_CELL_M = 0.25
 CORE_STEP_M = 0.05
-# From the middle of a core's cell to the rays that are entered there by a point every step.
+# From the center of a core cell to the rays that are entered in it by a point every step.
 CORE_REACH_M = CORE_CELL_M / math.sqrt(2) + CORE_STEP_M
 
 
@@ -53,22 +53,22 @@ sector_of = compiled()(sector_index)
 
 
 class ShellTable(NamedTuple):
-    """Which rays cross which cell of the rings, in the body frame.
+    """The rays that cross each cell of the shells, in the body frame.
 
-    Shell k lies between ``radii[k]`` and ``radii[k + 1]``; within ``radii[0]`` lies the core, around all the
-    sensors, where rays need not run outwards. Cell ``k * bins + bin`` has the runs
-    ``starts[cell]:starts[cell + 1]``; a run is a row of neighbouring rays, and the bands of height in which
-    they pass there. The core's cells are squares, and come after those of the shells.
+    Shell k is between ``radii[k]`` and ``radii[k + 1]``. Inside ``radii[0]`` is the core, which contains all
+    sensors and where rays may also run inward. Cell ``k * bins + bin`` has the runs
+    ``starts[cell]:starts[cell + 1]``; a run is a sequence of neighboring rays with their bands of height in
+    the cell. The cells of the core are squares and follow those of the shells.
 
     Attributes:
-        origins: (sensors, 3) where rays begin [m].
-        sensor: (k,) which of the origins a ray has.
+        origins: (sensors, 3) origins of the rays [m].
+        sensor: (k,) index of the origin of a ray.
         rays: (k, 4) direction and reach [m].
         radii: (shells + 1,) [m].
-        bins: (bins, 2) cosine and sine of the middle azimuth of each bin.
-        half_diagonals: (shells,) from a cell's middle to its farthest corner [m].
+        bins: (bins, 2) cosine and sine of the center azimuth of each bin.
+        half_diagonals: (shells,) from the center of a cell to its farthest corner [m].
         starts, runs: the runs: first ray, number of rays, lowest and highest band.
-        core: (cells, 2) middles of the core's cells [m].
+        core: (cells, 2) centers of the core cells [m].
     """
 
     origins: Floats
@@ -85,7 +85,7 @@ class ShellTable(NamedTuple):
     def of(
         cls, origins: Floats, directions: Floats, reach: Floats, channel: Ints, sectors: int, range_m: float
     ) -> ShellTable:
-        """Make the table for (k, 3) rays, their (k,) reach [m] and the (k,) channel that each belongs to."""
+        """Return the table of rays (k, 3), with their lengths `reach` (k,) [m] and channels (k,)."""
         inner = 1.05 * float(np.hypot(origins[:, 0], origins[:, 1]).max()) + 0.05
         shells = max(1, math.ceil(math.log(range_m / inner, SHELL_GROWTH)) + 1)
         radii: Floats = inner * np.float64(SHELL_GROWTH) ** np.arange(shells + 1)
@@ -118,7 +118,7 @@ class ShellTable(NamedTuple):
 
 
 class Levels(NamedTuple):
-    """Which level of a `HeightGrid` covers the whole core, one cell of the core, and a cell of each shell."""
+    """The levels of a `HeightGrid` that cover the whole core, one core cell, and a cell of each shell."""
 
     whole_core: int
     core_cell: int
@@ -132,7 +132,7 @@ class Levels(NamedTuple):
 
 
 def needed_radii(table: ShellTable) -> Floats:
-    """Return the radii within which a grid is asked what stands: the core's, its cells', the shells' [m]."""
+    """Return the radii [m] for which a grid needs a level: the core, a core cell, a cell of each shell."""
     return np.concatenate([[table.radii[0], CORE_REACH_M], table.half_diagonals])
 
 
@@ -147,12 +147,12 @@ def _gather(
     places: Ints,
     runs: Runs,
 ) -> None:
-    """Enter every ray in the cells that it crosses, growing runs of neighbours.
+    """Enter every ray in the cells that it crosses, extending runs of neighboring rays.
 
-    Runs are only counted in `places` where `runs` is empty; otherwise they are filled in from there on.
+    If `runs` is empty, runs are counted in `places`; otherwise they are written from `places` on.
     """
     shells = len(radii) - 1
-    last = np.full(len(places), -2, np.int32)  # the last ray entered in a cell
+    last = np.full(len(places), -2, np.int32)  # last ray entered in each cell
     width = 2 * math.pi / bins
     for ray in range(len(rays)):
         origin, (dx, dy, dz, reach) = origins[ray], rays[ray]
@@ -182,7 +182,7 @@ def _gather(
 
 @compiled()
 def _turn(begin: float, end: float) -> tuple[float, float]:
-    """Return the azimuths, low and high and with some slack, between two on the shorter way round."""
+    """Return the lower and upper azimuth of the smaller angle between two azimuths, with a margin."""
     turn = end - begin
     turn -= 2 * math.pi * math.floor(turn / (2 * math.pi) + 0.5)
     return min(begin, begin + turn) - 1e-7, max(begin, begin + turn) + 1e-7
@@ -192,9 +192,9 @@ def _turn(begin: float, end: float) -> tuple[float, float]:
 def _enter(
     ray: int, cell: int, joined: bool, z: float, z_out: float, last: Ints, places: Ints, runs: Runs
 ) -> None:
-    """Enter one ray in one cell, through which it passes from `z` to `z_out` [m].
+    """Enter one ray, which passes the cell between the heights `z` and `z_out` [m], in the cell.
 
-    It lengthens the cell's last run if `joined` to that run's last ray.
+    It extends the last run of the cell if it is `joined` to the last ray of that run.
     """
     same, joins = last[cell] == ray, joined and last[cell] == ray - 1
     last[cell] = ray
@@ -213,7 +213,7 @@ def _enter(
 
 @compiled(inline="always")
 def _leaves(origin: Floats, ray: Floats, radius: float) -> float:
-    """Return the ray parameter where a ray that begins within `radius` leaves that circle."""
+    """Return the ray parameter at which a ray with its origin within `radius` leaves that circle."""
     h2 = ray[0] * ray[0] + ray[1] * ray[1]
     if h2 < 1e-12:
         return MISS
@@ -232,15 +232,15 @@ def sector_ranges(
     skip_below: Floats,
     out: Floats,
 ) -> None:
-    """Fill `out` (n, sectors) with the nearest return of each sector [m] from the poses (n, 3).
+    """Write the range of the nearest return in each sector [m] from the poses (n, 3) to `out` (n, sectors).
 
-    `skip_below` (bins,) is scratch space: the radius below which a bin is known to be empty [m].
+    `skip_below` (bins,) is a work array: the radius below which a bin is known to be empty [m].
     """
-    # Named once, so that the compiler need not read them from the tuple again in the inner loops.
+    # Local names: the compiler does not read them from the tuple again in the inner loops.
     radii, middles = table.radii, table.bins
     sectors, shells = out.shape[1], len(radii) - 1
     bins = len(middles) // sectors
-    widening = 1.0 + math.pi / len(middles)  # a bin's half width grows with the radius
+    widening = 1.0 + math.pi / len(middles)  # the half-width of a bin grows with the radius
     for row in range(len(poses)):
         x, y = poses[row, 0], poses[row, 1]
         c, s = math.cos(poses[row, 2]), math.sin(poses[row, 2])
@@ -274,7 +274,7 @@ def sector_ranges(
 
 @compiled_bare
 def _search_core(table: ShellTable, grid: HeightGrid, level: int, pose: Pose, best: Floats) -> None:
-    """Visit the cells of the core near which anything stands."""
+    """Visit the core cells with obstacles nearby."""
     x, y, c, s = pose
     shell_cells = len(table.bins) * (len(table.radii) - 1)
     for index in range(len(table.core)):
@@ -295,7 +295,7 @@ def _visit(
     pose: Pose,
     best: Floats,
 ) -> None:
-    """Walk the rays of a cell that pass the bands `near`, between two radii, and note what they hit."""
+    """Traverse the rays of a cell in the bands `near` between two radii, and update the nearest returns."""
     runs, rays, core = table.runs, table.rays, table.radii[0]
     for slot in range(table.starts[cell], table.starts[cell + 1]):
         run = runs[slot]
@@ -316,7 +316,7 @@ def _visit(
             if rho >= best[sector]:
                 continue
             clear = _clear_up_to(origin, ray, core, t, best) if inner > 0.0 else inner
-            if clear < inner:  # something else may stop the ray before
+            if clear < inner:  # something else may be hit first
                 begin = _leaves(origin, ray, clear) - 1e-7 if clear > 0.0 else 0.0
                 t = first_hit(grid, line, begin, t)
                 rho, sector = _polar(origin, ray, t, len(best))
@@ -327,8 +327,8 @@ def _visit(
 def _clear_up_to(origin: Floats, ray: Floats, core: float, t: float, best: Floats) -> float:
     """Return the radius up to which a ray is known to hit nothing before its parameter t [m].
 
-    Earlier shells have walked it through each sector as far as that sector's nearest return so far, and a hit
-    would have become such a return. Within the core it may pass through any sector.
+    In the previous shells it was traversed through each sector up to the nearest return of that sector, and a
+    hit would have become such a return. In the core it may pass through any sector.
     """
     for sector in range(len(best)):
         if best[sector] <= core:
@@ -358,6 +358,6 @@ def _in_world(origin: Floats, ray: Floats, pose: Pose) -> Line:
 
 @compiled()
 def _polar(origin: Floats, ray: Floats, t: float, sectors: int) -> tuple[float, int]:
-    """Return the radius [m] and the sector of a ray's point."""
+    """Return the radius [m] and the sector of a point of a ray."""
     px, py = origin[0] + t * ray[0], origin[1] + t * ray[1]
     return math.sqrt(px * px + py * py), sector_of(px, py, sectors)
