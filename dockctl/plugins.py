@@ -1,12 +1,12 @@
-"""Registries of everything that people add, and the plugins that fill them.
+"""Registries of everything that can be extended, and the plugins that add to them.
 
-A registry maps a name to an `Entry`. `contributing` sets the contributor, so that every entry knows its
-origin and a name registered twice is refused with both origins in the message.
+A registry maps a name to an `Entry`, which records where it comes from (its origin). A name that is
+registered twice is an error that names both origins.
 
-Installed packages offer names through the entry-point groups of `GROUPS`; their code is imported when a name
-is first used. Local ``.py`` files register when they are loaded. Code registers itself with a decorator; a
-scenario, vessel or harbor is the path of a YAML file, a function that returns one, or the package that holds
-``<name>.yaml``.
+Installed packages declare names through the entry-point groups in `GROUPS`; their code is imported when a
+name is first used. Local ``.py`` files register when they are loaded. Code registers itself with a decorator;
+a scenario, vessel or harbor is the path of a YAML file, a function that returns one, or the package that
+contains ``<name>.yaml``.
 """
 
 from __future__ import annotations
@@ -37,20 +37,26 @@ _origin: ContextVar[str | None] = ContextVar("origin", default=None)
 
 
 class DuplicateNameError(DockctlError):
-    """Two contributors registered the same name."""
+    """The same name is registered by two origins."""
 
     code = "duplicate"
 
+    def __init__(self, noun: str, name: str, origins: tuple[str, str]) -> None:
+        super().__init__(
+            f"{noun} '{name}' is registered twice: by {' and by '.join(origins)}; rename one of them"
+        )
+        self.origins = origins
+
 
 class UnknownNameError(DockctlError):
-    """A name that no contributor registered."""
+    """A name that is not registered."""
 
     code = "unknown_name"
 
 
 @contextmanager
-def contributing(origin: str) -> Iterator[None]:
-    """Name whoever registers entries inside the block, for example ``file rewards/mine.py``."""
+def registering_as(origin: str) -> Iterator[None]:
+    """Set the origin of entries that are registered inside the block, for example ``file mine.py``."""
     token = _origin.set(origin)
     try:
         yield
@@ -59,7 +65,7 @@ def contributing(origin: str) -> Iterator[None]:
 
 
 def _origin_of(value: object) -> str:
-    """Return who contributes now; outside of `contributing`, the module that `value` was written in."""
+    """Return the current origin; outside of `registering_as`, the module that defines `value`."""
     module = str(value.__module__) if callable(value) else PACKAGE_ORIGIN
     inside = module == PACKAGE_ORIGIN or module.startswith(f"{PACKAGE_ORIGIN}.")
     return _origin.get() or (PACKAGE_ORIGIN if inside else f"module {module}")
@@ -67,7 +73,13 @@ def _origin_of(value: object) -> str:
 
 @dataclass(frozen=True)
 class Entry(Generic[T]):
-    """A registered thing: its name, what kind it is, the equation it comes from, and who brought it."""
+    """A registered value.
+
+    Attributes:
+        kind: group within the registry, for example when a reward term applies.
+        source: equation, table, paper or data sheet.
+        origin: package or file that registered it.
+    """
 
     name: str
     value: T
@@ -77,7 +89,7 @@ class Entry(Generic[T]):
 
     @property
     def parameters(self) -> dict[str, Any]:
-        """Keyword-only parameters of a function and their defaults, `inspect.Parameter.empty` if none."""
+        """Keyword-only parameters of a function and their defaults, `inspect.Parameter.empty` if required."""
         if not callable(self.value):
             return {}
         signature = inspect.signature(self.value)
@@ -87,8 +99,8 @@ class Entry(Generic[T]):
             if parameter.kind is inspect.Parameter.KEYWORD_ONLY
         }
 
-    def bound(self, given: Mapping[str, Any]) -> Callable[..., Any]:
-        """Return the registered function with the parameters `given` filled in.
+    def bind(self, given: Mapping[str, Any]) -> Callable[..., Any]:
+        """Return the registered function with the given parameters bound.
 
         Raises:
             DockctlError: a parameter is unknown or missing.
@@ -107,20 +119,20 @@ class Entry(Generic[T]):
 
 
 @dataclass(frozen=True)
-class Offer:
-    """A name whose code is not imported yet; `load` registers it or says why it cannot."""
+class LazyEntry:
+    """A name whose code is not imported yet; `load` registers it or raises the reason why it cannot."""
 
     origin: str
     load: Callable[[], None]
 
 
 class Registry(Generic[T]):
-    """Entries of one sort, by name, in the order in which they were registered."""
+    """Entries of one type by name, in the order in which they were registered."""
 
     def __init__(self, noun: str) -> None:
         self.noun = noun
         self._entries: dict[str, Entry[T]] = {}
-        self._offers: dict[str, Offer] = {}
+        self._lazy: dict[str, LazyEntry] = {}
 
     def register(self, name: str, value: T, *, kind: str = "", source: str = "") -> T:
         """Add `value` under `name` and return it.
@@ -129,58 +141,58 @@ class Registry(Generic[T]):
             DuplicateNameError: the name is taken; the message names both origins.
         """
         origin = _origin_of(value)
-        offer = self._offers.get(name)
-        if name in self._entries or (offer and offer.origin != origin):
+        lazy = self._lazy.get(name)
+        if name in self._entries or (lazy and lazy.origin != origin):
             raise self._duplicate(name, origin)
-        self._offers.pop(name, None)
+        self._lazy.pop(name, None)
         self._entries[name] = Entry(name, value, kind, source, origin)
         return value
 
-    def offer(self, name: str, origin: str, load: Callable[[], None]) -> None:
-        """Promise `name`, for `load` to register on its first use; one that is taken is refused then."""
+    def register_lazily(self, name: str, origin: str, load: Callable[[], None]) -> None:
+        """Add `name`, for `load` to register on first use; if it is taken, the error is raised then."""
         if name in self:
             origin, load = f"{self.origin(name)} and {origin}", _raising(self._duplicate(name, origin))
             self._entries.pop(name, None)
-        self._offers[name] = Offer(origin, load)
+        self._lazy[name] = LazyEntry(origin, load)
 
-    def withdraw(self, origin: str) -> None:
-        """Forget every entry that `origin` registered."""
+    def unregister(self, origin: str) -> None:
+        """Remove every entry that `origin` registered."""
         self._entries = {name: entry for name, entry in self._entries.items() if entry.origin != origin}
 
-    def save(self) -> tuple[dict[str, Entry[T]], dict[str, Offer]]:
-        """Return the present state, for `restore`."""
-        return dict(self._entries), dict(self._offers)
+    def save(self) -> tuple[dict[str, Entry[T]], dict[str, LazyEntry]]:
+        """Return the current state, for `restore`."""
+        return dict(self._entries), dict(self._lazy)
 
-    def restore(self, state: tuple[dict[str, Entry[T]], dict[str, Offer]]) -> None:
-        """Go back to a state that `save` gave."""
-        self._entries, self._offers = dict(state[0]), dict(state[1])
+    def restore(self, state: tuple[dict[str, Entry[T]], dict[str, LazyEntry]]) -> None:
+        """Restore a state returned by `save`."""
+        self._entries, self._lazy = dict(state[0]), dict(state[1])
 
     def __contains__(self, name: object) -> bool:
-        return name in self._entries or name in self._offers
+        return name in self._entries or name in self._lazy
 
     def __iter__(self) -> Iterator[Entry[T]]:
         """Iterate over the entries whose code is loaded; see `names` for all."""
         return iter(tuple(self._entries.values()))
 
     def names(self) -> list[str]:
-        """Return every name, also those whose code is not imported yet."""
-        return [*self._entries, *self._offers]
+        """Return every name, including those whose code is not imported yet."""
+        return [*self._entries, *self._lazy]
 
     def origin(self, name: str) -> str:
-        """Return who brings `name`, without importing anything; empty where nobody does."""
-        known = self._entries.get(name) or self._offers.get(name)
+        """Return the origin of `name` without importing anything, or an empty string if it is unknown."""
+        known = self._entries.get(name) or self._lazy.get(name)
         return known.origin if known else ""
 
     def get(self, name: str) -> Entry[T]:
-        """Return the entry called `name`, importing the plugin that offers it if need be.
+        """Return the entry `name`, importing the plugin that declares it if necessary.
 
         Raises:
-            UnknownNameError: nobody registered it; the message lists what exists and the nearest name.
-            DockctlError: the plugin that offers it cannot be used.
+            UnknownNameError: it is not registered; the message lists what is, and suggests the nearest name.
+            DockctlError: the plugin that declares it fails.
         """
-        if offer := self._offers.get(name):
-            with contributing(offer.origin):
-                offer.load()
+        if lazy := self._lazy.get(name):
+            with registering_as(lazy.origin):
+                lazy.load()
         try:
             return self._entries[name]
         except KeyError:
@@ -190,16 +202,14 @@ class Registry(Generic[T]):
             raise UnknownNameError(message, suggestion=nearest(name, known)) from None
 
     def _duplicate(self, name: str, origin: str) -> DuplicateNameError:
-        return DuplicateNameError(
-            f"{self.noun} '{name}' is registered twice: by {self.origin(name)} and by {origin}; rename one"
-        )
+        return DuplicateNameError(self.noun, name, (self.origin(name), origin))
 
 
 def _raising(error: DockctlError) -> Callable[[], None]:
-    def refuse() -> None:
+    def fail() -> None:
         raise error
 
-    return refuse
+    return fail
 
 
 Function = Callable[..., Any]
@@ -224,12 +234,13 @@ CODE: dict[str, Registry[Any]] = {
     "dockctl.conditions": CONDITIONS,
     "dockctl.sensors": RANGE_SENSORS,
 }
-"""Functions with keyword-only parameters; for sections selected by `kind`, models of their keys."""
+"""Registries of code: functions with keyword-only parameters, or models of sections selected by `kind`."""
 DATA: dict[str, Registry[Path]] = {
     "dockctl.scenarios": SCENARIOS,
     "dockctl.vessels": VESSELS,
     "dockctl.harbors": HARBORS,
 }
+"""Registries of YAML files."""
 GROUPS: dict[str, Registry[Any]] = {**CODE, **DATA}
 BUILTINS = (
     "dockctl.rewards.terms",
@@ -239,37 +250,34 @@ BUILTINS = (
     "dockctl.sim.lidar.planar",
     "dockctl.sim.conditions.current",
 )
-"""Modules that register what the package itself brings."""
+"""Modules that register the package's own entries; add a line for a new one."""
 
 _loaded: dict[str, str] = {}
-"""Content hash of every local file in use, with its origin."""
+"""Origin of every loaded local file, by the hash of its content."""
 
 
 class PluginError(DockctlError):
-    """A plugin that cannot be used; the text names it and says why."""
+    """A plugin that cannot be used."""
 
     code = "plugin"
 
 
 @cache
 def load_builtins() -> None:
-    """Import the modules that register what the package itself brings.
-
-    They are imported by name, since this module is below them.
-    """
+    """Import the modules in `BUILTINS`; by name, since they are in layers above this one."""
     for module in BUILTINS:
         importlib.import_module(module)
 
 
 @cache
 def discover() -> None:
-    """Offer what installed packages contribute, without importing any of it."""
+    """Add the names that installed packages declare, without importing the packages."""
     load_builtins()
     for group, registry in GROUPS.items():
         for point in entry_points(group=group):
             if not _registered_already(point, registry):
                 load = partial(_load_code if group in CODE else _load_data, point, registry)
-                registry.offer(point.name, _entry_point_origin(point), load)
+                registry.register_lazily(point.name, _entry_point_origin(point), load)
 
 
 def policy(name: str, *, source: str = "") -> Callable[[Function], Function]:
@@ -278,7 +286,7 @@ def policy(name: str, *, source: str = "") -> Callable[[Function], Function]:
     It receives the resolved `dockctl.scenarios.schema.Scenario` and returns a `dockctl.agents.policy.Policy`.
 
     Args:
-        name: how ``--policy`` selects it.
+        name: its name for ``--policy``.
         source: equation, paper or data sheet.
 
     Raises:
@@ -288,14 +296,14 @@ def policy(name: str, *, source: str = "") -> Callable[[Function], Function]:
 
 
 def load_file(path: Path) -> ModuleType:
-    """Run the local plugin at `path`; the same content is run once, and an edited file replaces itself.
+    """Load the local plugin at `path`; the same content is loaded once, and an edited file replaces itself.
 
     Returns:
-        the module that the file was run as.
+        the module.
 
     Raises:
-        PluginError: it is missing, not a ``.py`` file, or fails to import.
-        DuplicateNameError: it registers a name that somebody else registered.
+        PluginError: the file is missing, is not a ``.py`` file, or fails to import.
+        DuplicateNameError: it registers a name that another origin registered.
     """
     if path.suffix != ".py":
         raise PluginError(f"plugin {path} is not a .py file")
@@ -308,11 +316,11 @@ def load_file(path: Path) -> ModuleType:
     if digest in _loaded:
         return sys.modules[name]
     origin = f"file {path}"
-    with contributing(origin), _all_or_nothing(f"plugin {path}", path):
+    with registering_as(origin), _all_or_nothing(f"plugin {path}", path):
         for registry in GROUPS.values():
-            registry.withdraw(origin)
+            registry.unregister(origin)
         _run(name, path, content)
-    for known in [known for known, bringer in _loaded.items() if bringer == origin]:
+    for known in [known for known, loaded_as in _loaded.items() if loaded_as == origin]:
         del _loaded[known]
     _loaded[digest] = origin
     return sys.modules[name]
@@ -321,13 +329,13 @@ def load_file(path: Path) -> ModuleType:
 def _run(name: str, path: Path, content: bytes) -> None:
     module = ModuleType(name)
     module.__file__ = str(path)
-    sys.modules[name] = module  # dataclasses and pickles look their module up
+    sys.modules[name] = module  # dataclasses and pydantic look up the module
     exec(compile(content, path, "exec"), module.__dict__)
 
 
 @contextmanager
 def _all_or_nothing(who: str, path: Path | None = None) -> Iterator[None]:
-    """Undo what a plugin registered if it fails, and say which plugin failed, why, and in which line."""
+    """Undo what a plugin registered if it fails, and report the plugin, the reason and the line."""
     saved = [(registry, registry.save()) for registry in GROUPS.values()]
     try:
         with naming_errors(f"{who} fails to import", path):
@@ -340,11 +348,11 @@ def _all_or_nothing(who: str, path: Path | None = None) -> Iterator[None]:
 
 @contextmanager
 def naming_errors(what: str, path: Path | None = None) -> Iterator[None]:
-    """Turn whatever contributed code raises inside the block into a `PluginError` that says where.
+    """Convert any exception of plugin code inside the block to a `PluginError` with its location.
 
     Args:
         what: what failed, for example ``policy 'pid' fails``.
-        path: the contributor's file, whose line is reported; by default the innermost frame's.
+        path: the plugin's file, whose line is reported; by default that of the innermost frame.
 
     Raises:
         PluginError: the block raised anything but a `DockctlError`.
@@ -359,7 +367,7 @@ def naming_errors(what: str, path: Path | None = None) -> Iterator[None]:
 
 
 def _place(error: BaseException, path: Path | None) -> str:
-    """Return where a plugin failed: in the file `path`, else in the last module that is not Python's own."""
+    """Return the line in which a plugin failed: in the file `path`, else in the last frame of other code."""
     if isinstance(error, SyntaxError) and error.lineno:
         return f" ({error.filename}:{error.lineno})"
     frames = [
@@ -376,7 +384,7 @@ def _entry_point_origin(point: EntryPoint) -> str:
 
 
 def _registered_already(point: EntryPoint, registry: Registry[Any]) -> bool:
-    """Whether the object of `point` registered itself because somebody imported its module before us."""
+    """Return whether the object of `point` is registered because its module was imported before."""
     module, _, name = point.value.partition(":")
     value = getattr(sys.modules.get(module), name, None)
     return value is not None and any(entry.name == point.name and entry.value is value for entry in registry)

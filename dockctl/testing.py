@@ -55,7 +55,7 @@ def check_reward_term(name: str, **params: Any) -> None:
     assert entry.kind in get_args(RewardKind), f"reward term '{name}': unknown kind '{entry.kind}'"
     if "distance_unit_m" in entry.parameters:
         params = {"distance_unit_m": 20.0, **params}
-    term = entry.bound(params)
+    term = entry.bind(params)
     _check_rows(
         f"reward term '{name}'",
         lambda values: {"value": np.asarray(term(StepStatus(**values)), float)},
@@ -66,7 +66,7 @@ def check_reward_term(name: str, **params: Any) -> None:
 def check_observation_part(name: str, **params: Any) -> None:
     """Check the observation part `name` with these parameters: shape, names, bounds, pure, row by row."""
     catalog.fill()
-    part, what = OBSERVATION_PARTS.get(name).bound(params), f"observation part '{name}'"
+    part, what = OBSERVATION_PARTS.get(name).bind(params), f"observation part '{name}'"
     limit = np.array([50.0, np.radians(30.0)])
 
     def columns(values: Rows) -> Columns:

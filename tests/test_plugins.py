@@ -1,4 +1,4 @@
-"""Local files and installed packages: what they bring, and how they fail."""
+"""Plugins: local files and installed packages, and how they fail."""
 
 from __future__ import annotations
 
@@ -40,7 +40,7 @@ def write(tmp_path: Path) -> Callable[[str, str], Path]:
 Write = Callable[[str, str], Path]
 
 
-def test_a_local_file_brings_a_term_with_its_origin(write: Write) -> None:
+def test_a_local_file_registers_a_term_with_its_origin(write: Write) -> None:
     path = write("mine.py", TERM.format(name="mine"))
     plugins.load_file(path)
     plugins.load_file(path)
@@ -48,7 +48,7 @@ def test_a_local_file_brings_a_term_with_its_origin(write: Write) -> None:
     assert REWARD_TERMS.get("mine").value.__module__.startswith("_dockctl_plugin_")
 
 
-def test_the_same_content_elsewhere_is_the_same_plugin(write: Write) -> None:
+def test_the_same_content_at_another_path_is_the_same_plugin(write: Write) -> None:
     plugins.load_file(write("mine.py", TERM.format(name="mine")))
     plugins.load_file(write("copy.py", TERM.format(name="mine")))
     assert REWARD_TERMS.origin("mine").endswith("mine.py")
@@ -63,33 +63,32 @@ def test_an_edited_file_replaces_itself(write: Write) -> None:
 
 def test_a_local_file_may_not_take_a_known_name(write: Write) -> None:
     path = write("mine.py", TERM.format(name="first") + TERM.format(name="distance"))
-    with pytest.raises(
-        DuplicateNameError, match=rf"'distance' is registered twice: by dockctl and by file {path}"
-    ):
+    with pytest.raises(DuplicateNameError) as caught:
         plugins.load_file(path)
+    assert caught.value.origins == ("dockctl", f"file {path}")
     assert "first" not in REWARD_TERMS
     assert REWARD_TERMS.get("distance").origin == "dockctl"
 
 
 @pytest.mark.parametrize(
-    ("name", "text", "message"),
+    ("name", "text", "location"),
     [
-        ("mine.py", "import nothing_of_this_name\n", r"ModuleNotFoundError: No module named.*mine\.py:1\)"),
-        ("mine.py", "x = 1\ny = 1 / 0\n", r"ZeroDivisionError: division by zero \(.*mine\.py:2\)"),
-        ("mine.py", "def f(:\n", r"SyntaxError: invalid syntax \(.*mine\.py:1\)"),
-        ("mine.py", "x = 1\nraise SystemExit(3)\n", r"SystemExit: 3 \(.*mine\.py:2\)"),
-        ("mine.txt", "x = 1\n", r"mine\.txt is not a \.py file"),
+        ("mine.py", "import nothing_of_this_name\n", r"mine\.py:1"),
+        ("mine.py", "x = 1\ny = 1 / 0\n", r"mine\.py:2"),
+        ("mine.py", "def f(:\n", r"mine\.py:1"),
+        ("mine.py", "x = 1\nraise SystemExit(3)\n", r"mine\.py:2"),
+        ("mine.txt", "x = 1\n", r"mine\.txt"),
     ],
 )
-def test_a_broken_file_says_why(write: Write, name: str, text: str, message: str) -> None:
+def test_a_broken_file_is_an_error_with_its_line(write: Write, name: str, text: str, location: str) -> None:
     path = write(name, text)
     for _ in range(2):
-        with pytest.raises(PluginError, match=message):
+        with pytest.raises(PluginError, match=location):
             plugins.load_file(path)
 
 
 def test_a_missing_file(tmp_path: Path) -> None:
-    with pytest.raises(PluginError, match=r"gone\.py cannot be read: No such file or directory"):
+    with pytest.raises(PluginError, match=r"gone\.py"):
         plugins.load_file(tmp_path / "gone.py")
 
 
@@ -103,18 +102,16 @@ def test_a_scenario_names_its_files_and_every_failure_has_its_place(write: Write
     )
     with pytest.raises(InputError) as caught:
         loader.load(scenario)
-    found = [(p.line, p.column, p.field, p.message.partition(" (")[0]) for p in caught.value.problems]
-    folder = scenario.parent
-    assert found == [
-        (4, 5, "plugins.1", f"plugin {folder}/bad.py fails to import: ZeroDivisionError: division by zero"),
-        (5, 5, "plugins.2", f"plugin {folder}/gone.py cannot be read: No such file or directory"),
-        (8, 5, "reward.terms.mine", "the reward term 'mine' needs the parameter 'needed'"),
-        (8, 39, "reward.terms.mine.params.floor", "found the text 'high', expected a number"),
-        (8, 52, "reward.terms.mine.params.sizes", "found 2.5, expected a whole number"),
+    assert [(p.line, p.column, p.field, p.code) for p in caught.value.problems] == [
+        (4, 5, "plugins.1", "plugin"),
+        (5, 5, "plugins.2", "plugin"),
+        (8, 5, "reward.terms.mine", "missing_key"),
+        (8, 39, "reward.terms.mine.params.floor", "wrong_type"),
+        (8, 52, "reward.terms.mine.params.sizes", "wrong_type"),
     ]
 
 
-def test_the_files_of_scenario_and_command_line_are_kept(write: Write) -> None:
+def test_the_files_of_scenario_and_command_line_are_recorded(write: Write) -> None:
     mine, more = write("mine.py", TERM.format(name="mine")), write("more.py", TERM.format(name="more"))
     params = "{weight: 1, params: {needed: true}}"
     scenario = write(
@@ -134,8 +131,8 @@ class FakePoint(EntryPoint):
     dist = None
 
 
-def offer(monkeypatch: pytest.MonkeyPatch, *points: tuple[str, str, str]) -> None:
-    """Offer (group, name, value) as if a package were installed."""
+def declare(monkeypatch: pytest.MonkeyPatch, *points: tuple[str, str, str]) -> None:
+    """Declare entry points (group, name, value) as if a package were installed."""
     listed = [FakePoint(name, value, group) for group, name, value in points]
     monkeypatch.setattr(plugins, "entry_points", lambda *, group: [p for p in listed if p.group == group])
     plugins.discover.__wrapped__()
@@ -145,7 +142,7 @@ def test_installed_names_are_known_before_their_code_is_imported(
     write: Write, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.syspath_prepend(write("lazy_terms.py", TERM.format(name="lazy")).parent)
-    offer(monkeypatch, ("dockctl.rewards", "lazy", "lazy_terms:term"))
+    declare(monkeypatch, ("dockctl.rewards", "lazy", "lazy_terms:term"))
     assert "lazy" in REWARD_TERMS.names()
     assert "lazy_terms" not in sys.modules
     assert REWARD_TERMS.get("lazy").origin == "entry point lazy_terms:term"
@@ -155,7 +152,7 @@ def test_installed_names_are_known_before_their_code_is_imported(
 def test_a_module_imported_before_is_not_a_duplicate(write: Write, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.syspath_prepend(write("eager_terms.py", TERM.format(name="eager")).parent)
     __import__("eager_terms")
-    offer(monkeypatch, ("dockctl.rewards", "eager", "eager_terms:term"))
+    declare(monkeypatch, ("dockctl.rewards", "eager", "eager_terms:term"))
     assert REWARD_TERMS.get("eager").origin == "module eager_terms"
     monkeypatch.delitem(sys.modules, "eager_terms")
 
@@ -163,7 +160,7 @@ def test_a_module_imported_before_is_not_a_duplicate(write: Write, monkeypatch: 
 def test_a_broken_package_does_not_break_the_others(write: Write, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.syspath_prepend(write("good_terms.py", TERM.format(name="good")).parent)
     write("broken_terms.py", TERM.format(name="half") + "\nraise RuntimeError('no luck')\n")
-    offer(
+    declare(
         monkeypatch,
         ("dockctl.rewards", "half", "broken_terms:term"),
         ("dockctl.rewards", "good", "good_terms:term"),
@@ -172,23 +169,24 @@ def test_a_broken_package_does_not_break_the_others(write: Write, monkeypatch: p
         ("dockctl.rewards", "garbled", "good terms"),
     )
     assert REWARD_TERMS.get("good").kind == "dense"
-    for name, message in {
-        "half": r"broken_terms:term fails to import: RuntimeError: no luck \(.*broken_terms\.py:8\)",
-        "absent": "good_terms:nothing fails to import: AttributeError",
-        "other": "good_terms:term does not register the reward term 'other'",
-        "garbled": "entry point good terms fails to import",
+    for name, location in {
+        "half": r"broken_terms\.py:8",
+        "absent": "good_terms:nothing",
+        "other": "good_terms:term",
+        "garbled": "good terms",
     }.items():
         for _ in range(2):
-            with pytest.raises(PluginError, match=message):
+            with pytest.raises(PluginError, match=location):
                 REWARD_TERMS.get(name)
     assert loader.load("s1").scenario.name == "s1"
     monkeypatch.delitem(sys.modules, "good_terms")
 
 
 def test_two_packages_with_the_same_name(monkeypatch: pytest.MonkeyPatch) -> None:
-    offer(monkeypatch, ("dockctl.rewards", "same", "a:f"), ("dockctl.rewards", "same", "b:f"))
-    with pytest.raises(DuplicateNameError, match="twice: by entry point a:f and by entry point b:f"):
+    declare(monkeypatch, ("dockctl.rewards", "same", "a:f"), ("dockctl.rewards", "same", "b:f"))
+    with pytest.raises(DuplicateNameError) as caught:
         REWARD_TERMS.get("same")
+    assert caught.value.origins == ("entry point a:f", "entry point b:f")
 
 
 def test_data_is_a_path_a_function_or_a_package(write: Write, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -200,7 +198,7 @@ def test_data_is_a_path_a_function_or_a_package(write: Write, monkeypatch: pytes
     )
     write("boats/tug.yaml", "extends: eilbrecht\nmass_kg: 300\n")
     monkeypatch.syspath_prepend(folder)
-    offer(
+    declare(
         monkeypatch,
         ("dockctl.vessels", "tug", "boats"),
         ("dockctl.vessels", "tug-path", "boats:FILE"),
@@ -211,14 +209,14 @@ def test_data_is_a_path_a_function_or_a_package(write: Write, monkeypatch: pytes
     for name in ("tug", "tug-path", "tug-function"):
         assert loader.load_vessel(name).mass_kg == 300
         assert VESSELS.get(name).origin.startswith("entry point boats")
-    with pytest.raises(PluginError, match="boats:TEN is not the path of a YAML file"):
+    with pytest.raises(PluginError, match="boats:TEN"):
         loader.load_vessel("tug-number")
     with pytest.raises(InputError, match=r"gone\.yaml: cannot be read: No such file"):
         loader.load_vessel("gone")
     monkeypatch.delitem(sys.modules, "boats")
 
 
-def test_a_local_file_may_bring_a_harbor(write: Write) -> None:
+def test_a_local_file_may_register_a_harbor(write: Write) -> None:
     write("canal.yaml", "extends: reference\nname: canal\n")
     path = write(
         "mine.py",
@@ -238,7 +236,7 @@ def test_the_local_example() -> None:
 
 
 def test_the_example_package_is_installed_and_used(tmp_path: Path) -> None:
-    """The whole way of a third party, in processes of their own: pip, list, load, and one reward."""
+    """As a third party does, in separate processes: install, list, load, one reward, contract tests."""
     source = tmp_path / "source"
     shutil.copytree(ROOT / "examples/dockctl-smooth", source)
     site = tmp_path / "site"

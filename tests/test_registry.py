@@ -1,10 +1,10 @@
-"""Names, origins, offers and the two errors."""
+"""The registry: names, origins, lazy entries and the two errors."""
 
 from __future__ import annotations
 
 import pytest
 
-from dockctl.plugins import DuplicateNameError, Registry, UnknownNameError, contributing
+from dockctl.plugins import DuplicateNameError, Registry, UnknownNameError, registering_as
 
 
 def term(status: object, *, floor: float = 0.1, scale: float) -> None:
@@ -18,8 +18,8 @@ def registry() -> Registry[object]:
     return registry
 
 
-def test_an_entry_knows_everything_about_itself(registry: Registry[object]) -> None:
-    with contributing("file mine.py"):
+def test_an_entry_has_name_origin_and_parameters(registry: Registry[object]) -> None:
+    with registering_as("file mine.py"):
         assert registry.register("mine", term) is term
     entry = registry.get("mine")
     assert (entry.name, entry.origin, registry.origin("mine")) == ("mine", "file mine.py", "file mine.py")
@@ -28,33 +28,33 @@ def test_an_entry_knows_everything_about_itself(registry: Registry[object]) -> N
     assert next((entry.name, entry.origin) for entry in registry) == ("distance", "dockctl")
 
 
-def test_what_registers_itself_outside_of_a_plugin_is_named_by_its_module(registry: Registry[object]) -> None:
+def test_outside_of_a_plugin_the_origin_is_the_module(registry: Registry[object]) -> None:
     registry.register("mine", term)
     assert registry.origin("mine") == f"module {__name__}"
 
 
-def test_a_second_owner_is_refused_and_both_are_named(registry: Registry[object]) -> None:
-    message = "reward term 'distance' is registered twice: by dockctl and by file mine.py; rename one"
-    with contributing("file mine.py"), pytest.raises(DuplicateNameError, match=message):
+def test_a_second_origin_is_refused_and_both_are_named(registry: Registry[object]) -> None:
+    with registering_as("file mine.py"), pytest.raises(DuplicateNameError) as caught:
         registry.register("distance", 2)
+    assert caught.value.origins == ("dockctl", "file mine.py")
 
 
 def test_an_unknown_name_has_the_nearest_as_suggestion(registry: Registry[object]) -> None:
-    registry.offer("speed", "package p 1", lambda: None)
+    registry.register_lazily("speed", "package p 1", lambda: None)
     with pytest.raises(UnknownNameError) as caught:
         registry.get("sped")
     assert (caught.value.code, caught.value.suggestion) == ("unknown_name", "speed")
     assert registry.origin("sped") == ""
 
 
-def test_an_offer_is_loaded_when_it_is_first_used(registry: Registry[object]) -> None:
+def test_a_lazy_entry_is_loaded_on_first_use(registry: Registry[object]) -> None:
     calls = []
 
     def load() -> None:
         calls.append("load")
         registry.register("speed", 3)
 
-    registry.offer("speed", "package p 1", load)
+    registry.register_lazily("speed", "package p 1", load)
     assert registry.names() == ["distance", "speed"]
     assert "speed" in registry
     assert calls == []
@@ -63,37 +63,34 @@ def test_an_offer_is_loaded_when_it_is_first_used(registry: Registry[object]) ->
     assert calls == ["load"]
 
 
-def test_an_offer_of_a_taken_name_is_refused_when_it_is_used(registry: Registry[object]) -> None:
-    registry.offer("distance", "package p 1", lambda: None)
-    registry.offer("speed", "package p 1", lambda: None)
-    registry.offer("speed", "package q 2", lambda: None)
-    with pytest.raises(
-        DuplicateNameError, match="'distance' is registered twice: by dockctl and by package p 1"
-    ):
-        registry.get("distance")
-    with pytest.raises(
-        DuplicateNameError, match="'speed' is registered twice: by package p 1 and by package q 2"
-    ):
-        registry.get("speed")
+def test_a_lazy_entry_with_a_taken_name_is_refused_on_first_use(registry: Registry[object]) -> None:
+    registry.register_lazily("distance", "package p 1", lambda: None)
+    registry.register_lazily("speed", "package p 1", lambda: None)
+    registry.register_lazily("speed", "package q 2", lambda: None)
+    for name, origins in {
+        "distance": ("dockctl", "package p 1"),
+        "speed": ("package p 1", "package q 2"),
+    }.items():
+        with pytest.raises(DuplicateNameError) as caught:
+            registry.get(name)
+        assert caught.value.origins == origins
 
 
-def test_a_local_file_may_not_take_an_offered_name(registry: Registry[object]) -> None:
-    registry.offer("speed", "package p 1", lambda: None)
-    with (
-        contributing("file a.py"),
-        pytest.raises(DuplicateNameError, match=r"by package p 1 and by file a\.py"),
-    ):
+def test_a_local_file_may_not_take_the_name_of_a_lazy_entry(registry: Registry[object]) -> None:
+    registry.register_lazily("speed", "package p 1", lambda: None)
+    with registering_as("file a.py"), pytest.raises(DuplicateNameError) as caught:
         registry.register("speed", 3)
+    assert caught.value.origins == ("package p 1", "file a.py")
 
 
-def test_withdraw_and_restore(registry: Registry[object]) -> None:
+def test_unregister_and_restore(registry: Registry[object]) -> None:
     state = registry.save()
-    with contributing("file a.py"):
+    with registering_as("file a.py"):
         registry.register("a", 1)
         registry.register("b", 2)
-    registry.withdraw("file a.py")
+    registry.unregister("file a.py")
     assert registry.names() == ["distance"]
-    registry.offer("c", "package p 1", lambda: None)
+    registry.register_lazily("c", "package p 1", lambda: None)
     assert registry.names() == ["distance", "c"]
     registry.restore(state)
     assert registry.names() == ["distance"]

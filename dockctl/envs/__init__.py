@@ -1,4 +1,4 @@
-"""Gymnasium environments; importing this package registers their names."""
+"""Gymnasium environments; importing this package registers them."""
 
 from dockctl.envs.registration import register_envs
 

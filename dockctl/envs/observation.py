@@ -1,7 +1,7 @@
 """The parts of the observation (thesis eqs. 3.9, 3.12), scaled to about unit range and bounded.
 
-A part takes the `View` of n boats, and its parameters by keyword, to `Columns`. Values outside the bounds are
-clipped to them.
+A part is a function of the `View` of n boats, and of keyword-only parameters, that returns `Columns`. Values
+are clipped to their bounds.
 """
 
 from __future__ import annotations
@@ -18,22 +18,23 @@ from dockctl.plugins import OBSERVATION_PARTS
 from dockctl.scenarios.base import Positive
 from dockctl.sim.status import Floats, Ints
 
-if TYPE_CHECKING:  # the simulator is heavy, and checking a scenario's parts does without it
+if TYPE_CHECKING:  # slow to import, and not needed to check a scenario
     from dockctl.sim.simulator import Simulator
 
 
 @dataclass(frozen=True)
 class View:
-    """What n boats know: the raw material of the observation.
+    """The state of n boats from which observations are computed; read-only for the parts.
 
     Attributes:
-        phase: (n,) 0 on the way to the intermediate pose, 1 on the way to the final pose.
-        distance_m, heading_error_rad: (n,) delta d and delta psi to the goal of the phase.
-        eta, goal: (n, 3) own pose and goal of the phase, x, y [m] and heading [rad].
-        nu: (n, 3) u, v [m/s] and r [rad/s].
+        phase: (n,) int, 0 before the intermediate pose, 1 after it.
+        distance_m: (n,) delta d, distance to the goal of the phase (eq. 3.5) [m].
+        heading_error_rad: (n,) delta psi, heading minus that of the goal, in (-pi, pi] (eq. 3.6).
+        eta, goal: (n, 3) own pose and goal of the phase, x, y [m] and heading [rad], world frame.
+        nu: (n, 3) surge, sway [m/s] and yaw rate [rad/s] over ground, body frame.
         command: (n, 2) last propeller force [N] and rudder angle [rad].
-        command_limit: (2,) the vessel's greatest force [N] and angle [rad].
-        sector_ranges_m: (n, sectors) nearest LiDAR return of each sector.
+        command_limit: (2,) greatest propeller force [N] and rudder angle [rad] of the vessel.
+        sector_ranges_m: (n, sectors) nearest return of each sector of the range sensor [m].
     """
 
     phase: Ints
@@ -48,7 +49,7 @@ class View:
 
     @classmethod
     def of(cls, simulator: Simulator, sector_ranges_m: Floats) -> View:
-        """Return what the boats of a simulator know, with their last scan."""
+        """Return the view of a simulator's boats with these ranges (n, sectors) [m]."""
         return cls(
             phase=simulator.phase,
             distance_m=simulator.distance_m,
@@ -64,7 +65,13 @@ class View:
 
 @dataclass(frozen=True)
 class Columns:
-    """k columns of the observation: their names, values (n, k), and bounds, numbers or (k,)."""
+    """k columns of the observation.
+
+    Attributes:
+        names: k names.
+        values: (n, k).
+        low, high: bounds, one number or (k,).
+    """
 
     names: Sequence[str]
     values: Floats
@@ -78,6 +85,10 @@ Part = Callable[..., Columns]
 def observation_part(name: str, *, source: str = "") -> Callable[[Part], Part]:
     """Register the function below as a part of the observation.
 
+    Args:
+        name: its name in scenarios.
+        source: equation or table.
+
     Raises:
         DuplicateNameError: the name is taken.
     """
@@ -86,7 +97,7 @@ def observation_part(name: str, *, source: str = "") -> Callable[[Part], Part]:
 
 @observation_part("phase", source="eq. 3.12")
 def phase(view: View) -> Columns:
-    """Return s_task: 0 on the way to the intermediate pose, 1 on the way to the final pose."""
+    """Return s_task: 0 before the intermediate pose, 1 after it."""
     return Columns(["phase"], view.phase[:, None].astype(float), 0, 1)
 
 
@@ -111,26 +122,26 @@ def velocity(
     yaw_radps: Positive = 0.04,
     cap: Positive = 5.0,
 ) -> Columns:
-    """Return u, v and r, each over its scale, within +- cap."""
+    """Return u, v and r, each divided by its scale, clipped to +- cap."""
     return Columns(["u", "v", "r"], view.nu / [surge_mps, sway_mps, yaw_radps], -cap, cap)
 
 
 @observation_part("command", source="eq. 3.9")
 def command(view: View) -> Columns:
-    """Return the last propeller force and rudder angle, each over the vessel's limit."""
+    """Return the last propeller force and rudder angle as fractions of the vessel's limits."""
     return Columns(["propeller", "rudder"], view.command / view.command_limit, -1, 1)
 
 
 @observation_part("lidar", source="eqs. 3.7, 3.8")
 def lidar(view: View, *, cap_m: Positive = 20.0, scale_m: Positive = 10.0) -> Columns:
-    """Return the nearest return of each sector, capped, over the scale."""
+    """Return the nearest return of each sector, capped, divided by the scale."""
     names = [f"range_{sector + 1}" for sector in range(view.sector_ranges_m.shape[1])]
     return Columns(names, view.sector_ranges_m / scale_m, 0, cap_m / scale_m)
 
 
 @observation_part("bearing", source="not in the thesis")
 def bearing(view: View) -> Columns:
-    """Return sine and cosine of the direction to the goal, in the body frame."""
+    """Return sine and cosine of the bearing of the goal in the body frame."""
     offset = view.goal - view.eta
     angle = wrap(np.arctan2(offset[:, 1], offset[:, 0]) - view.eta[:, 2])
     return Columns(["bearing_sin", "bearing_cos"], np.column_stack([np.sin(angle), np.cos(angle)]), -1, 1)

@@ -1,4 +1,4 @@
-"""From a scenario to the observation and action spaces."""
+"""Observations: the parts that a scenario lists, side by side."""
 
 from __future__ import annotations
 
@@ -14,23 +14,27 @@ from dockctl.plugins import OBSERVATION_PARTS
 from dockctl.scenarios.schema import ObservationPart
 
 BLANK_BOATS = 2
-"""Boats on which the shapes are tried; with one alone, a row a boat and a single row look the same."""
+"""Boats in the view that the shapes are checked with; with one boat, (n, k) and (1, k) look the same."""
 
 
 class ObservationEncoder:
-    """Turns views into observations, the parts side by side in the scenario's order.
+    """Computes observations from views: the columns of all parts, in the scenario's order.
+
+    Attributes:
+        names: names of the k columns.
+        space: Box of float32, (k,).
 
     Args:
-        parts: what the scenario lists.
-        sectors: how many LiDAR sectors a view has.
+        parts: the parts that the scenario lists.
+        sectors: number of sectors of the range sensor.
 
     Raises:
-        DockctlError: a part or one of its parameters is unknown, a parameter is missing, or a part gives
-            columns of another shape than (n, k).
+        DockctlError: a part or one of its parameters is unknown, a parameter is missing, or a part returns
+            columns of the wrong shape.
     """
 
     def __init__(self, parts: Sequence[ObservationPart], sectors: int) -> None:
-        self._parts = [OBSERVATION_PARTS.get(given.part).bound(given.params) for given in parts]
+        self._parts = [OBSERVATION_PARTS.get(given.part).bind(given.params) for given in parts]
         blank = _blank_view(sectors)
         columns = [_checked(given.part, part(blank)) for given, part in zip(parts, self._parts, strict=True)]
         self.names = tuple(name for column in columns for name in column.names)
@@ -38,24 +42,26 @@ class ObservationEncoder:
         self.space = Box(low, high)
 
     def __call__(self, view: View) -> NDArray[np.float32]:
-        """Return the observations (n, k) of n boats."""
+        """Return the observations (n, k) of n boats, clipped to the bounds."""
         values = np.hstack([part(view).values for part in self._parts]).astype(np.float32)
         return np.clip(values, self.space.low, self.space.high)
 
 
 def _checked(part: str, columns: Columns) -> Columns:
-    """Return the columns that a part gave of the blank view if their shape is right."""
+    """Return the columns that a part returned for the blank view, after a check of their shapes."""
     right = (BLANK_BOATS, len(columns.names))
     if np.shape(columns.values) != right:
         raise DockctlError(
-            f"observation part '{part}' gave values of shape {np.shape(columns.values)} for {right[0]} boats,"
-            f" expected a row a boat and a column a name, {right}"
+            f"observation part '{part}' returned values of shape {np.shape(columns.values)} for"
+            f" {right[0]} boats, expected one row per boat and one column per name, {right}",
+            code="plugin",
         )
     for bound in (columns.low, columns.high):
         if np.shape(bound) not in ((), right[1:]):
             raise DockctlError(
-                f"observation part '{part}' gave a bound of shape {np.shape(bound)},"
-                f" expected one number, or one a name, {right[1:]}"
+                f"observation part '{part}' returned a bound of shape {np.shape(bound)},"
+                f" expected one number, or one per name, {right[1:]}",
+                code="plugin",
             )
     return columns
 

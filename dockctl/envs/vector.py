@@ -1,4 +1,4 @@
-"""n boats docking side by side as a native Gymnasium vector environment: the only step logic there is."""
+"""n boats as a native Gymnasium vector environment; the single environment is its row 0."""
 
 from __future__ import annotations
 
@@ -31,28 +31,28 @@ ScenarioSource = LoadedScenario | Scenario | str | Path
 
 
 class DockingVectorEnv(VectorEnv[Observations, NDArray[Any], NDArray[Any]]):
-    """n boats that learn to dock, stepped together; `DockingEnv` tells of observations, actions and rewards.
+    """n boats, stepped together; see `DockingEnv` for observations, actions, rewards and `info`.
 
-    A boat whose episode ended begins the next one in the same step (`AutoresetMode.SAME_STEP`): its row of
-    the observations and of `info` is the new episode's first. Its last observation is `info["final_obs"][i]`
-    and its last info row i of `info["final_info"]`, where the masks `info["_final_obs"]` and
-    `info["_final_info"]` hold. With `AutoresetMode.DISABLED` it waits for
+    With `AutoresetMode.SAME_STEP`, a boat whose episode ends starts the next one in the same step: its rows
+    of the observations and of `info` are the first of the new episode. The final observation of row i is
+    `info["final_obs"][i]`, and its final info is row i of `info["final_info"]`, where the masks
+    `info["_final_obs"]` and `info["_final_info"]` are true. With `AutoresetMode.DISABLED`, call
     `reset(options={"reset_mask": ended})`.
 
-    Each boat draws from its own generator, spawned from the seed: what happens to boat i depends on the seed,
-    on i and on its actions, not on how many boats there are.
+    Each boat draws from its own generator, spawned from the seed: the episodes of boat i depend on the seed,
+    on i and on its actions, but not on the number of boats.
 
     Args:
-        scenario: name, path, or a scenario already loaded.
-        num_envs: how many boats.
-        base_dir: what the mesh paths of a bare `Scenario` are relative to.
-        exploring: begin episodes as in training, with the scenario's exploring starts.
+        scenario: name, path, or a loaded scenario.
+        num_envs: number of boats.
+        base_dir: folder that mesh paths of a `Scenario` object are relative to.
+        exploring: draw starts as in training, with the scenario's exploring starts.
         render_mode: "rgb_array" or None.
         autoreset_mode: `SAME_STEP` or `DISABLED`.
-        worlds: the harbors, instead of those that the scenario describes.
+        worlds: harbors to use instead of building those of the scenario.
 
     Raises:
-        DockctlError: the scenario is wrong.
+        DockctlError: the scenario is invalid, or an argument is.
     """
 
     metadata: dict[str, Any] = {
@@ -73,10 +73,11 @@ class DockingVectorEnv(VectorEnv[Observations, NDArray[Any], NDArray[Any]]):
         worlds: Sequence[World] | None = None,
     ) -> None:
         if render_mode not in (None, *self.metadata["render_modes"]):
-            raise DockctlError(f"unknown render_mode '{render_mode}' (allowed: rgb_array, None)")
+            message = f"unknown render_mode '{render_mode}' (known: rgb_array, None)"
+            raise DockctlError(message, code="unknown_name")
         self.autoreset_mode = AutoresetMode(autoreset_mode)
         if self.autoreset_mode == AutoresetMode.NEXT_STEP:
-            raise DockctlError("autoreset_mode must be SameStep or Disabled")
+            raise DockctlError("autoreset_mode must be SameStep or Disabled", code="unknown_name")
         self.metadata = {**self.metadata, "autoreset_mode": self.autoreset_mode}
         self.render_mode = render_mode
         self.num_envs = num_envs
@@ -103,16 +104,20 @@ class DockingVectorEnv(VectorEnv[Observations, NDArray[Any], NDArray[Any]]):
     def reset(
         self, *, seed: int | Sequence[int | None] | None = None, options: dict[str, Any] | None = None
     ) -> tuple[Observations, Info]:
-        """Begin an episode in every row.
+        """Start an episode in every row.
 
         Args:
-            seed: one for all, from which each row's is spawned, or one a row; None lets the generators go on.
-            options: `poses`: (n, 3) x [m], y [m] and heading [rad] at which the rows begin, at rest.
-                `starts`: n starts (`dockctl.sim.starts.Start`), which say more: goals, phase, harbor.
-                `reset_mask`: (n,) bool, the rows to reset; the others go on.
+            seed: one seed, from which a seed for each row is spawned, or n seeds; None keeps the generators.
+            options: `poses`: (n, 3) start poses x [m], y [m] and heading [rad], at rest.
+                `starts`: n `dockctl.sim.starts.Start`, which also define goals, phase and harbor.
+                `reset_mask`: (n,) bool, the rows to reset; the others continue.
+
+        Returns:
+            observations (n, k) float32 and `info`, arrays of n rows.
 
         Raises:
-            DockctlError: a pose is not finite or lies in an obstacle, or an option has the wrong shape.
+            DockctlError: a pose is not finite or is in an obstacle, or an option is unknown or of the wrong
+                shape.
         """
         options = options or {}
         for name in options:
@@ -122,11 +127,13 @@ class DockingVectorEnv(VectorEnv[Observations, NDArray[Any], NDArray[Any]]):
         self._reseed(seed)
         mask = np.asarray(options.get("reset_mask", np.ones(self.num_envs, bool)))
         if mask.shape != (self.num_envs,) or mask.dtype != np.bool_ or not mask.any():
-            raise DockctlError(f"options['reset_mask'] must be {self.num_envs} booleans, one of them true")
+            message = f"options['reset_mask'] must be {self.num_envs} booleans, at least one of them true"
+            raise DockctlError(message, code="mismatch")
         rows = np.flatnonzero(mask)
         if "starts" in options:
             if len(options["starts"]) != self.num_envs:
-                raise DockctlError(f"options['starts'] must be {self.num_envs} starts, one a boat")
+                message = f"options['starts'] must be {self.num_envs} starts, one per boat"
+                raise DockctlError(message, code="mismatch")
             starts = [options["starts"][row] for row in rows]
         elif "poses" in options:
             starts = self._given(rows, np.asarray(options["poses"], float))
@@ -136,14 +143,20 @@ class DockingVectorEnv(VectorEnv[Observations, NDArray[Any], NDArray[Any]]):
         return self._observe(), self._info(self._no_events())
 
     def step(self, actions: NDArray[Any]) -> tuple[Observations, Floats, Bools, Bools, Info]:
-        """Hold each boat's action (n,) for one control period.
+        """Apply each boat's action for one control period.
+
+        Args:
+            actions: n actions of the action space.
+
+        Returns:
+            observations (n, k) float32, rewards (n,), terminated (n,), truncated (n,) and `info`.
 
         Raises:
-            gymnasium.error.ResetNeeded: an episode ended and nobody reset it.
-            gymnasium.error.InvalidAction: an action outside of the action space.
+            gymnasium.error.ResetNeeded: an episode has ended and was not reset.
+            gymnasium.error.InvalidAction: an action is not in the action space.
         """
         if self._ended.any():
-            raise error.ResetNeeded("an episode has ended or none has begun: call reset() first")
+            raise error.ResetNeeded("an episode has ended or none has started: call reset() first")
         status = self.simulator.step(self._commands(actions))
         reward, by_term = self.reward(status)
         terminated = status.collided | status.reached_final
@@ -156,11 +169,11 @@ class DockingVectorEnv(VectorEnv[Observations, NDArray[Any], NDArray[Any]]):
         return observations, reward, terminated, truncated, info
 
     def clearance(self) -> Floats:
-        """Return the least distance (n,) [m] between each boat's hull and its harbor."""
+        """Return the clearance (n,) [m]: the least distance between each hull and its harbor."""
         return self.simulator.in_harbors(lambda world, eta: world.obstacles.clearance(eta))
 
     def render(self) -> tuple[NDArray[np.uint8], ...] | None:
-        """Return a picture (height, width, 3) of the harbor from above for each boat, if there is a mode."""
+        """Return a plan view (height, width, 3) for each boat, or None without a render mode."""
         if self.render_mode is None:
             return None
         from dockctl.envs.render import draw_frame
@@ -170,10 +183,11 @@ class DockingVectorEnv(VectorEnv[Observations, NDArray[Any], NDArray[Any]]):
         return tuple(draw_frame(scene, eta, goal, np.array(trail)) for scene, eta, goal, trail in boats)
 
     def _reseed(self, seed: int | Sequence[int | None] | None) -> None:
-        """Give every row its own generator; without a seed, rows keep the ones they have."""
+        """Give every row its own generator; without a seed, rows keep their generators."""
         if isinstance(seed, Sequence):
             if len(seed) != self.num_envs:
-                raise DockctlError(f"expected {self.num_envs} seeds, one a boat, got {len(seed)}")
+                message = f"expected {self.num_envs} seeds, one per boat, got {len(seed)}"
+                raise DockctlError(message, code="mismatch")
             sources = [np.random.SeedSequence(one).spawn(1)[0] for one in seed]
         elif seed is not None or not self._rngs:
             sources = np.random.SeedSequence(seed).spawn(self.num_envs)
@@ -186,10 +200,11 @@ class DockingVectorEnv(VectorEnv[Observations, NDArray[Any], NDArray[Any]]):
 
     def _given(self, rows: Ints, poses: Floats) -> list[Start]:
         if poses.shape != (self.num_envs, 3) or not np.isfinite(poses).all():
-            raise DockctlError(f"options['poses'] must be finite numbers of shape ({self.num_envs}, 3)")
+            message = f"options['poses'] must be finite numbers of shape ({self.num_envs}, 3)"
+            raise DockctlError(message, code="mismatch")
         blocked = self.worlds[self._own.harbor].obstacles.blocked
         for x, y, heading in poses[rows][blocked(poses[rows])]:
-            raise DockctlError(f"the start pose ({x:g}, {y:g}, {np.degrees(heading):g}°) lies in an obstacle")
+            raise DockctlError(f"the start pose ({x:g}, {y:g}, {np.degrees(heading):g}°) is in an obstacle")
         return [given_start(self._own, self.scenario.task, poses[row], int(row)) for row in rows]
 
     def _begin(self, rows: Ints, starts: Sequence[Start]) -> None:
@@ -201,7 +216,7 @@ class DockingVectorEnv(VectorEnv[Observations, NDArray[Any], NDArray[Any]]):
             self._trails[row] = [self.simulator.eta[row].copy()]
 
     def _restart(self, observations: Observations, info: Info) -> tuple[Observations, Info]:
-        """Begin the next episode of the rows that ended, and put their last observation and info aside."""
+        """Start the next episode of the rows that ended; their final observation and info go into `info`."""
         ended = self._ended.copy()
         rows = np.flatnonzero(ended)
         final_obs = np.full(self.num_envs, None, object)
@@ -212,8 +227,8 @@ class DockingVectorEnv(VectorEnv[Observations, NDArray[Any], NDArray[Any]]):
         terms = info["reward_terms"].items()
         events["reward_terms"] = {name: np.where(ended, 0.0, value) for name, value in terms}
         events["outcome"][rows] = events["collided_with"][rows] = ""
-        last = _masked({"final_obs": final_obs, "final_info": info}, ended)
-        return self._observe(), {**self._info(events), **last}
+        final = _masked({"final_obs": final_obs, "final_info": info}, ended)
+        return self._observe(), {**self._info(events), **final}
 
     def _commands(self, actions: NDArray[Any]) -> Floats:
         """Return the commands (n, 2) [N, rad] of the actions."""
@@ -228,7 +243,7 @@ class DockingVectorEnv(VectorEnv[Observations, NDArray[Any], NDArray[Any]]):
         return self._encoder(View.of(self.simulator, self.simulator.sector_ranges_m))
 
     def _info(self, events: Info) -> Info:
-        """Return the state of every boat, copied, and what happened to it."""
+        """Return copies of the state of every boat, and the events."""
         simulator = self.simulator
         return {
             "pose": simulator.eta.copy(),
@@ -274,7 +289,7 @@ def _resolve(scenario: ScenarioSource, base_dir: Path | None) -> tuple[Scenario,
 
 
 def _masked(info: Info, mask: Bools) -> Info:
-    """Return `info` with a mask `_key` beside every key, as Gymnasium's vector environments give it."""
+    """Return `info` with a mask `_key` for every key, as in Gymnasium's vector environments."""
     masked: Info = {}
     for key, value in info.items():
         masked[key] = _masked(value, mask) if isinstance(value, dict) else value

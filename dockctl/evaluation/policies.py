@@ -334,7 +334,7 @@ def _attribute(module: ModuleType, name: str, given: str) -> Factory:
 
 def _from_factory(given: str, factory: Factory, params: Mapping[str, Any]) -> BuiltPolicy:
     """Return the policy of a factory, with its parameters checked."""
-    bound = Entry(given, factory, "", "", "").bound(params)
+    bound = Entry(given, factory, "", "", "").bind(params)
     try:
         source = inspect.getsourcefile(inspect.unwrap(factory))
     except TypeError:  # neither a function nor a class

@@ -1,1 +1,1 @@
-"""Rewards: registered terms measure a control step, the scenario's weights judge it."""
+"""Rewards: registered terms measure a control step, and the scenario weights them."""

@@ -14,7 +14,7 @@ from dockctl.sim.status import Bools, Floats, StepStatus
 
 
 class RewardFunction:
-    """What a control step is worth: the first event that holds pays alone, otherwise the dense terms add up.
+    """The reward of a control step: that of its event, otherwise the sum of the dense terms.
 
     Args:
         reward: terms, weights and parameters of the scenario.
@@ -31,26 +31,27 @@ class RewardFunction:
         self.names = tuple(dict.fromkeys(name for name, *_ in self._terms))
 
     def __call__(self, status: StepStatus) -> tuple[Floats, dict[str, Floats]]:
-        """Return the reward (n,) and what each term contributed to it, by name, (n,) each.
+        """Return the reward (n,) and the contribution of each term by name, (n,) each.
 
         Raises:
-            DockctlError: a term returned another shape than (n,).
+            DockctlError: a term returned a shape other than (n,).
         """
-        counts = _cases(status)
+        applies = _cases(status)
         breakdown = {name: np.zeros(len(status.phase)) for name in self.names}
         for name, kind, weight, measure in self._terms:
             value = np.asarray(measure(status), float)
             if value.shape != status.phase.shape:
                 raise DockctlError(
                     f"reward term '{name}' returned shape {value.shape}, "
-                    f"expected one value a boat, {status.phase.shape}"
+                    f"expected one value per boat, {status.phase.shape}",
+                    code="plugin",
                 )
-            breakdown[name] += np.where(counts[kind], weight * value, 0.0)
+            breakdown[name] += np.where(applies[kind], weight * value, 0.0)
         return sum(breakdown.values(), np.zeros(len(status.phase))), breakdown
 
 
 def _cases(status: StepStatus) -> dict[str, Bools]:
-    """Return which kind of term counts for which boat; exactly one kind does."""
+    """Return for each kind of term the boats (n,) that it applies to; exactly one kind applies to a boat."""
     final = status.reached_final & ~status.collided
     intermediate = status.reached_intermediate & ~status.collided & ~final
     return {
@@ -62,7 +63,7 @@ def _cases(status: StepStatus) -> dict[str, Bools]:
 
 
 def _bind(weighted: WeightedTerm, reward: Reward) -> Callable[[StepStatus], Floats]:
-    """Return the term with its parameters filled in."""
+    """Return the term with its parameters bound."""
     entry = REWARD_TERMS.get(weighted.term)
     shared = {"distance_unit_m": reward.distance_unit_m} if "distance_unit_m" in entry.parameters else {}
-    return entry.bound({**shared, **weighted.params})
+    return entry.bind({**shared, **weighted.params})

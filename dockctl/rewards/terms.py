@@ -1,8 +1,9 @@
-"""The reward terms of the thesis (eqs. 3.10 and 3.13) and one more, each a measure of one control step.
+"""The reward terms of the thesis (eqs. 3.10 and 3.13), and one more.
 
-A term takes the `StepStatus` of n boats, and its parameters by keyword, to a measure (n,). Its kind says when
-it counts: `collision`, `intermediate` and `final` in the step of that event, `dense` in every other step.
-Weights, with their signs, stand in the scenario. A parameter `distance_unit_m` is filled in from the reward.
+A term is a function of the `StepStatus` of n boats, and of keyword-only parameters, that returns a measure
+(n,). Its kind determines when it applies: `collision`, `intermediate` and `final` in the step of that event,
+`dense` in every other step. The weights, with their signs, are in the scenario. A parameter `distance_unit_m`
+defaults to the unit of the scenario's reward.
 """
 
 from __future__ import annotations
@@ -12,7 +13,7 @@ from typing import Literal, get_args
 
 import numpy as np
 
-from dockctl.errors import DockctlError
+from dockctl.errors import DockctlError, nearest
 from dockctl.plugins import REWARD_TERMS
 from dockctl.scenarios.base import Number, Positive
 from dockctl.sim.status import Floats, StepStatus
@@ -25,9 +26,9 @@ def reward_term(name: str, *, kind: Kind, source: str = "") -> Callable[[Term], 
     """Register the function below as a reward term.
 
     Args:
-        name: how scenarios call it.
-        kind: when it counts.
-        source: the equation or table that it comes from.
+        name: its name in scenarios.
+        kind: when it applies.
+        source: equation or table.
 
     Raises:
         DuplicateNameError: the name is taken.
@@ -35,14 +36,16 @@ def reward_term(name: str, *, kind: Kind, source: str = "") -> Callable[[Term], 
     """
     if kind not in get_args(Kind):
         raise DockctlError(
-            f"reward term '{name}': unknown kind '{kind}' (allowed: {', '.join(get_args(Kind))})"
+            f"reward term '{name}': unknown kind '{kind}' (known: {', '.join(get_args(Kind))})",
+            code="unknown_name",
+            suggestion=nearest(kind, get_args(Kind)),
         )
     return lambda function: REWARD_TERMS.register(name, function, kind=kind, source=source)
 
 
 @reward_term("collision", kind="collision", source="eqs. 3.10, 3.13")
 def collision(status: StepStatus) -> Floats:
-    """Return 1 for a boat that touched something."""
+    """Return 1 for a boat that collided."""
     return status.collided.astype(float)
 
 
@@ -54,19 +57,19 @@ def intermediate(status: StepStatus) -> Floats:
 
 @reward_term("final", kind="final", source="eqs. 3.10, 3.13")
 def final(status: StepStatus) -> Floats:
-    """Return 1 for a boat that rests at the final pose."""
+    """Return 1 for a boat that reached the final pose."""
     return status.reached_final.astype(float)
 
 
 @reward_term("distance", kind="dense", source="eqs. 3.10, 3.13")
 def distance(status: StepStatus, *, distance_unit_m: Positive = 1.0) -> Floats:
-    """Return delta d in units of `distance_unit_m`."""
+    """Return the distance to the goal, delta d, in units of `distance_unit_m`."""
     return status.distance_m / distance_unit_m
 
 
 @reward_term("orientation", kind="dense", source="eqs. 3.10, 3.13")
 def orientation(status: StepStatus) -> Floats:
-    """Return |delta psi| [rad]."""
+    """Return the absolute heading error, |delta psi| [rad]."""
     return np.abs(status.heading_error_rad)
 
 
@@ -78,10 +81,10 @@ def speed(status: StepStatus, *, distance_unit_m: Positive = 1.0, floor: Positiv
 
 @reward_term("progress", kind="dense", source="potential difference; not in the thesis")
 def progress(status: StepStatus, *, per_m: Number = 150.0, per_rad: Number = 100.0) -> Floats:
-    """Return D before minus D after the step, D = 150 delta d [m] + 100 |delta psi| [rad].
+    """Return D before minus D after the step, D = per_m * delta d [m] + per_rad * |delta psi| [rad].
 
-    It takes the place of `distance` and `orientation`. Events pay alone, so the potential is dropped at the
-    end of an episode, and the best policy may differ from that of the penalties.
+    It replaces `distance` and `orientation`. In the step of an event the dense terms do not apply, so the
+    last difference is dropped, and the optimal policy may differ from that of the penalties.
     """
     closer = status.previous_distance_m - status.distance_m
     better_aligned = np.abs(status.previous_heading_error_rad) - np.abs(status.heading_error_rad)

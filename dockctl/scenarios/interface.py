@@ -1,4 +1,4 @@
-"""What belongs to a policy wherever it sails: what it observes, and what it can do."""
+"""The interface of a policy: what it observes, and its actions."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from dockctl.scenarios.schema import ACTION_KINDS, ObservationPart, Scenario
 
 
 class PolicyInterface(Model):
-    """The parts of a policy's observation, into how many sectors its LiDARs' points fall, and its actions."""
+    """The parts of a policy's observation, the number of sectors of its range sensor, and its actions."""
 
     observation: tuple[ObservationPart, ...] = Field(min_length=1)
     lidar_sectors: Count
@@ -21,7 +21,7 @@ class PolicyInterface(Model):
 
     @classmethod
     def of(cls, scenario: Scenario) -> Self:
-        """Return the interface of the policies that are trained on `scenario`."""
+        """Return the interface of policies trained on `scenario`."""
         return cls(
             observation=scenario.observation,
             lidar_sectors=scenario.sensors.lidar.sectors,
@@ -29,10 +29,10 @@ class PolicyInterface(Model):
         )
 
     def on(self, scenario: Scenario) -> Scenario:
-        """Return `scenario`, its task, harbor and vessel, as seen and sailed by the policy.
+        """Return `scenario` with the observation, sectors and actions of the policy.
 
         Raises:
-            DockctlError: the vessel has not the power or the rudder for the policy's actions.
+            DockctlError: the policy's actions exceed the limits of the vessel.
         """
         lidar = scenario.sensors.lidar.model_copy(update={"sectors": self.lidar_sectors})
         changed = {
@@ -44,6 +44,5 @@ class PolicyInterface(Model):
             return Scenario.model_validate({**dict(scenario), **changed})
         except ValidationError as error:
             reasons = "; ".join(str(detail.get("ctx", {}).get("error")) for detail in error.errors())
-            raise DockctlError(
-                f"a policy cannot sail the vessel of '{scenario.name}' as it learned to: {reasons}"
-            ) from None
+            message = f"the policy's actions exceed the limits of the vessel of '{scenario.name}': {reasons}"
+            raise DockctlError(message, code="mismatch") from None

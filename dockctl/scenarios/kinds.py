@@ -1,9 +1,9 @@
-"""Sections of a scenario whose meaning is selected by a registered name under the key `kind`.
+"""Sections of a scenario that are selected by a registered name under the key `kind`.
 
     actions: {kind: continuous}
 
-A registered value is a `Kind`: a model whose fields are the keys of the section, validated before anything
-runs, and whose methods build what the section describes.
+A registered value is a subclass of `Kind`: a model whose fields are the keys of the section. It is validated
+before anything runs, and its methods build what the section describes.
 """
 
 from __future__ import annotations
@@ -25,7 +25,7 @@ K = TypeVar("K", bound="type[Kind]")
 class Kind(Model):
     """A section selected by `kind`.
 
-    A subclass names itself, ``kind: Literal["grid"] = "grid"``, adds its keys as fields, and has methods that
+    A subclass declares its name, ``kind: Literal["grid"] = "grid"``, its keys as fields, and methods that
     build what it describes.
     """
 
@@ -36,7 +36,8 @@ def register(registry: Registry[type[Any]], *, group: str = "", source: str = ""
     """Return a decorator that registers a subclass of `Kind` under the default of its field `kind`.
 
     Args:
-        group: what sort of thing it is, for listings.
+        registry: for example `dockctl.plugins.ACTIONS`.
+        group: group within the registry, for listings.
         source: equation, table, paper or data sheet.
 
     Raises:
@@ -51,7 +52,7 @@ def register(registry: Registry[type[Any]], *, group: str = "", source: str = ""
 
 
 class Kinds:
-    """Marks a field that holds a model of a registry.
+    """Annotation of a field that holds a model of a registry.
 
     Args:
         registry: the models by name.
@@ -62,7 +63,7 @@ class Kinds:
         self.registry, self.default = registry, default
 
     def model(self, kind: object) -> type[Kind] | None:
-        """Return the registered model called `kind`, the default's for None; None where there is none."""
+        """Return the model registered as `kind`, for None the default; None if there is no such model."""
         name = self.default if kind is None else kind
         try:
             return self.registry.get(str(name)).value

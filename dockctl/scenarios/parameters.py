@@ -1,4 +1,4 @@
-"""Check reward terms and observation parts against the functions registered under their names."""
+"""Check the parameters of reward terms and observation parts against the registered functions."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ from dockctl.scenarios.yaml_tree import Node
 
 
 def function_problems(tree: Node) -> Iterator[Problem]:
-    """Yield what is wrong with names and parameters; a wrong shape is left to the models."""
+    """Yield problems with names and parameters; the models check the structure."""
     first: dict[str, str] = {}
     for steps, name, body in _terms(tree):
         if name in first:

@@ -1,4 +1,4 @@
-"""The scenario: everything that a run is made from, frozen and checked."""
+"""The scenario: the complete input of a run, immutable and validated."""
 
 from __future__ import annotations
 
@@ -18,14 +18,14 @@ from dockctl.scenarios.vessel import Vessel
 
 
 class SpreadPose(Pose):
-    """A pose that is drawn within +- position_offset_m in x and y and +- heading_offset_deg, in training."""
+    """A pose; in training it is drawn within +- position_offset_m in x and y, and +- heading_offset_deg."""
 
     position_offset_m: NonNegative = 0.0
     heading_offset_deg: NonNegative = 0.0
 
 
 class Tolerance(Model):
-    """When a pose counts as reached. Give the heading in degrees or in radians, not both."""
+    """When a pose is reached. Give the heading in degrees or in radians, not both."""
 
     distance_m: Positive
     heading_deg: Positive | None = None
@@ -43,12 +43,12 @@ class Tolerance(Model):
         """Heading tolerance [rad]."""
         if self.heading_rad is not None:
             return self.heading_rad
-        assert self.heading_deg is not None  # held by the validator
+        assert self.heading_deg is not None  # by the validator
         return math.radians(self.heading_deg)
 
 
 class Task(Model):
-    """Where an episode begins, passes and ends (thesis Table 3.6, sections 3.2.3 and 4.3)."""
+    """Start, intermediate and final poses of an episode (thesis Table 3.6, sections 3.2.3 and 4.3)."""
 
     initial: tuple[SpreadPose, ...] = Field(min_length=1)
     intermediate: SpreadPose | None = None
@@ -56,7 +56,7 @@ class Task(Model):
     final_tolerance: Tolerance = Tolerance(distance_m=1.0, heading_rad=0.07, speed_mps=0.1)
     intermediate_tolerance: Tolerance = Tolerance(distance_m=1.5, heading_deg=5.0, speed_mps=0.1)
     max_steps: Count = 500
-    berths: Berths | None = Field(default=None, description="carry the poses above to many berths")
+    berths: Berths | None = Field(default=None, description="transfer the poses above to many berths")
 
 
 ACTION_KINDS = Kinds(ACTIONS, default="grid")
@@ -70,9 +70,9 @@ class Sensors(Model):
 
 
 class WeightedTerm(Model):
-    """A registered reward term, what it counts, and its parameters.
+    """A reward term, its weight and its parameters.
 
-    `term` is the registered name; it defaults to the key under which this stands.
+    `term` is the registered name; in a mapping it defaults to the key.
     """
 
     term: str
@@ -81,9 +81,9 @@ class WeightedTerm(Model):
 
 
 class Reward(Model):
-    """Equations 3.10 and 3.13 as cases: an event pays alone, otherwise the dense terms add up.
+    """Equations 3.10 and 3.13 as cases: the term of the event alone, otherwise the sum of the dense terms.
 
-    `distance_unit_m` is the unit in which the dense terms take the distance; 1 is metres.
+    `distance_unit_m` is the unit of the distance in the dense terms; 1 is meters.
     """
 
     distance_unit_m: Positive
@@ -92,7 +92,7 @@ class Reward(Model):
     @model_validator(mode="before")
     @classmethod
     def _terms_by_name(cls, given: Any) -> Any:
-        """``{distance: -150, mine: {term: speed, weight: -10}}`` becomes a list; null removes a term."""
+        """Turn ``{distance: -150, mine: {term: speed, weight: -10}}`` into a list; null removes a term."""
         if isinstance(given, dict) and isinstance(terms := given.get("terms"), dict):
             listed = []
             for name, value in terms.items():
@@ -105,7 +105,7 @@ class Reward(Model):
 
 
 class ObservationPart(Model):
-    """A registered part of the observation and its parameters; in YAML a name or ``{name: {parameters}}``."""
+    """A part of the observation and its parameters; in YAML a name or ``{name: {parameters}}``."""
 
     part: str
     params: dict[str, Any] = {}
@@ -122,7 +122,7 @@ class ObservationPart(Model):
 
 
 class Scenario(Model):
-    """A docking task with all around it; the one input of simulator, environment and trainer."""
+    """A docking task: vessel, harbor, sensors, conditions, actions, observation, task, reward, training."""
 
     name: Name
     title: str = ""
@@ -142,7 +142,7 @@ class Scenario(Model):
     @field_validator("conditions", mode="before")
     @classmethod
     def _conditions_by_name(cls, given: Any) -> Any:
-        """A condition's key names its kind, unless it has a `kind` of its own; null removes it."""
+        """Use the key as the kind of a condition that has no `kind`; null removes a condition."""
         if not isinstance(given, dict):
             return given
         return {

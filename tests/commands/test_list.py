@@ -7,12 +7,10 @@ from pathlib import Path
 import pytest
 from typer.testing import CliRunner
 
-from dockctl import plugins
 from dockctl.cli import app
 from dockctl.commands import list as command
 from dockctl.errors import DockctlError
 from dockctl.plugins import REWARD_TERMS, VESSELS
-from dockctl.scenarios import catalog
 
 GENTLE = Path(__file__).parent.parent.parent / "examples/local-term/gentle.py"
 runner = CliRunner()
@@ -61,27 +59,16 @@ def test_vessels_and_harbors() -> None:
     }
 
 
-@pytest.fixture
-def _clean(monkeypatch: pytest.MonkeyPatch) -> None:
-    catalog.fill()
-    for registry in (REWARD_TERMS, VESSELS):
-        monkeypatch.setattr(registry, "_entries", dict(registry._entries))
-        monkeypatch.setattr(registry, "_offers", dict(registry._offers))
-    monkeypatch.setattr(plugins, "_loaded", {})
-
-
-@pytest.mark.usefixtures("_clean")
 def test_a_local_file_is_listed_with_its_path() -> None:
     found = rows("rewards", "--plugin", GENTLE)
     assert found["gentle_turns"] == ["dense", "examples/local-term", "limit_radps=0.03", f"file {GENTLE}"]
 
 
-@pytest.mark.usefixtures("_clean")
 def test_a_broken_one_is_listed_as_broken(tmp_path: Path) -> None:
     def fail() -> None:
         raise DockctlError("no luck")
 
-    REWARD_TERMS.offer("unlucky", "package p 1", fail)
+    REWARD_TERMS.register_lazily("unlucky", "package p 1", fail)
     VESSELS.register("sunk", tmp_path / "sunk.yaml")
     assert rows("rewards")["unlucky"] == ["broken", "", "no luck", "package p 1"]
     assert rows("vessels")["sunk"][0] == "broken"

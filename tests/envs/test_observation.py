@@ -1,4 +1,4 @@
-"""The observation by hand: order, scaling, bounds, clipping."""
+"""The observation against values computed by hand: order, scaling, bounds, clipping."""
 
 from __future__ import annotations
 
@@ -117,10 +117,7 @@ def test_parts_of_a_wrong_shape_are_refused() -> None:
     def unbounded(view: View) -> Columns:
         return Columns(["u", "v", "r"], view.nu, [-1, -1], 1)
 
-    for part, complaint in {
-        "flat": r"'flat' gave values of shape \(2,\) for 2 boats, expected .*, \(2, 1\)",
-        "single_row": r"'single_row' gave values of shape \(1, 3\) for 2 boats, expected .*, \(2, 3\)",
-        "unbounded": r"'unbounded' gave a bound of shape \(2,\), expected one number, or one a name, \(3,\)",
-    }.items():
-        with pytest.raises(DockctlError, match=complaint):
+    for part in ("flat", "single_row", "unbounded"):
+        with pytest.raises(DockctlError, match=f"'{part}'") as caught:
             encoder(part, "phase")
+        assert caught.value.code == "plugin"
