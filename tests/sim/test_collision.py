@@ -1,4 +1,4 @@
-"""Collisions against plane geometry, brute force over triangles, and the traps of surfaces."""
+"""Collisions against plane geometry and brute force over triangles, and containment without contact."""
 
 from __future__ import annotations
 
@@ -31,7 +31,7 @@ def pose(x: float, y: float, heading_deg: float) -> np.ndarray:
     return np.array([[x, y, np.radians(heading_deg)]])
 
 
-# Upright prisms that share a height with the boat touch where their plans touch: plane geometry is the truth.
+# Upright prisms at the height of the boat touch it if their outlines touch: the reference is plane geometry.
 
 
 def placed(outline: np.ndarray, eta: np.ndarray) -> np.ndarray:
@@ -50,7 +50,7 @@ def separation(a: np.ndarray, b: np.ndarray) -> float:
 
 
 def distance(a: np.ndarray, b: np.ndarray) -> float:
-    """Least distance of two polygons that are apart: a corner of one to an edge of the other."""
+    """Distance of two disjoint polygons: from a corner of one to an edge of the other."""
     best = np.inf
     for p, q in ((a, b), (b, a)):
         for start, end in zip(q, np.roll(q, -1, axis=0), strict=True):
@@ -77,7 +77,7 @@ def test_boat_and_box_as_in_the_plane(x: float, y: float, heading: float, a: flo
         assert boat.clearance(eta[None])[0] == pytest.approx(distance(outline, block), abs=1e-6)
 
 
-def test_edges_of_a_wall_ahead() -> None:
+def test_contact_limits_of_a_wall_ahead() -> None:
     wall = checker(box((10, -5, -1), (12, 5, 1)))
     bow = 10 - HULL.length_m / 2
     ahead = np.array([[bow - 1e-6, 0, 0], [bow + 1e-6, 0, 0], [bow - 4, 0, 0]])
@@ -85,7 +85,7 @@ def test_edges_of_a_wall_ahead() -> None:
     assert wall.clearance(ahead) == pytest.approx([1e-6, 0.0, 4.0], abs=1e-9)
 
 
-def test_what_is_higher_than_the_boat_or_deeper_is_no_obstacle() -> None:
+def test_solids_above_or_below_the_boat_are_no_obstacles() -> None:
     eta = pose(0, 0, 30)
     bridge = box((-5, -5, HULL.freeboard_m + 0.1), (5, 5, 3))
     rock = box((-5, -5, -3), (5, 5, -HULL.draft_m - 0.2))
@@ -94,7 +94,7 @@ def test_what_is_higher_than_the_boat_or_deeper_is_no_obstacle() -> None:
     assert boat.clearance(eta)[0] == pytest.approx(0.1)
 
 
-# Traps: surfaces have no inside.
+# Containment without contact of surfaces
 
 
 def test_boat_inside_a_closed_solid_is_blocked_without_contact() -> None:
@@ -114,7 +114,7 @@ def test_solid_inside_the_boat_is_blocked_without_contact() -> None:
     assert buoy.collided_part(eta[0]) == "solid 0"
 
 
-def test_boat_in_a_basin_that_a_solid_encloses_is_free() -> None:
+def test_boat_in_a_basin_enclosed_by_a_solid_is_free() -> None:
     ring = trimesh.creation.annulus(r_min=6.0, r_max=9.0, height=2.0, sections=17)
     for eta, blocked in ((pose(0, 0, 0), False), (pose(4, 0, 90), False), (pose(7.5, 0, 90), True)):
         assert checker(ring).blocked(eta)[0] == blocked
@@ -126,7 +126,7 @@ def test_open_surface_has_no_inside() -> None:
     assert not checker(shell).blocked(pose(0, 0, 0))[0]
 
 
-def test_solid_turned_inside_out_still_blocks() -> None:
+def test_an_inverted_solid_blocks_too() -> None:
     land = box((-20, -20, -5), (20, 20, 5))
     land.invert()
     assert checker(land).blocked(pose(0, 0, 0))[0]
@@ -138,7 +138,7 @@ def test_corners_level_with_the_boat_count_once(x: int, y: int, corners: int) ->
     level = (HULL.freeboard_m - HULL.draft_m) / 2
     outline = np.round(20 * np.stack((np.cos(angles), np.sin(angles)), axis=1))
     disc = prism(outline, -5.0, 5.0)
-    double = prism(outline, -5.0, level)  # ends at the very height at which the cut is made
+    double = prism(outline, -5.0, level)  # its top is at the height of the cross-section
     normals = np.roll(outline, -1, axis=0) - outline
     dx, dy = normals.T
     depth = (dx * (y - outline[:, 1]) - dy * (x - outline[:, 0])) / np.hypot(dx, dy)
@@ -206,7 +206,7 @@ def test_clearance_in_the_marina_equals_brute_force() -> None:
 
 
 def triangle_distance(a: np.ndarray, b: np.ndarray) -> float:
-    """Least distance of two sets of triangles that are apart: corner to triangle or edge to edge."""
+    """Distance of two disjoint sets of triangles: corner to triangle or edge to edge."""
     best = np.inf
     for p, q in ((a, b), (b, a)):
         for corner in np.unique(p.reshape(-1, 3), axis=0):
@@ -218,7 +218,7 @@ def triangle_distance(a: np.ndarray, b: np.ndarray) -> float:
 
 
 def segment_distances(start: np.ndarray, end: np.ndarray, others: np.ndarray) -> np.ndarray:
-    """Least distance of one segment to each of (k, 2, 3) others where both feet lie inside; else infinity."""
+    """Distance of one segment to each of (k, 2, 3) others if both feet are inside; else infinity."""
     u, v, w = end - start, others[:, 1] - others[:, 0], start - others[:, 0]
     a, b, c, d, e = u @ u, v @ u, (v * v).sum(-1), w @ u, (w * v).sum(-1)
     det = a * c - b * b
@@ -240,7 +240,7 @@ def segment_distances(start: np.ndarray, end: np.ndarray, others: np.ndarray) ->
         (pose(20, 0, 0), None),
     ],
 )
-def test_names_what_is_hit(eta: np.ndarray, name: str | None) -> None:
+def test_the_name_of_the_part_that_is_hit(eta: np.ndarray, name: str | None) -> None:
     found = CollisionChecker(reference_harbor(), HULL).collided_part(eta[0])
     assert found == name
 
@@ -256,13 +256,13 @@ def test_poses_do_not_influence_each_other() -> None:
         assert all(np.array_equal(result, together) for result in pool.map(boat.blocked, [eta] * 16))
 
 
-def test_no_poses_give_no_answers() -> None:
+def test_no_poses_give_empty_results() -> None:
     boat = CollisionChecker(reference_harbor(), HULL)
     for answer in (boat.collides, boat.blocked, boat.clearance):
         assert answer(np.empty((0, 3))).shape == (0,)
 
 
-def test_mesh_file_blocks_like_the_solid_it_holds(tmp_path: Path) -> None:
+def test_a_mesh_file_blocks_like_its_solid(tmp_path: Path) -> None:
     box((2, -3, -1), (4, 3, 2)).export(tmp_path / "pier.ply")
     spec = MeshHarbor(kind="meshes", meshes=(MeshFile(path="pier.ply"),))
     boat = CollisionChecker(build_harbor(spec, tmp_path), HULL)

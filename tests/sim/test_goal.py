@@ -1,4 +1,4 @@
-"""Distances, and the edges of the tolerances to the last bit."""
+"""Distances, and the limits of the tolerances to the last bit."""
 
 from __future__ import annotations
 
@@ -52,12 +52,12 @@ INTERMEDIATE_EDGES = [
 
 
 @pytest.mark.parametrize(("distance", "error", "speed", "holds"), FINAL_EDGES)
-def test_edges_of_the_final_pose(distance: float, error: float, speed: float, holds: bool) -> None:
+def test_limits_of_the_final_pose(distance: float, error: float, speed: float, holds: bool) -> None:
     assert final_reached(FINAL, *map(np.array, ([distance], [error], [speed])))[0] == holds
 
 
 @pytest.mark.parametrize(("distance", "error", "speed", "holds"), INTERMEDIATE_EDGES)
-def test_edges_of_the_intermediate_pose(distance: float, error: float, speed: float, holds: bool) -> None:
+def test_limits_of_the_intermediate_pose(distance: float, error: float, speed: float, holds: bool) -> None:
     limit = TASK.intermediate_tolerance
     assert intermediate_reached(limit, *map(np.array, ([distance], [error], [speed])))[0] == holds
 

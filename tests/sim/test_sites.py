@@ -22,7 +22,7 @@ coordinate, angle = st.floats(-50, 50), st.floats(-math.pi, math.pi)
 poses = st.tuples(coordinate, coordinate, angle).map(np.array)
 
 
-def test_a_task_carried_to_its_own_berth_stays_and_its_mirror_image_is_the_other_side() -> None:
+def test_a_task_transferred_to_its_own_berth_is_unchanged_and_mirrored_comes_from_the_other_side() -> None:
     by_name = {site.berth: site for site in sites(MARINA)}
     own = own_site(S3)
     assert by_name["east 0"].initial == pytest.approx(own.initial)
@@ -30,12 +30,12 @@ def test_a_task_carried_to_its_own_berth_stays_and_its_mirror_image_is_the_other
     mirrored = by_name["east 0 mirrored"]
     assert mirrored.initial == pytest.approx(np.array([[23, 10, -math.pi / 2]]))
     assert mirrored.goals == pytest.approx(np.array([[18, -3, math.radians(-150)], [36, 0, math.pi]]))
-    # half a turn about the middle between the berths brings the east berth to the west one
+    # half a turn about the midpoint between the berths maps the east berth to the west one
     assert by_name["west -2"].initial == pytest.approx(np.array([[20, 8, -math.pi / 2]]))
     assert by_name["west -2"].goals[1] == pytest.approx([7, -2, 0])
 
 
-def test_each_berth_is_free_in_its_harbor_and_all_the_others_there_are_taken_or_free_together() -> None:
+def test_each_berth_is_free_in_its_harbor_and_the_others_are_occupied_or_of_the_same_group() -> None:
     assert MARINA.task.berths is not None
     free_somewhere: list[BerthPlace] = []
     for layout in layouts(MARINA.harbor, MARINA.task.berths):
@@ -81,7 +81,7 @@ def test_at_least_one_berth_of_each_kind_must_be_free(kind: str) -> None:
 
 
 def test_blocked_berths_are_a_problem_of_the_scenario() -> None:
-    """Ten metres south of the southernmost berth is the quay."""
+    """Ten meters south of the southernmost berth is the quay."""
     crowded = load(
         "marina",
         overrides=[
@@ -95,7 +95,7 @@ def test_blocked_berths_are_a_problem_of_the_scenario() -> None:
 
 
 @pytest.mark.parametrize("heading_deg", [180, -180, 540])
-def test_the_own_berth_is_found_whichever_way_its_heading_is_written(heading_deg: float) -> None:
+def test_the_own_berth_is_found_for_equivalent_headings(heading_deg: float) -> None:
     """The berth is held out, and so is not free in the first harbor."""
     turned = load("marina", overrides=[f"task.final.heading_deg={heading_deg}"])
     own = own_site(turned.scenario)
@@ -111,7 +111,7 @@ def test_a_final_pose_must_be_the_pose_of_a_berth() -> None:
         own_site(off.scenario)
 
 
-def test_random_starts_lie_around_their_own_site() -> None:
+def test_random_starts_are_around_their_own_site() -> None:
     held_out = [site for site in sites(MARINA) if site.kind == "held_out"]
     around = {site.berth: site.initial[0] for site in held_out}
     starts = random_starts(MARINA, held_out, OPEN, episodes=200, seed=1, kind="held_out")
@@ -135,7 +135,7 @@ def test_invalid_berths_are_refused(override: str, code: str) -> None:
         load("marina", overrides=[override])
 
 
-def test_the_intermediate_pose_is_spread_in_training_and_nominal_in_tests() -> None:
+def test_the_intermediate_pose_is_drawn_in_training_and_nominal_in_tests() -> None:
     gate = MARINA.task.intermediate
     assert gate is not None and gate.position_offset_m > 0
     reach = [gate.position_offset_m, gate.position_offset_m, math.radians(gate.heading_offset_deg)]

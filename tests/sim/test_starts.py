@@ -1,4 +1,4 @@
-"""Where episodes begin: inside the promised bounds, free of obstacles, and the same for the same seed."""
+"""Starts of episodes: within their bounds, free of obstacles, reproducible."""
 
 from __future__ import annotations
 
@@ -57,7 +57,7 @@ def test_phase_and_goals_with_and_without_an_intermediate_pose() -> None:
 
 
 @given(seed=seeds)
-def test_offsets_stay_within_their_bounds_and_in_free_water(seed: int) -> None:
+def test_offsets_are_within_their_bounds_and_free(seed: int) -> None:
     scenario = with_offsets(S1, 3.0, 15.0)
     start = sampler_of(scenario, 21.0).draw(np.random.default_rng(seed))
     off = np.abs(start.eta - [20, 2, math.radians(160)])
@@ -65,7 +65,7 @@ def test_offsets_stay_within_their_bounds_and_in_free_water(seed: int) -> None:
     assert start.eta[0] <= 21
 
 
-def test_where_everything_is_blocked_the_initial_pose_stands() -> None:
+def test_if_everything_is_blocked_the_start_is_the_initial_pose() -> None:
     scenario = with_offsets(S1, 3.0, 15.0)
     start = sampler_of(scenario, -1e9).draw(np.random.default_rng(0))
     assert start.eta.tolist() == [20, 2, math.radians(160)]
@@ -75,7 +75,7 @@ def test_where_everything_is_blocked_the_initial_pose_stands() -> None:
 
 
 @given(seed=seeds)
-def test_exploring_starts_lie_near_their_leg(seed: int) -> None:
+def test_exploring_starts_are_near_their_leg(seed: int) -> None:
     start = draw_exploring(S3, seed)
     initial = np.array([23, -10, math.pi / 2])
     intermediate, final = start.goals
@@ -103,7 +103,7 @@ def test_exploring_starts_cover_both_legs_their_length_and_both_directions() -> 
     assert surge.max() > 0.3
 
 
-def test_headings_turn_by_the_shorter_way_round() -> None:
+def test_headings_turn_by_the_smaller_angle() -> None:
     """From -170 to 170 degrees through 180, not through 0."""
     turned = S1.task.initial[0].model_copy(update={"heading_deg": -170.0})
     final = S1.task.final.model_copy(update={"heading_deg": 170.0})
@@ -118,7 +118,7 @@ def test_exploring_starts_avoid_obstacles(seed: int) -> None:
     assert draw_exploring(S3, seed, wall=30.0).eta[0] <= 30
 
 
-def test_the_fraction_of_exploring_starts_is_the_scenarios() -> None:
+def test_the_fraction_of_exploring_starts_is_that_of_the_scenario() -> None:
     rng = np.random.default_rng(1)
     kinds = [sampler_of(S3, exploring=True).draw(rng).kind for _ in range(400)]
     assert 160 < kinds.count("exploring") < 240

@@ -97,7 +97,7 @@ def test_without_thrust_the_kinetic_energy_never_grows(vessel: Vessel, nu: tuple
 
 @pytest.mark.parametrize("vessel", VESSELS)
 @given(nu=speeds, command=commands, heading=st.floats(-4, 4))
-def test_the_mirror_image_sails_the_mirrored_course(
+def test_mirrored_commands_give_the_mirrored_trajectory(
     vessel: Vessel, nu: tuple[float, ...], command: tuple[float, float], heading: float
 ) -> None:
     mirror = np.array([1.0, -1.0, -1.0])
@@ -109,7 +109,7 @@ def test_the_mirror_image_sails_the_mirrored_course(
 
 
 @given(nu=speeds, command=commands, turn=st.floats(-4, 4), shift=st.floats(-50, 50))
-def test_the_water_looks_the_same_everywhere_and_in_every_direction(
+def test_the_motion_does_not_depend_on_position_and_direction(
     nu: tuple[float, ...], command: tuple[float, float], turn: float, shift: float
 ) -> None:
     model = VesselModel(THESIS)
@@ -136,7 +136,7 @@ def test_the_fast_kernel_equals_the_matrices(
 
 @pytest.mark.parametrize(("substeps", "tolerance"), [(5, 2e-4), (50, 2e-8), (250, 2e-10)])
 def test_converges_to_a_reference_solver(substeps: int, tolerance: float) -> None:
-    """Fourth order: a tenth of the step, a ten thousandth of the error, down to the solver's 1e-10."""
+    """Fourth order: the error of a tenth of the step is a ten-thousandth, down to 1e-10 of the solver."""
     model = VesselModel(THESIS.model_copy(update={"substeps": substeps}))
     command, start = rows((50, math.pi / 6)), np.array([0, 0, 0.4, 0.35, 0.05, 0.1])
 
@@ -150,7 +150,7 @@ def test_converges_to_a_reference_solver(substeps: int, tolerance: float) -> Non
 
 
 def test_one_step_for_the_whole_control_period_would_diverge() -> None:
-    """The yaw pole at -9.43 1/s is past RK4's limit of 0.295 s at 0.5 s, and within it at 0.25 s."""
+    """With the yaw pole at -9.43 1/s, RK4 is stable for steps of up to 0.295 s: 0.25 s, but not 0.5 s."""
     spinning = rows((0, 0, 0.01))
     for substeps, stable in ((1, False), (2, True)):
         model = VesselModel(THESIS.model_copy(update={"substeps": substeps}))
@@ -170,8 +170,8 @@ def test_one_step_for_the_whole_control_period_would_diverge() -> None:
         {"control_period_s": 3.0},
     ],
 )
-def test_the_fewest_substeps_that_are_allowed_are_stable(change: dict[str, float]) -> None:
-    """At full power they bring a boat to the velocity to which many substeps bring it."""
+def test_the_minimum_number_of_substeps_is_stable(change: dict[str, float]) -> None:
+    """At full power the terminal velocity is that of many substeps."""
     given = {**THESIS.model_dump(), **change}
     with pytest.raises(ValidationError, match="expected at least") as refusal:
         Vessel.model_validate({**given, "substeps": 1})
@@ -185,7 +185,7 @@ def test_the_fewest_substeps_that_are_allowed_are_stable(change: dict[str, float
     assert ends[0] == pytest.approx(ends[1], rel=1e-3, abs=1e-9)
 
 
-def test_a_row_does_not_depend_on_the_others_and_inputs_stay_as_they_are() -> None:
+def test_a_row_does_not_depend_on_the_others_and_inputs_are_unchanged() -> None:
     rng = np.random.default_rng(0)
     model = VesselModel(THESIS)
     eta, nu = rng.normal(size=(9, 3)), rng.normal(size=(9, 3)) * 0.2

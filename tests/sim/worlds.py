@@ -1,4 +1,4 @@
-"""Worlds without meshes: open water, or a wall, and a LiDAR that is a formula."""
+"""Worlds without meshes: open water or a wall, and a LiDAR given by a formula."""
 
 from __future__ import annotations
 
@@ -30,7 +30,7 @@ class Wall:
 
 
 class Rings:
-    """Ranges that depend on the pose alone, and that count the boats scanned."""
+    """Ranges that depend only on the pose; counts the scanned boats."""
 
     def __init__(self, sectors: int = 8) -> None:
         self.sectors, self.scanned, self.table_bytes = sectors, 0, 0

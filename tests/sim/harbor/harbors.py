@@ -1,4 +1,4 @@
-"""The harbor that the tests share."""
+"""The reference harbor for tests."""
 
 from __future__ import annotations
 

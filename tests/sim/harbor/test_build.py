@@ -1,4 +1,4 @@
-"""The reference marina against its description, other layouts, mesh files, and the drawing from above."""
+"""The reference marina against its description, other layouts, mesh files, and the plan view."""
 
 from __future__ import annotations
 
@@ -53,7 +53,7 @@ def harbor() -> Harbor:
 # The reference marina
 
 
-def test_berths_lie_two_by_two_between_the_fingers(harbor: Harbor) -> None:
+def test_two_berths_between_neighboring_fingers(harbor: Harbor) -> None:
     for side, x, heading, ys in (("east", 36.0, np.pi, EAST_BERTHS), ("west", 7.0, 0.0, WEST_BERTHS)):
         poses = [berth.pose for berth in harbor.berths if berth.side == side]
         np.testing.assert_allclose(poses, [(x, y, heading) for y in ys], atol=1e-12)
@@ -68,7 +68,7 @@ def test_only_the_two_target_berths_are_free(harbor: Harbor) -> None:
     assert moored == {berth.name for berth in harbor.berths if berth.occupied}
 
 
-def test_fingers_are_a_metre_wide_and_eight_long(harbor: Harbor) -> None:
+def test_fingers_are_one_meter_wide_and_eight_long(harbor: Harbor) -> None:
     decks = [part.solids[0].mesh.bounds for part in parts(harbor, "finger")]
     expected = [(30.5, y - 0.5, 38.5, y + 0.5) for y in EAST_FINGERS]
     expected += [(4.5, y - 0.5, 12.5, y + 0.5) for y in WEST_FINGERS]
@@ -76,7 +76,7 @@ def test_fingers_are_a_metre_wide_and_eight_long(harbor: Harbor) -> None:
     assert all(high[2] == 0.5 for _, high in decks)
 
 
-def test_fingers_stand_on_round_piles_within_their_footprint(harbor: Harbor) -> None:
+def test_piles_are_round_and_within_the_footprint_of_their_finger(harbor: Harbor) -> None:
     for deck, piles in zip(parts(harbor, "finger"), parts(harbor, "pile"), strict=True):
         (low, high), (foot, head) = deck.solids[0].mesh.bounds, piles.mesh.bounds
         assert (foot[:2] >= low[:2]).all()
@@ -85,7 +85,7 @@ def test_fingers_stand_on_round_piles_within_their_footprint(harbor: Harbor) -> 
         assert 1.5 <= head[2] <= 2.0
 
 
-def test_quays_close_the_basin_and_leave_it_free(harbor: Harbor) -> None:
+def test_quays_enclose_the_basin(harbor: Harbor) -> None:
     assert harbor.basin == (4.5, -40.0, 38.5, 40.0)
     for part in parts(harbor, "quay"):
         for solid in part.solids:
@@ -96,7 +96,7 @@ def test_quays_close_the_basin_and_leave_it_free(harbor: Harbor) -> None:
     assert boat.blocked(np.array([(*xy, 0.3) for xy in around])).all()
 
 
-def test_vessels_lie_in_the_middle_of_their_berths_with_the_stern_off_the_quay(harbor: Harbor) -> None:
+def test_vessels_are_centered_in_their_berths_with_the_stern_off_the_quay(harbor: Harbor) -> None:
     berths = {berth.name: berth for berth in harbor.berths}
     for part in parts(harbor, "vessel"):
         berth = berths[part.name.split(", ")[1]]
@@ -107,7 +107,7 @@ def test_vessels_lie_in_the_middle_of_their_berths_with_the_stern_off_the_quay(h
         assert high[1] - low[1] <= 3.4
 
 
-def test_all_the_classes_are_there_and_each_solid_is_closed(harbor: Harbor) -> None:
+def test_all_classes_occur_and_each_solid_is_closed(harbor: Harbor) -> None:
     nouns = {part.name.split(", ")[0] for part in parts(harbor, "vessel")}
     classes = ("open boat", "sailing boat", "motor yacht", "inflatable boat", "catamaran")
     assert nouns == {f"moored {noun}" for noun in classes}
@@ -135,15 +135,15 @@ def test_poses_of_the_thesis_are_free(harbor: Harbor, pose: tuple[float, float, 
 
 
 @pytest.mark.parametrize(
-    "way",
+    "poses",
     [
         [(20, 2, 160), (36, 0, 180)],
         [(23, -10, 90), (18, 3, 150), (36, 0, 180)],
         [(21, -11, 90), (25, 0, 50), (14, -2, 0), (7, -2, 0)],
     ],
 )
-def test_ways_of_the_thesis_are_free(harbor: Harbor, way: list[tuple[float, float, float]]) -> None:
-    legs = [np.linspace(a, b, 100) for a, b in pairwise(way)]
+def test_trajectories_of_the_thesis_are_free(harbor: Harbor, poses: list[tuple[float, float, float]]) -> None:
+    legs = [np.linspace(a, b, 100) for a, b in pairwise(poses)]
     eta = np.concatenate(legs) * (1, 1, np.pi / 180)
     boat = CollisionChecker(harbor, HULL)
     assert not boat.blocked(eta).any()
@@ -157,7 +157,7 @@ def test_triangles_are_the_same_in_another_process(harbor: Harbor) -> None:
     assert other.stdout.strip() == harbor.content_hash
 
 
-def test_hash_tells_fleets_and_kinds_apart(harbor: Harbor) -> None:
+def test_the_hash_depends_on_the_fleet_and_the_kinds(harbor: Harbor) -> None:
     other = build_harbor(marina(fleet={"seed": 8}), Path())
     assert other.content_hash != harbor.content_hash
     cube = Solid("quay", box((0, 0, 0), (1, 1, 1)))
@@ -168,7 +168,7 @@ def test_hash_tells_fleets_and_kinds_apart(harbor: Harbor) -> None:
 # Other layouts
 
 
-def test_freeing_a_berth_leaves_the_other_vessels_where_they_are(harbor: Harbor) -> None:
+def test_freeing_a_berth_does_not_change_the_other_vessels(harbor: Harbor) -> None:
     rows = reference_spec().model_dump()["rows"]
     rows[0]["free_y_m"] = (4.0, 9.0)
     moved = {part.name: part for part in parts(build_harbor(marina(rows=rows), Path()), "vessel")}
@@ -213,7 +213,7 @@ def test_rows_on_all_four_sides_point_into_the_basin() -> None:
     assert north.mesh.bounds[:, 0].mean() == pytest.approx(33, abs=1e-3)
 
 
-def test_narrow_berths_get_narrow_vessels() -> None:
+def test_a_narrow_berth_gets_a_narrow_vessel() -> None:
     rows = [{"side": "east", "finger_y_m": (-1.6, 1.6), "berth_y_m": (0.0,)}]
     (vessel,) = parts(build_harbor(marina(rows=rows), Path()), "vessel")
     assert vessel.mesh.extents[1] <= 2.2 - 0.3
@@ -228,7 +228,7 @@ def test_berth_too_narrow_for_every_vessel_is_refused() -> None:
     assert parts(freed, "vessel") == []
 
 
-def test_free_berth_that_is_none_is_refused() -> None:
+def test_an_unknown_free_berth_is_refused() -> None:
     rows = [{"side": "east", "berth_y_m": (0.0, 4.0), "free_y_m": (3.0,)}]
     with pytest.raises(ValidationError, match="no berth at 3"):
         marina(rows=rows)
@@ -278,15 +278,15 @@ def test_mesh_formats_give_the_same_closed_bodies(tmp_path: Path, suffix: str) -
     assert all(solid.mesh.is_watertight for solid in part.solids)
 
 
-def test_meshes_are_turned_scaled_and_shifted(tmp_path: Path) -> None:
-    box((1000, 0, -3000), (2000, 500, -1000)).export(tmp_path / "up.obj")  # y up, millimetres
+def test_meshes_are_rotated_scaled_and_shifted(tmp_path: Path) -> None:
+    box((1000, 0, -3000), (2000, 500, -1000)).export(tmp_path / "up.obj")  # y up, millimeters
     spec = meshes("up.obj", up="y", scale=0.001, shift_m=(5.0, 0.0, -0.2))
     (part,) = build_harbor(spec, tmp_path).parts
     np.testing.assert_allclose(part.mesh.bounds, [(6, 1, -0.2), (7, 3, 0.3)], atol=1e-9)
     assert part.mesh.volume > 0
 
 
-def test_meshes_beside_a_marina(harbor: Harbor, tmp_path: Path) -> None:
+def test_meshes_added_to_a_marina(harbor: Harbor, tmp_path: Path) -> None:
     box((20, 20, -1), (22, 22, 2)).export(tmp_path / "rock.stl")
     more = build_harbor(marina(meshes=({"path": "rock.stl"},)), tmp_path)
     assert len(more.triangles) == len(harbor.triangles) + 12
@@ -325,10 +325,10 @@ def test_all_damaged_mesh_files_are_reported_together(tmp_path: Path) -> None:
     ]
 
 
-# From above
+# Plan view
 
 
-def test_scene_survives_json(harbor: Harbor) -> None:
+def test_a_scene_is_read_back_from_json(harbor: Harbor) -> None:
     scene = scene_of(harbor, HULL)
     again = Scene.from_json(json.loads(json.dumps(scene.to_json())))
     assert (again.name, again.bounds) == (scene.name, scene.bounds)
@@ -340,13 +340,13 @@ def test_scene_survives_json(harbor: Harbor) -> None:
     np.testing.assert_allclose(again.hull, hull_outline(HULL), atol=6e-4)
 
 
-def test_scene_shows_every_part_in_known_kinds(harbor: Harbor) -> None:
+def test_a_scene_shows_every_part_with_known_kinds(harbor: Harbor) -> None:
     scene = scene_of(harbor, HULL)
     assert {polygon.kind for polygon in scene.polygons} == set(KINDS) - {"mesh"}
     assert {polygon.name for polygon in scene.polygons} == {part.name for part in harbor.parts}
 
 
-def test_scene_of_a_vessel_covers_it_from_stern_to_bow(harbor: Harbor) -> None:
+def test_the_outline_of_a_vessel_covers_it_from_stern_to_bow(harbor: Harbor) -> None:
     scene = scene_of(harbor, HULL)
     for part in parts(harbor, "vessel"):
         xy = np.concatenate([polygon.xy for polygon in scene.polygons if polygon.name == part.name])

@@ -1,4 +1,4 @@
-"""The LiDAR against closed forms, a peer ray tracer and its own plain oracle."""
+"""The LiDAR scan against closed forms, another ray tracer and the reference implementation."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ COARSE = SpinningLidars(azimuth_steps=180)
 
 
 def clutter(seed: int, solids: int = 40, spread: float = 25.0) -> np.ndarray:
-    """A random field of boxes, balls and thin masts, some of them across the water's surface."""
+    """A random field of boxes, balls and thin masts, some of them at the water surface."""
     rng = np.random.default_rng(seed)
     meshes = []
     for index in range(solids):
@@ -40,7 +40,7 @@ def clutter(seed: int, solids: int = 40, spread: float = 25.0) -> np.ndarray:
 
 
 def wall(x: float, height: float) -> np.ndarray:
-    """A wide wall across the boat's bow at distance x."""
+    """A wide wall ahead of the boat at distance x."""
     box = trimesh.creation.box(bounds=[[x, -200.0, -1.0], [x + 1.0, 200.0, height]])
     return np.array(box.triangles)
 
@@ -61,7 +61,7 @@ def test_a_scan_has_every_ray_of_four_vlp16() -> None:
     rays = Rays.of(SpinningLidars())
     assert len(rays.directions) == 4 * 16 * 1800 == 115_200
     np.testing.assert_allclose(np.linalg.norm(rays.directions, axis=1), 1.0)
-    assert 0.45 < np.mean(rays.directions[:, 2] > 0) < 0.55  # half of them look up
+    assert 0.45 < np.mean(rays.directions[:, 2] > 0) < 0.55  # half of them point up
     in_sensor = rays.directions[:28_800] @ rotation(SpinningLidars().mounts[0])
     elevation = np.degrees(np.arcsin(in_sensor[:, 2])).reshape(16, 1800)
     np.testing.assert_allclose(elevation[:, 0], np.arange(-15, 16, 2), atol=1e-9)
@@ -75,14 +75,14 @@ def test_rays_end_at_the_water() -> None:
     assert rays.reach.max() == 100.0
 
 
-def test_open_water_reads_the_maximum_range() -> None:
+def test_open_water_gives_the_maximum_range() -> None:
     array = LidarArray(COARSE, np.empty((0, 3, 3)))
     np.testing.assert_array_equal(array.sector_ranges(np.zeros((2, 3))), np.full((2, 8), 100.0))
     np.testing.assert_array_equal(array.sector_ranges_by_full_scan(np.zeros((2, 3))), np.full((2, 8), 100.0))
 
 
 def test_a_wall_ahead_is_seen_at_its_distance() -> None:
-    """The wall stands at x = 7: the two bow sectors read 7 m, the next two 7 / cos 45 degrees."""
+    """The wall is at x = 7: the two bow sectors give 7 m, the next two 7 / cos 45 degrees."""
     ranges = LidarArray(SpinningLidars(), wall(7.0, 4.0)).sector_ranges(np.zeros((1, 3)))[0]
     np.testing.assert_allclose(ranges[[3, 4]], 7.0, atol=1e-3)
     np.testing.assert_allclose(ranges[[2, 5]], 7.0 * math.sqrt(2), atol=0.05)
@@ -96,8 +96,8 @@ def test_a_near_wall_hides_a_far_one() -> None:
 
 
 @pytest.mark.parametrize("heading", [0.0, 45.0, 90.0, 180.0, 270.0])
-def test_sectors_turn_with_the_boat(heading: float) -> None:
-    """A mast due east of the boat lies in the sector of the body-frame azimuth -heading."""
+def test_sectors_rotate_with_the_boat(heading: float) -> None:
+    """A mast due east of the boat is in the sector of the body-frame azimuth -heading."""
     mast = trimesh.creation.cylinder(radius=0.3, height=12, sections=32)
     mast.apply_translation([10.0, 1.0, 2.0])
     ranges = LidarArray(SpinningLidars(), np.array(mast.triangles)).sector_ranges(
@@ -146,7 +146,7 @@ def test_fast_scan_equals_full_scan_in_the_reference_marina() -> None:
 
 
 def test_full_scan_equals_embree() -> None:
-    """The peer traces in float32, so ranges agree to a millimetre."""
+    """Embree computes in float32, so that ranges agree to a millimeter."""
     from trimesh.ray.ray_pyembree import RayMeshIntersector
 
     triangles = clutter(7)
@@ -208,8 +208,8 @@ def test_ranges_do_not_depend_on_the_batch_or_the_threads(monkeypatch: pytest.Mo
     np.testing.assert_array_equal(together, array.sector_ranges(poses))
 
 
-def test_grid_is_on_the_safe_side() -> None:
-    """Bands never miss, and distances never exceed, what points sampled on the triangles show."""
+def test_the_grid_is_conservative() -> None:
+    """Bands contain, and distances do not exceed, those of points sampled on the triangles."""
     triangles = clutter(5)
     rng = np.random.default_rng(0)
     weights = rng.dirichlet([1, 1, 1], (len(triangles), 8))
@@ -230,7 +230,7 @@ def test_grid_is_on_the_safe_side() -> None:
         assert bands_near(grid, 0, x, y) & height
 
 
-def test_triangles_of_a_cell_tell_between_which_heights_they_pass() -> None:
+def test_triangles_of_a_cell_have_their_bands_of_height() -> None:
     triangles = clutter(6)
     grid = HeightGrid.over(triangles, 1.0)
     x0, y0, cell = grid.frame
@@ -245,7 +245,7 @@ def test_triangles_of_a_cell_tell_between_which_heights_they_pass() -> None:
 
 
 @given(low=st.floats(-2, 30), size=st.floats(0, 30))
-def test_bands_are_a_row_of_bits_that_grows_with_the_interval(low: float, size: float) -> None:
+def test_bands_are_contiguous_bits_that_grow_with_the_interval(low: float, size: float) -> None:
     first, last = band_at(low), band_at(low + size)
     bands = bits(first, last)
     assert bands & bits(first, first)
