@@ -81,9 +81,11 @@ def require_writable(root: Path) -> None:
     """
     existing = next(path for path in (root.absolute(), *root.absolute().parents) if os.path.exists(path))
     if not os.path.isdir(existing):
-        raise DockctlError(f"{root}: cannot be written: {existing} is not a folder")
+        raise DockctlError(f"{root}: cannot be written: {existing} is not a folder", code="not_writable")
     if not os.access(existing, os.W_OK | os.X_OK):
-        raise DockctlError(f"{root}: cannot be written: no write permission for {existing}")
+        raise DockctlError(
+            f"{root}: cannot be written: no write permission for {existing}", code="not_writable"
+        )
 
 
 def require_replaceable(folder: Path, always: Collection[str], perhaps: Collection[str], what: str) -> None:
@@ -103,7 +105,9 @@ def require_replaceable(folder: Path, always: Collection[str], perhaps: Collecti
     with writing(folder):
         there = {path.name for path in folder.iterdir()} if os.path.isdir(folder) else set()
     if there and not {*always} <= there <= {*always, *perhaps}:
-        raise DockctlError(f"{folder}: is not empty and contains no {what}; choose a new folder")
+        raise DockctlError(
+            f"{folder}: is not empty and contains no {what}; choose a new folder", code="not_writable"
+        )
 
 
 class RunDirectory:
@@ -131,8 +135,12 @@ class RunDirectory:
                     continue
                 return cls(path)
         except OSError as error:
-            raise DockctlError(f"{root}: cannot be written: {error.strerror or error}") from None
-        raise DockctlError(f"{parent / stem}: a thousand runs were started in the same second")
+            raise DockctlError(
+                f"{root}: cannot be written: {error.strerror or error}", code="not_writable"
+            ) from None
+        raise DockctlError(
+            f"{parent / stem}: a thousand runs were started in the same second", code="not_writable"
+        )
 
     @classmethod
     def open(cls, path: Path) -> RunDirectory:
@@ -142,9 +150,9 @@ class RunDirectory:
             DockctlError: there is no such folder, or it contains no run.
         """
         if not os.path.isdir(path):
-            raise DockctlError(f"{path}: no such run folder")
+            raise DockctlError(f"{path}: no such run folder", code="not_found")
         if not os.path.isfile(path / SCENARIO):
-            raise DockctlError(f"{path}: not a run folder: it has no {SCENARIO}")
+            raise DockctlError(f"{path}: not a run folder: it has no {SCENARIO}", code="not_found")
         return cls(path)
 
     @classmethod
@@ -156,7 +164,7 @@ class RunDirectory:
         """
         runs = [scenario.parent for scenario in root.glob(f"*/*/{SCENARIO}")]
         if not runs:
-            raise DockctlError(f"{root}: no runs yet; train one with: dockctl train")
+            raise DockctlError(f"{root}: no runs yet; train one with: dockctl train", code="not_found")
         return cls(max(runs, key=lambda path: (path.name, path.stat().st_mtime_ns)))
 
     @classmethod
@@ -205,7 +213,7 @@ class RunDirectory:
         with reading(path):
             value = json.loads(path.read_text(encoding="utf-8"))
         if not isinstance(value, dict):
-            raise DockctlError(f"{path}: cannot be read: expected a JSON object")
+            raise DockctlError(f"{path}: cannot be read: expected a JSON object", code="not_readable")
         return value
 
     def copy_files(self, folder: str, files: Iterable[Path]) -> dict[str, str]:

@@ -9,7 +9,7 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
 
-from dockctl.errors import DockctlError
+from dockctl.errors import Code, DockctlError
 
 
 @contextmanager
@@ -22,7 +22,9 @@ def writing(path: Path) -> Iterator[None]:
     try:
         yield
     except OSError as error:
-        raise DockctlError(f"{path}: cannot be written: {error.strerror or error}") from None
+        raise DockctlError(
+            f"{path}: cannot be written: {error.strerror or error}", code="not_writable"
+        ) from None
 
 
 @contextmanager
@@ -36,7 +38,8 @@ def reading(path: Path) -> Iterator[None]:
         yield
     except (OSError, EOFError, zlib.error, KeyError, TypeError, ValueError) as error:
         reason = f"{error} is missing" if isinstance(error, KeyError) else error
-        raise DockctlError(f"{path}: cannot be read: {reason}") from None
+        code: Code = "not_found" if isinstance(error, FileNotFoundError) else "not_readable"
+        raise DockctlError(f"{path}: cannot be read: {reason}", code=code) from None
 
 
 def write_atomically(path: Path, content: bytes) -> Path:

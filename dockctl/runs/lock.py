@@ -21,12 +21,12 @@ def exclusive_lock(path: Path) -> Iterator[None]:
         DockctlError: there is no such path, or another process holds the lock.
     """
     if not path.exists():
-        raise DockctlError(f"{path}: no such file or folder")
+        raise DockctlError(f"{path}: no such file or folder", code="not_found")
     lock = FileLock(path / ".lock" if path.is_dir() else path.with_suffix(".lock"))
     try:
         lock.acquire(blocking=False)
     except Timeout:
-        raise DockctlError(f"{path}: another process is using it") from None
+        raise DockctlError(f"{path}: another process is using it", code="busy") from None
     except (OSError, NotImplementedError):  # no permission, or no locks
         pass
     try:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import hashlib
 import os
+from collections.abc import Callable
 from datetime import datetime
 from pathlib import Path
 from typing import Any
@@ -13,6 +14,10 @@ import pytest
 from dockctl.errors import DockctlError
 from dockctl.runs import directory
 from dockctl.runs.directory import RunDirectory, require_replaceable, require_writable
+
+
+def has_code(code: str) -> Callable[[DockctlError], bool]:
+    return lambda error: error.code == code
 
 
 def names(folder: Path) -> list[str]:
@@ -36,7 +41,7 @@ def test_runs_started_in_the_same_second_get_separate_folders(tmp_path: Path) ->
 
 
 def test_the_latest_run_is_found_over_all_scenarios(tmp_path: Path) -> None:
-    with pytest.raises(DockctlError):
+    with pytest.raises(DockctlError, check=has_code("not_found")):
         RunDirectory.latest(tmp_path)
     for name in ("s1/20250101-000000-seed0", "s2/20250301-000000-seed0", "s3/20250201-000000-seed9"):
         (tmp_path / name).mkdir(parents=True)
@@ -47,14 +52,14 @@ def test_the_latest_run_is_found_over_all_scenarios(tmp_path: Path) -> None:
 
 def test_only_a_run_folder_can_be_opened(tmp_path: Path) -> None:
     run = RunDirectory.create(tmp_path, "s1", 0)
-    with pytest.raises(DockctlError):
+    with pytest.raises(DockctlError, check=has_code("not_found")):
         RunDirectory.open(run.path)
     run.write_text("scenario.yaml", "name: s1\n")
     assert RunDirectory.open(run.path).path == run.path
-    with pytest.raises(DockctlError):
+    with pytest.raises(DockctlError, check=has_code("not_found")):
         RunDirectory.open(tmp_path / "nowhere")
     run.write_text("provenance.json", "{")
-    with pytest.raises(DockctlError, match=r"provenance\.json"):
+    with pytest.raises(DockctlError, match=r"provenance\.json", check=has_code("not_readable")):
         run.read_json("provenance.json")
 
 
@@ -73,13 +78,13 @@ def test_unwritable_places_are_reported_before_any_work(tmp_path: Path) -> None:
     assert names(tmp_path) == []
     (tmp_path / "file").touch()
     for call in (require_writable, lambda root: RunDirectory.create(root, "s1", 0)):
-        with pytest.raises(DockctlError, match=str(tmp_path)):
+        with pytest.raises(DockctlError, match=str(tmp_path), check=has_code("not_writable")):
             call(tmp_path / "file" / "runs")
 
 
 def test_a_folder_without_write_permission(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(os, "access", lambda path, mode: False)  # root has every right
-    with pytest.raises(DockctlError, match=str(tmp_path)):
+    with pytest.raises(DockctlError, match=str(tmp_path), check=has_code("not_writable")):
         require_writable(tmp_path / "runs")
 
 
@@ -115,15 +120,15 @@ def test_only_an_earlier_version_is_replaced(tmp_path: Path) -> None:
     thing.mkdir()
     check(thing)
     (thing / "a").touch()
-    with pytest.raises(DockctlError, match=str(thing)):
+    with pytest.raises(DockctlError, match=str(thing), check=has_code("not_writable")):
         check(thing)
     (thing / "b").touch()
     (thing / "c").mkdir()
     check(thing)
     (thing / "mine").touch()
-    with pytest.raises(DockctlError, match=str(thing)):
+    with pytest.raises(DockctlError, match=str(thing), check=has_code("not_writable")):
         check(thing)
-    with pytest.raises(DockctlError, match=str(thing)):
+    with pytest.raises(DockctlError, match=str(thing), check=has_code("not_writable")):
         check(thing / "a")
 
 
@@ -143,5 +148,5 @@ def test_an_inaccessible_place_is_reported(
     monkeypatch.setattr(os, "stat", closed)
     require_writable(tmp_path / "closed")
     assert RunDirectory.containing(tmp_path / "closed" / "checkpoints" / "best" / "policy.json") is None
-    with pytest.raises(DockctlError):
+    with pytest.raises(DockctlError, check=has_code("not_found")):
         RunDirectory.open(tmp_path / "closed")

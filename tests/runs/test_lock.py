@@ -38,6 +38,7 @@ def test_a_second_process_is_refused_until_the_first_ends(tmp_path: Path, name: 
     with pytest.raises(DockctlError) as error, exclusive_lock(path):
         pass
     assert str(path) in str(error.value)
+    assert error.value.code == "busy"
     other.communicate()
     with exclusive_lock(path):
         pass
@@ -68,5 +69,6 @@ def test_a_read_only_folder_is_used_without_a_lock(tmp_path: Path, monkeypatch: 
 
 
 def test_a_missing_folder_is_an_error(tmp_path: Path) -> None:
-    with pytest.raises(DockctlError), exclusive_lock(tmp_path / "nothing"):
+    with pytest.raises(DockctlError) as error, exclusive_lock(tmp_path / "nothing"):
         pass
+    assert error.value.code == "not_found"
