@@ -1,184 +1,241 @@
-"""The thesis' claims, each with what we measured of it."""
+"""Claims of the thesis: what we measured, and a verdict by a rule that is stated with the claim."""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Sequence
-from dataclasses import dataclass
+from collections.abc import Callable, Sequence
+from typing import Literal
+
+import numpy as np
 
 from dockctl.analysis.latency import THESIS_FORWARD_MS
+from dockctl.analysis.learning import RECENT
 from dockctl.analysis.returns import break_even, unit_words
-from dockctl.analysis.success_map import SMALL_OFFSET_DEG, format_radius, free_starts, within_heading
+from dockctl.analysis.success_map import (
+    SMALL_OFFSET_DEG,
+    format_radius,
+    free_starts,
+    within_distance,
+    within_heading,
+)
 from dockctl.reports.success_map import THESIS_M
-from studies.thesis.elsewhere import MARINA, WHOSE
-from studies.thesis.kept import Kept, Kepts
-from studies.thesis.markdown import NOT_RUN, share, spread
-from studies.thesis.measures import change_share, slowing_m
-from studies.thesis.page import middle, seeds_docked
-from studies.thesis.thesis import HOURS_A_SCENARIO, SECONDS_A_STEP
-from studies.thesis.time import milliseconds_a_step
+from studies.thesis.data import SELECTION, TEST, Archive, ArchivedRun, Facts
+from studies.thesis.measures import Row, change_share, slowing_m
+from studies.thesis.text import (
+    Floats,
+    interquartile_mean,
+    interval,
+    middle,
+    share,
+    spread,
+)
+
+Verdict = Literal["reproduced", "partly", "not reproduced", "better"]
+Measured = tuple[str, Verdict]
 
 SCENARIOS = ("s1", "s2", "s3")
+POLICIES = {"s3": "scenario 3's policies", "marina": "the marina's policies"}
+RELIABLE = 0.95
+"""Success rate that counts as docking reliably; that of the stop rule."""
 
 
-@dataclass(frozen=True)
-class Claim:
-    """Something that the thesis says, where, and how we measure it."""
-
-    says: str
-    where: str
-    measured: Callable[[Kepts], str]
-    page: str
-
-    def row(self, kept: Kepts) -> dict[str, str]:
-        found = self.measured(kept)
-        return {"the thesis": self.says, "where": self.where, "here": f"{found} ([more]({self.page}))"}
-
-
-def docks(kept: Kepts) -> str:
-    """Seeds that dock from every test pose, and the closest that they came to anything."""
-    return "; ".join(_docks(name, kept[name]) for name in SCENARIOS)
+def claim_rows(facts: Facts, archive: Archive) -> list[Row]:
+    """One row per claim: what the thesis states, the verdict, and our measurement."""
+    rows = []
+    for claim in facts.claims:
+        text, verdict = MEASURES[claim.measure](facts, archive)
+        rows.append(
+            {
+                "thesis": claim.claim,
+                "where": claim.where,
+                "verdict": f"**{verdict}**",
+                "here": f"{text} ([more]({claim.page}))",
+            }
+        )
+    return rows
 
 
-def _docks(name: str, runs: Sequence[Kept]) -> str:
-    if not runs:
-        return f"{name} {NOT_RUN}"
-    all_dock = [ended for run in runs if (ended := run.ended("pose")) is not None]
-    clearance = [float(gap.min()) for run in runs if len(gap := run.of_docked("clearance_m"))]
-    every = sum(docked == count for docked, count in all_dock)
+def trained_starts(facts: Facts, archive: Archive) -> Measured:
+    """Reproduced if every seed docks from its selection poses and reliably from the test starts nearby."""
+    parts, reliable, docked = [], True, True
+    for name in SCENARIOS:
+        runs = archive[name]
+        docked = docked and _all_dock(runs)
+        rates = [_rate(run.outcomes(TEST)) for run in runs]
+        reliable = reliable and min(rates) >= RELIABLE
+        gaps = [float(gap.min()) for run in runs if len(gap := run.of_docked("clearance_m"))]
+        parts.append(
+            f"{name}: {share(sum(_all_dock([run]) for run in runs), len(runs))} seeds from the selection"
+            f" poses, {spread([100 * rate for rate in rates], '{:.0f}', ' %')} of the test starts within 1 m"
+            f" and 10°, least clearance by seed {spread(gaps, '{:.2f}', ' m')}"
+        )
+    return "; ".join(parts), _graded(docked and reliable, docked)
+
+
+def five_poses(facts: Facts, archive: Archive) -> Measured:
+    """At most partly reproduced: the five poses selected the checkpoints."""
+    runs = archive["s2"]
+    seeds = sum(_all_dock([run]) for run in runs)
+    tests = [_rate(run.outcomes(TEST)) for run in runs]
     return (
-        f"{name}: {every} of {len(runs)} seeds, least clearance by seed {spread(clearance, '{:.2f}', ' m')}"
+        f"{share(seeds, len(runs))} seeds dock from all five, but these poses selected the checkpoint and"
+        f" stopped the training; {spread([100 * rate for rate in tests], '{:.0f}', ' %')} of the test starts"
+        " within 1 m and 10° of the initial poses dock",
+        _graded(False, seeds > 0),
     )
 
 
-def slows(kept: Kepts) -> str:
-    """Where the boat makes top speed for the last time."""
-    found = {name: [slowing_m(t) for run in kept[name] for t in run.tracks] for name in SCENARIOS}
-    return "last at top speed " + "; ".join(
-        f"{name}: {spread(values, unit=' m off')}" for name, values in found.items()
+def convergence(facts: Facts, archive: Archive) -> Measured:
+    """Reproduced if every training with the thesis' learner docks in all of its last 100 episodes."""
+    runs = [run for experiment in archive.group("thesis") for run in archive[experiment.name]]
+    full = sum(run.recent_docked == RECENT for run in runs)
+    ours = [run for name in SCENARIOS for run in archive[name]]
+    mastered = share(sum(run.mastered for run in ours), len(ours))
+    return (
+        f"thesis' learner: {share(full, len(runs))} trainings dock in all of their last {RECENT} episodes;"
+        f" our learner: {mastered} trainings reach 95 of 100",
+        _graded(full == len(runs), full > 0),
     )
 
 
-def five_poses(kept: Kepts) -> str:
-    """Test poses docked by every seed."""
-    ended = [(run.seed, found) for run in kept["s2"] if (found := run.ended("pose"))]
-    return "; ".join(f"seed {seed}: {share(found)}" for seed, found in ended) or NOT_RUN
+def early_collisions(facts: Facts, archive: Archive) -> Measured:
+    """Reproduced if more than half of those episodes collide with δd in the unit used here."""
+    parts, verdicts = [], []
+    for unit, suffix in (("units of 20 m", ""), ("meters", "-meters")):
+        shares = [collision_share(archive[f"thesis-{name}{suffix}"][0], facts) for name in ("s1", "s2")]
+        parts.append(f"δd in {unit}: {spread([100 * value for value in shares], '{:.0f}', ' %')}")
+        verdicts.append(min(shares) > 0.5)
+    return "thesis' learner, scenarios 1 and 2, " + "; ".join(parts), _graded(verdicts[0], any(verdicts))
 
 
-def other_berth(name: str) -> Callable[[Kepts], str]:
-    """Seeds that dock at an untrained berth."""
-
-    def measured(kept: Kepts) -> str:
-        parts = []
-        for who, words in WHOSE.items():
-            counts = seeds_docked(kept[who], name)
-            parts.append(f"{words}: {share(counts)}{' seeds' if counts else ''}")
-        return "; ".join(parts)
-
-    return measured
+def collision_share(run: ArchivedRun, facts: Facts) -> float:
+    """Share of collisions in the training episodes of which the thesis states that most collide."""
+    first, last = facts.mostly_colliding
+    rows = run.episodes[run.episodes["episode"].between(first, last)]
+    return float((rows["outcome"] == "collision").mean())
 
 
-def radius(kept: Kepts) -> str:
-    """Success radius, and success within the thesis' distances."""
+def slowing(facts: Facts, archive: Archive) -> Measured:
+    """Scenario 1: at least 8 m off in the middle of the seeds; scenario 3: at most 5 m off."""
+    found = {name: [slowing_m(track) for run in archive[name] for track in run.tracks] for name in SCENARIOS}
+    text = "; ".join(f"{name}: {spread(values, unit=' m off')}" for name, values in found.items())
+    early, late = _middle(found["s1"]) >= 8, _middle(found["s3"]) <= 5
+    return f"last at top speed {text}", _graded(early and late, early or late)
+
+
+def opposite_berth(facts: Facts, archive: Archive) -> Measured:
+    return _berth("s3-opposite", archive)
+
+
+def appendix_berth(facts: Facts, archive: Archive) -> Measured:
+    return _berth("s3-appendix-b", archive)
+
+
+def _berth(name: str, archive: Archive) -> Measured:
+    """Reproduced if all of scenario 3's policies dock at an untrained berth, partly if some do."""
+    counts = {who: seeds_docked(archive[who], name) for who in POLICIES}
+    text = "; ".join(f"{POLICIES[who]}: {share(*found)} seeds" for who, found in counts.items())
+    docked, seeds = counts["s3"]
+    return text, _graded(docked == seeds, docked > 0)
+
+
+def seeds_docked(runs: Sequence[ArchivedRun], scenario: str) -> tuple[int, int]:
+    """Seeds that dock from every pose of another scenario, and all seeds."""
+    return sum(_all_dock([run], scenario) for run in runs), len(runs)
+
+
+def distance_from_start(facts: Facts, archive: Archive) -> Measured:
+    """Reproduced if scenario 3's policies dock reliably within 3 m; partly if every success radius is 1 m."""
     parts = []
-    for who, words in WHOSE.items():
-        mapped = [run for run in kept[who] if run.map is not None]
-        if not mapped:
-            parts.append(f"{words}: {NOT_RUN}")
-            continue
-        radii = ", ".join(format_radius(run.radius()) for run in mapped)
+    for who, title in POLICIES.items():
+        radii = ", ".join(format_radius(run.success_radius()) for run in archive[who])
         shares = "; ".join(
-            f"{spread([100 * _within(run, limit) for run in mapped], '{:.0f}', ' %')} within {limit:g} m"
+            f"{spread([100 * _within(run, limit) for run in archive[who]], '{:.0f}', ' %')} in {limit:g} m"
             for limit in THESIS_M
         )
-        parts.append(f"{words}: success radius {radii} by seed; {shares}")
-    return "; ".join(parts)
+        parts.append(f"{title}: {shares}; success radius by seed {radii}")
+    reliable = min(_within(run, min(THESIS_M)) for run in archive["s3"]) >= RELIABLE
+    near = min(run.success_radius() or 0.0 for run in archive["s3"]) >= 1
+    return "; ".join(parts), _graded(reliable, near)
 
 
-def _within(run: Kept, limit_m: float) -> float:
-    assert run.map is not None  # the caller has asked
-    free = within_heading(free_starts(run.map), SMALL_OFFSET_DEG)
-    return float(free.loc[free["offset_m"] <= limit_m + 1e-6, "docked"].mean())
+def _within(run: ArchivedRun, limit_m: float) -> float:
+    """Success rate of the free starts up to a distance, with small heading offsets."""
+    free = within_distance(within_heading(free_starts(run.map), SMALL_OFFSET_DEG), limit_m)
+    return float(free["docked"].mean())
 
 
-def halved(kept: Kepts) -> str:
-    """Share of the steps in which the propeller's command changes, for both weights."""
-    parts = []
-    for weight, name in (("20", "s3-velocity-20"), ("10", "s3")):
-        tracks = [track for run in kept[name] for track in run.tracks]
-        changes = [100 * change_share(track, "propeller_n") for track in tracks]
-        parts.append(f"{weight}: {middle(changes) + ' % of the steps' if changes else NOT_RUN}")
-    return "the propeller changes, with r_velocity " + "; ".join(parts)
+def propeller_changes(facts: Facts, archive: Archive) -> Measured:
+    """Reproduced if the changes at least halve, partly if the intervals are apart."""
+    changes = {
+        weight: [100 * change_share(t, "propeller_n") for run in archive[name] for t in run.tracks]
+        for weight, name in (("20", "s3-velocity-20"), ("10", "s3"))
+    }
+    text = "; ".join(f"{weight}: {middle(values)} % of the steps" for weight, values in changes.items())
+    high, low = (interval(_array(changes[weight])) for weight in ("20", "10"))
+    halved = _middle(changes["10"]) <= 0.5 * _middle(changes["20"])
+    return f"the propeller changes, with r_velocity {text}", _graded(halved, bool(low[1] < high[0]))
 
 
-def gate(kept: Kepts) -> str:
-    """What the intermediate pose must pay for docking to be worth more than loitering in front of it."""
-    judged = [run.returns for run in kept["s3"] if run.returns is not None]
-    if not judged:
-        return NOT_RUN
-    parts = []
-    for unit in judged[0]["distance_unit_m"].unique():
-        found = [break_even(table[table["distance_unit_m"] == unit]) for table in judged]
+def intermediate_reward(facts: Facts, archive: Archive) -> Measured:
+    """Reproduced if docking pays only above r_final in every unit of δd, partly if in one unit."""
+    tables = [run.returns for run in archive["s3"]]
+    final = float(archive["s3"][0].resolved["reward"]["terms"]["final"])
+    parts, needed = [], []
+    for unit in tables[0]["distance_unit_m"].unique():
+        found = [break_even(table[table["distance_unit_m"] == unit]) for table in tables]
         least = [value for value in found if value is not None]
-        needed = f"above {spread(least, '{:,.0f}')}" if max(least, default=0) > 0 else "always"
-        parts.append(f"δd in {unit_words(float(unit))}: {needed}")
-    return "docking is worth more than loitering at the gate for an r_pre-final, " + "; ".join(parts)
+        above = f"above {spread(least, '{:,.0f}')}" if max(least) > 0 else "any"
+        parts.append(f"δd in {unit_words(float(unit))}: {above}")
+        needed.append(min(least) > final)
+    text = "r_pre-final at which docking is worth more than loitering in front of the intermediate pose, "
+    return text + "; ".join(parts), _graded(all(needed), any(needed))
 
 
-def forward(kept: Kepts) -> str:
-    """Mean duration of the forward pass."""
-    means = [float(run.samples["forward_ms"].mean()) for run in kept["s3"] if run.samples is not None]
-    return f"{spread(means, '{:.2f}', ' ms')} on average" if means else NOT_RUN
+def forward_pass(facts: Facts, archive: Archive) -> Measured:
+    means = [float(run.latency_samples["forward_ms"].mean()) for run in archive["s3"]]
+    return f"{spread(means, '{:.2f}', ' ms')} on average, on another machine", _faster(
+        max(means), THESIS_FORWARD_MS
+    )
 
 
-def time(kept: Kepts) -> str:
-    """Wall time of a step and of a training."""
-    runs = [run for name in SCENARIOS for run in kept[name]]
-    if not runs:
-        return NOT_RUN
-    each = spread([milliseconds_a_step(run) for run in runs], "{:.2f}", " ms")
-    return f"{each} a step, {spread([run.minutes for run in runs], '{:.1f}', ' minutes')} a training"
+def training_time(facts: Facts, archive: Archive) -> Measured:
+    runs = [run for name in SCENARIOS for run in archive[name]]
+    per_step = spread([run.milliseconds_per_step for run in runs], "{:.2f}", " ms")
+    minutes = [run.minutes for run in runs]
+    text = f"{per_step} per step, {spread(minutes, '{:.1f}', ' minutes')} per training, on another machine"
+    return text, _faster(max(minutes) / 60, facts.hours_per_scenario)
 
 
-def held_out(kept: Kepts) -> str:
-    """Beyond the thesis: success at berths of no training."""
-    ended = [(run.seed, found) for run in kept[MARINA] if (found := run.ended("held_out"))]
-    return "; ".join(f"seed {seed}: {share(found)}" for seed, found in ended) or NOT_RUN
+MEASURES: dict[str, Callable[[Facts, Archive], Measured]] = {
+    measure.__name__: measure
+    for measure in (
+        trained_starts, five_poses, convergence, early_collisions, slowing, opposite_berth, appendix_berth,
+        distance_from_start, propeller_changes, intermediate_reward, forward_pass, training_time,
+    )
+}  # fmt: skip
 
 
-_RADII = " or ".join(f"{radius:g} m" for radius in THESIS_M)
-CLAIMS = (
-    Claim("docks safely from where it was trained", "§§4.1.1, 4.2.1, 4.3.1", docks, "results/scenario-1.md"),
-    Claim(
-        "slows down gradually, in scenario 1 from 10 m off; late in scenario 3", "§§4.1.1, 4.2.1, 4.3.1",
-        slows, "results/scenario-1.md#maneuver",
-    ),
-    Claim("docks from the five poses of Table 4.3", "§4.2.1", five_poses, "results/scenario-2.md"),
-    Claim(
-        "docks at the berth on the other side", "§4.3.2", other_berth("s3-opposite"),
-        "results/generalization.md#the-berth-on-the-other-side",
-    ),
-    Claim(
-        "docks at one more berth", "§4.3.2, app. B", other_berth("s3-appendix-b"),
-        "results/generalization.md#the-berth-of-appendix-b",
-    ),
-    Claim(
-        f"docks from within {_RADII} of the trained start, not beyond", "§§4.4, 5.2", radius,
-        "results/generalization.md#how-far-from-the-trained-start",
-    ),
-    Claim(
-        "halving r_velocity all but ends sudden changes of the propeller", "§4.3.1", halved,
-        "results/reward.md#r_velocity-20-or-10",
-    ),
-    Claim("the intermediate pose pays a very high reward", "§4.3", gate, "results/reward.md"),
-    Claim(f"a forward pass takes {THESIS_FORWARD_MS:g} ms", "§4.3.3", forward, "results/time.md"),
-    Claim(
-        f"{SECONDS_A_STEP:g} s a step, {HOURS_A_SCENARIO:g} h a scenario", "§4.3.3", time,
-        "results/time.md#a-training",
-    ),
-    Claim("(not in the thesis) docks at berths held out of the training", "", held_out, "results/marina.md"),
-)  # fmt: skip
+def _all_dock(runs: Sequence[ArchivedRun], scenario: str = "") -> bool:
+    return all(_rate(run.outcomes(SELECTION, scenario)) == 1 for run in runs)
 
 
-def rows(kept: Kepts) -> Iterator[dict[str, str]]:
-    """The table of claims."""
-    return (claim.row(kept) for claim in CLAIMS)
+def _rate(counts: dict[str, int] | None) -> float:
+    return counts["docked"] / sum(counts.values()) if counts else 0.0
+
+
+def _graded(whole: bool, part: bool) -> Verdict:
+    if whole:
+        return "reproduced"
+    return "partly" if part else "not reproduced"
+
+
+def _faster(ours: float, theirs: float) -> Verdict:
+    return "better" if ours < theirs else "not reproduced"
+
+
+def _array(values: Sequence[float]) -> Floats:
+    return np.array(values, float)
+
+
+def _middle(values: Sequence[float]) -> float:
+    return float(interquartile_mean(_array(values)))

@@ -1,4 +1,4 @@
-"""Learning curves of several seeds: each thin, their interquartile mean and its interval over them."""
+"""Figures of trainings: curves of several seeds with their interquartile mean and its interval."""
 
 from __future__ import annotations
 
@@ -14,11 +14,11 @@ from dockctl.analysis.learning import RECENT, from_initial_poses, moving_average
 from dockctl.drawing import palette
 from dockctl.reports import learning
 from dockctl.reports.style import legend_above, thousands, titled_figure
-from studies.thesis.kept import Kept
-from studies.thesis.statistics import POINTS, interquartile_mean, interval, on_a_grid
+from studies.thesis.data import ArchivedRun
+from studies.thesis.text import POINTS, interquartile_mean, interval, on_common_grid
 
 WINDOW = 50
-"""Episodes that a curve is the mean of."""
+"""Episodes per mean."""
 SEED_COLORS = palette.SERIES
 
 Measure = Callable[[pd.DataFrame], pd.Series]
@@ -32,18 +32,18 @@ DOCKED: Panel = ("Docked", "not in the thesis", lambda rows: (rows["outcome"] ==
 SHARES = (PHASE, DOCKED)
 
 
-def training_figure(title: str, runs: Sequence[Kept], cited: Sequence[str]) -> Figure:
-    """Reward, duration, ε or phase, and success over the training (thesis Figs. 4.1-4.3 and their like).
+def training_figure(title: str, runs: Sequence[ArchivedRun], cited: Sequence[str]) -> Figure:
+    """Reward, duration, ε or phase, and success over the training (as Figs. 4.1-4.3 of the thesis).
 
     Args:
-        cited: the thesis' figures of the first three panels.
+        cited: figures of the thesis for the first three panels.
     """
     has_phase = runs[0].run.task.intermediate is not None
     panels = (REWARD, DURATION, PHASE if has_phase else EPSILON, DOCKED)
     figure = titled_figure(
         title,
         f"{_seeds(runs)}; episodes from an initial pose, means of {WINDOW}; dark: interquartile mean of the"
-        " seeds with its 95 % bootstrap interval; a dot where a training ended: its last value counts on",
+        " seeds with its 95 % bootstrap interval; dot: end of a training, whose last value is used after it",
         (12.4, 7.6),
     )
     axes = figure.subplots(2, 2).ravel()
@@ -58,8 +58,8 @@ def training_figure(title: str, runs: Sequence[Kept], cited: Sequence[str]) -> F
     return figure
 
 
-def draw_seeds(ax: Axes, runs: Sequence[Kept], panel: Panel) -> None:
-    """One measure of every seed, and the seeds' middle."""
+def draw_seeds(ax: Axes, runs: Sequence[ArchivedRun], panel: Panel) -> None:
+    """One measure of every seed, and the interquartile mean of the seeds."""
     curves = [_curve(run, panel[2]) for run in runs]
     for i, curve in enumerate(curves):
         color = SEED_COLORS[i % len(SEED_COLORS)]
@@ -71,20 +71,20 @@ def draw_seeds(ax: Axes, runs: Sequence[Kept], panel: Panel) -> None:
 
 
 def draw_middle(ax: Axes, curves: Sequence[pd.Series], color: str) -> None:
-    """Interquartile mean of curves, and its interval as a band; ended curves keep their last value."""
-    grid, values = on_a_grid(curves)
+    """Interquartile mean of curves with its interval as a band."""
+    grid, values = on_common_grid(curves)
     low, high = interval(values)
     ax.fill_between(grid, low, high, color=color, alpha=0.13, lw=0)
     ax.plot(grid, interquartile_mean(values), color=color, lw=2.0)
 
 
 def compared_figure(
-    title: str, subtitle: str, groups: Mapping[str, Mapping[str, Sequence[Kept]]], columns: int = 2
+    title: str, subtitle: str, groups: Mapping[str, Mapping[str, Sequence[ArchivedRun]]], columns: int = 2
 ) -> Figure:
-    """Share of docked episodes of several sets of runs, a panel a group; the sets by name.
+    """Share of docked episodes of several sets of runs, one panel per group.
 
     Args:
-        groups: title of the panel, then name of the set and its runs.
+        groups: runs by title of the panel and name of the set.
     """
     rows = -(-len(groups) // columns)
     figure = titled_figure(title, subtitle, (12.4, 0.8 + 3.1 * rows))
@@ -109,11 +109,11 @@ def compared_figure(
     return figure
 
 
-def endings_figure(title: str, runs: Sequence[tuple[str, Kept]], columns: int = 2) -> Figure:
-    """How the episodes of single runs ended, over the training."""
+def endings_figure(title: str, runs: Sequence[tuple[str, ArchivedRun]], columns: int = 2) -> Figure:
+    """Outcomes of the episodes of single runs over the training."""
     rows = -(-len(runs) // columns)
     figure = titled_figure(
-        title, f"share of the last {RECENT} episodes by ending; dark: share past the intermediate pose",
+        title, f"share of the last {RECENT} episodes by outcome; dark: share past the intermediate pose",
         (12.4, 0.8 + 2.6 * rows),
     )  # fmt: skip
     axes = np.atleast_1d(figure.subplots(rows, columns)).ravel()
@@ -133,7 +133,7 @@ def endings_figure(title: str, runs: Sequence[tuple[str, Kept]], columns: int = 
     return figure
 
 
-def losses_figure(title: str, runs: Sequence[tuple[str, Kept]]) -> Figure:
+def losses_figure(title: str, runs: Sequence[tuple[str, ArchivedRun]]) -> Figure:
     """Mean absolute TD error and mean value of single runs over the training."""
     figure = titled_figure(
         title, "left: mean |TD error| of the updates, right: mean Q; in units of the reward", (12.4, 4.6)
@@ -156,13 +156,13 @@ def losses_figure(title: str, runs: Sequence[tuple[str, Kept]]) -> Figure:
     return figure
 
 
-def docked_over(run: Kept, steps: int) -> float:
-    """Share of docked episodes, averaged over so many steps; an ended run keeps its last value."""
+def docked_over(run: ArchivedRun, steps: int) -> float:
+    """Share of docked episodes over the first `steps` steps; after its end a run has its last value."""
     curve = _curve(run, DOCKED[2], "env_steps")
     return float(np.interp(np.linspace(0, steps, POINTS), curve.index.to_numpy(float), curve).mean())
 
 
-def _curve(run: Kept, measure: Measure, over: str = "episode") -> pd.Series:
+def _curve(run: ArchivedRun, measure: Measure, over: str = "episode") -> pd.Series:
     rows = from_initial_poses(run.episodes)
     smoothed = moving_average(measure(rows).astype(float), WINDOW)
     smoothed.index = pd.Index(rows[over].to_numpy(float))
@@ -183,5 +183,5 @@ def _frame(ax: Axes, panel: Panel, longest: float, over: str = "Episode") -> Non
         ax.set_ylim(bottom=0)
 
 
-def _seeds(runs: Sequence[Kept]) -> str:
+def _seeds(runs: Sequence[ArchivedRun]) -> str:
     return "one seed" if len(runs) == 1 else f"{len(runs)} seeds"

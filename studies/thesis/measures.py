@@ -1,23 +1,58 @@
-"""What we see in a figure, in a few numbers: over the seeds of a training, or over recorded maneuvers."""
+"""What a figure shows, in numbers: of the trainings of several seeds, or of recorded maneuvers."""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 
 import numpy as np
 
 from dockctl.analysis.learning import RECENT, from_initial_poses
 from dockctl.analysis.trajectories import Track
 from dockctl.scenarios.schema import Task
-from studies.thesis.kept import Kept
-from studies.thesis.markdown import listed, spread
+from studies.thesis.data import ArchivedRun, Facts, FigureFact
+from studies.thesis.text import listed, share, spread
 
 TOP_SHARE = 0.9
-"""A boat runs at top speed while it makes at least this share of it."""
+"""Share of its top speed that counts as top speed."""
+ALL_TRACKS = ("pose", "intermediate")
+"""Measures that include failures; the others are of the maneuvers that dock."""
+
+Row = dict[str, str]
+
+
+def training_rows(facts: Facts, name: str, runs: Sequence[ArchivedRun]) -> list[Row]:
+    """The figures of a training in the thesis, and the same measures of our runs."""
+    return [
+        {
+            "Fig.": fact.figure,
+            "thesis": fact.thesis,
+            "here": OF_TRAININGS[fact.measure](runs),
+            "why they differ": facts.why(fact),
+        }
+        for fact in facts.training[name]
+    ]
+
+
+def maneuver_rows(facts: Facts, name: str, sets: Mapping[str, tuple[Sequence[Track], Task]]) -> list[Row]:
+    """The figures of a maneuver in the thesis, and the same measures of each set of maneuvers."""
+
+    def measured(fact: FigureFact, tracks: Sequence[Track], task: Task) -> str:
+        counted = tracks if fact.measure in ALL_TRACKS else [track for track in tracks if track.docked]
+        return OF_MANEUVERS[fact.measure](counted, task) if counted else "-"
+
+    return [
+        {
+            "Fig.": fact.figure,
+            "thesis": fact.thesis,
+            **{who: measured(fact, *found) for who, found in sets.items()},
+            "why they differ": facts.why(fact),
+        }
+        for fact in facts.maneuvers[name]
+    ]
 
 
 def slowing_m(track: Track) -> float:
-    """Distance to the last goal at which the boat makes top speed for the last time [m]."""
+    """Distance to the last goal at which the boat is at top speed for the last time [m]."""
     rows = track.table
     if (switch := track.switch) is not None:
         rows = rows.iloc[switch:]
@@ -26,10 +61,9 @@ def slowing_m(track: Track) -> float:
     return float(rows["distance_m"].iloc[int(fast[-1])])
 
 
-def ending(track: Track) -> str:
-    """How a track ends, in a word or two."""
-    outcome = str(track.table["outcome"].iloc[-1])
-    return "out of time" if outcome == "timeout" else outcome
+def ending(tracks: Iterable[Track]) -> str:
+    """Outcomes of recorded episodes as text."""
+    return listed(str(track.table["outcome"].iloc[-1]) for track in tracks)
 
 
 def change_share(track: Track, column: str) -> float:
@@ -39,53 +73,50 @@ def change_share(track: Track, column: str) -> float:
 
 
 def change_size(track: Track, column: str) -> float:
-    """Mean size of the change of a command from one control step to the next."""
+    """Mean absolute change of a command per control step."""
     values = track.table[column].to_numpy()[1:]
     return float(np.abs(np.diff(values)).mean()) if len(values) > 1 else 0.0
 
 
-def reward(runs: Sequence[Kept]) -> str:
+def reward(runs: Sequence[ArchivedRun]) -> str:
     first = [run.first_docked for run in runs if run.first_docked is not None]
     streaks = [run.best_streak() for run in runs]
     return (
-        f"greedy docks first after {spread(first, '{:,.0f}', ' steps')}; longest streak of docked episodes"
-        f" from an initial pose {spread(streaks, '{:,.0f}')}"
+        f"greedy policy docks first after {spread(first, '{:,.0f}', ' steps')}; longest series of docked"
+        f" episodes from an initial pose {spread(streaks, '{:,.0f}')}"
     )
 
 
-def duration(runs: Sequence[Kept]) -> str:
-    rows = [from_initial_poses(run.episodes)["steps"] for run in runs]
+def duration(runs: Sequence[ArchivedRun]) -> str:
+    steps = [from_initial_poses(run.episodes)["steps"] for run in runs]
     limits = [run.run.task.max_steps for run in runs]
-    full = [_first(steps.to_numpy(int) < limit) for steps, limit in zip(rows, limits, strict=True)]
-    last = [float(steps.tail(RECENT).mean()) for steps in rows]
+    full = [_first(rows.to_numpy(int) < limit) for rows, limit in zip(steps, limits, strict=True)]
+    last = [float(rows.tail(RECENT).mean()) for rows in steps]
     return (
-        f"{_spread_of_firsts(full)} episodes until the first ends early; the last {RECENT} take"
-        f" {spread(last, '{:.0f}', ' steps')}; over after"
-        f" {spread([len(run.episodes) for run in runs], '{:,}')} episodes"
+        f"{_spread_of_firsts(full)} episodes until the first one ends early; the last {RECENT} take"
+        f" {spread(last, '{:.0f}', ' steps')}; {spread([len(run.episodes) for run in runs], '{:,}')}"
+        " episodes in all"
     )
 
 
-def epsilon(runs: Sequence[Kept]) -> str:
+def epsilon(runs: Sequence[ArchivedRun]) -> str:
     last = [float(run.episodes["epsilon"].iloc[-1]) for run in runs]
-    return f"{spread(last, '{:.2g}')} when the training is over"
+    return f"{spread(last, '{:.2g}')} at the end of the training"
 
 
-def phase(runs: Sequence[Kept]) -> str:
+def phase(runs: Sequence[ArchivedRun]) -> str:
     firsts = []
     for run in runs:
         rows = from_initial_poses(run.episodes)
         at = _first(rows["phase"].rolling(RECENT).mean().to_numpy(float) >= 0.5)
         firsts.append(None if at is None else int(rows["episode"].iloc[at]))
-    found = _spread_of_firsts(firsts)
-    return f"half of {RECENT} episodes get past the intermediate pose from episode {found} on"
+    return f"half of {RECENT} episodes pass the intermediate pose from episode {_spread_of_firsts(firsts)} on"
 
 
 def pose(tracks: Sequence[Track], task: Task) -> str:
-    done = sum(track.docked for track in tracks)
-    if not done:
-        return f"{done} of {len(tracks)} dock"
-    paths = [_path_m(track) for track in tracks if track.docked]
-    return f"{done} of {len(tracks)} dock, over {spread(paths, unit=' m')}"
+    docked = [track for track in tracks if track.docked]
+    path = f", path {spread([_path_m(track) for track in docked], unit=' m')}" if docked else ""
+    return f"{share(len(docked), len(tracks))} dock{path}"
 
 
 def distance(tracks: Sequence[Track], task: Task) -> str:
@@ -93,18 +124,15 @@ def distance(tracks: Sequence[Track], task: Task) -> str:
     return f"{spread(ends, '{:.2f}', ' m')} left after {spread(_seconds(tracks), '{:.0f}', ' s')}"
 
 
-def gate(tracks: Sequence[Track], task: Task) -> str:
-    switches = [
-        float(track.table["time_s"].iloc[row]) for track in tracks if (row := track.switch) is not None
+def intermediate(tracks: Sequence[Track], task: Task) -> str:
+    times = [float(track.table["time_s"].iloc[row]) for track in tracks if (row := track.switch) is not None]
+    missed = len(tracks) - len(times)
+    parts = [
+        f"intermediate pose at second {spread(times, '{:.0f}')}" if times else "",
+        f"{share(missed, len(tracks))} never reach the intermediate pose" if missed else "",
+        distance(tracks, task),
     ]
-    missed = len(tracks) - len(switches)
-    reached = f"intermediate pose at second {spread(switches, '{:.0f}')}" if switches else ""
-    return listed(
-        filter(
-            None,
-            [reached, f"{missed} of {len(tracks)} never there" if missed else "", distance(tracks, task)],
-        )
-    )
+    return "; ".join(filter(None, parts))
 
 
 def heading(tracks: Sequence[Track], task: Task) -> str:
@@ -113,15 +141,15 @@ def heading(tracks: Sequence[Track], task: Task) -> str:
 
 
 def turn(tracks: Sequence[Track], task: Task) -> str:
-    """How long before the intermediate pose the heading is there and stays, and the heading at the end."""
+    """Time before the intermediate pose from which the heading stays within tolerance, and final heading."""
     width = np.degrees(task.intermediate_tolerance.heading)
     ahead = []
     for track in tracks:
         if (switch := track.switch) is not None:
-            way = track.table.iloc[:switch]
-            off = np.flatnonzero(way["heading_error_deg"].abs().to_numpy(float) > width)
-            settled = int(off[-1]) + 1 if len(off) else 0
-            ahead.append(float(track.table["time_s"].iloc[switch] - track.table["time_s"].iloc[settled]))
+            rows = track.table.iloc[:switch]
+            off = np.flatnonzero(rows["heading_error_deg"].abs().to_numpy(float) > width)
+            first = int(off[-1]) + 1 if len(off) else 0
+            ahead.append(float(track.table["time_s"].iloc[switch] - track.table["time_s"].iloc[first]))
     return (
         f"within {width:.0f}° for the last {spread(ahead, '{:.1f}', ' s')} before the intermediate pose;"
         f" {heading(tracks, task)}"
@@ -137,10 +165,10 @@ def velocity(tracks: Sequence[Track], task: Task) -> str:
 
 
 def stop(tracks: Sequence[Track], task: Task) -> str:
-    """Top speed, and how many end with the propeller ahead, which stops a boat that comes astern."""
+    """Top speed, and how many end with thrust ahead, which stops a boat that runs astern."""
     away = [off for track in tracks if (off := _ahead_from_m(track)) is not None]
     ahead = f", from {spread(away, unit=' m')} off" if away else ""
-    return f"{velocity(tracks, task)}; {len(away)} of {len(tracks)} end with the propeller ahead{ahead}"
+    return f"{velocity(tracks, task)}; {share(len(away), len(tracks))} end with thrust ahead{ahead}"
 
 
 def yaw(tracks: Sequence[Track], task: Task) -> str:
@@ -155,34 +183,21 @@ def rudder(tracks: Sequence[Track], task: Task) -> str:
     return _changes(tracks, "rudder_deg", "°")
 
 
-OF_TRAININGS: dict[str, Callable[[Sequence[Kept]], str]] = {
-    "reward": reward,
-    "duration": duration,
-    "epsilon": epsilon,
-    "phase": phase,
+OF_TRAININGS: dict[str, Callable[[Sequence[ArchivedRun]], str]] = {
+    measure.__name__: measure for measure in (reward, duration, epsilon, phase)
 }
-OF_COURSES: dict[str, Callable[[Sequence[Track], Task], str]] = {
-    "pose": pose,
-    "distance": distance,
-    "gate": gate,
-    "heading": heading,
-    "turn": turn,
-    "velocity": velocity,
-    "stop": stop,
-    "yaw": yaw,
-    "propeller": propeller,
-    "rudder": rudder,
+OF_MANEUVERS: dict[str, Callable[[Sequence[Track], Task], str]] = {
+    measure.__name__: measure
+    for measure in (pose, distance, intermediate, heading, turn, velocity, stop, yaw, propeller, rudder)
 }
-"""What is measured for each figure, by the key of a `studies.thesis.thesis.Fact`."""
 
 
 def _first(true: np.ndarray) -> int | None:
-    """Number of the first that is true."""
+    """Index of the first true value."""
     return int(true.argmax()) if true.any() else None
 
 
 def _spread_of_firsts(firsts: Sequence[int | None]) -> str:
-    """From the smallest to the largest, and how many seeds never."""
     found = [first for first in firsts if first is not None]
     never = len(firsts) - len(found)
     return listed(
@@ -191,7 +206,7 @@ def _spread_of_firsts(firsts: Sequence[int | None]) -> str:
 
 
 def _ahead_from_m(track: Track) -> float | None:
-    """Distance to the goal at which a boat that ends with the propeller ahead set it so for good [m]."""
+    """Distance to the goal from which the thrust is ahead until the end [m]; None if it never is."""
     astern = np.flatnonzero(track.table["propeller_n"].to_numpy(float)[1:] <= 0)
     if not len(astern) or astern[-1] == len(track.table) - 2:
         return None
@@ -202,7 +217,7 @@ def _changes(tracks: Sequence[Track], column: str, unit: str) -> str:
     shares = [100 * change_share(track, column) for track in tracks]
     sizes = [change_size(track, column) for track in tracks]
     size = spread(sizes, unit=unit)
-    return f"changes in {spread(shares, '{:.0f}', ' %')} of the steps, on average by {size} a step"
+    return f"changes in {spread(shares, '{:.0f}', ' %')} of the steps, mean change {size} per step"
 
 
 def _seconds(tracks: Sequence[Track]) -> list[float]:

@@ -1,4 +1,4 @@
-"""What is read off a maneuver, against maneuvers whose numbers are known by construction."""
+"""Measures of maneuvers, on maneuvers with known numbers."""
 
 from __future__ import annotations
 
@@ -29,24 +29,25 @@ def track(
     return Track("a track", "red", table)
 
 
-def test_the_turn_counts_from_where_the_heading_stays_within_the_tolerance() -> None:
+def test_turn_counts_from_where_the_heading_stays_within_the_tolerance() -> None:
     there_and_off_again = track([20, 4, 9, 3, -2, 60, 1], [0, 0, 0, 0, 0, 1, 1])
-    said = measures.turn([there_and_off_again], TASK)
-    assert said == "within 5° for the last 1.0 s before the intermediate pose; 1.0° off at the end"
+    text = measures.turn([there_and_off_again], TASK)
+    assert text == "within 5° for the last 1.0 s before the intermediate pose; 1.0° off at the end"
 
 
 @pytest.mark.parametrize(
-    ("propeller_n", "said"),
+    ("propeller_n", "expected"),
     [
-        ([0, -50, -50, 10, 40, 50], "1 of 1 end with the propeller ahead, from 9.0 m off"),
-        ([0, 50, -50, 50, -50, 0], "0 of 1 end with the propeller ahead"),
-        ([0, 50, 50, 50, 50, 50], "0 of 1 end with the propeller ahead"),  # it never came astern
+        ([0, -50, -50, 10, 40, 50], "1 of 1 end with thrust ahead, from 9.0 m off"),
+        ([0, 50, -50, 50, -50, 0], "0 of 1 end with thrust ahead"),
+        ([0, 50, 50, 50, 50, 50], "0 of 1 end with thrust ahead"),  # it never came astern
     ],
 )
-def test_a_boat_that_comes_astern_is_stopped_ahead(propeller_n: list[float], said: str) -> None:
-    assert measures.stop([track([0.0] * 6, [1] * 6, propeller_n)], TASK).endswith(f"; {said}")
+def test_boat_astern_is_stopped_by_thrust_ahead(propeller_n: list[float], expected: str) -> None:
+    assert measures.stop([track([0.0] * 6, [1] * 6, propeller_n)], TASK).endswith(f"; {expected}")
 
 
-def test_boats_that_never_get_to_the_intermediate_pose_are_counted() -> None:
+def test_missed_intermediate_poses_are_counted() -> None:
     tracks = [track([0, 0, 0], [0, 0, 0]), track([0, 0, 0], [0, 0, 1])]
-    assert "at second 1 and 1 of 2 never there" in measures.gate(tracks, TASK).replace(", 1 of", " and 1 of")
+    text = measures.intermediate(tracks, TASK)
+    assert text.startswith("intermediate pose at second 1; 1 of 2 never reach the intermediate pose; ")

@@ -1,4 +1,4 @@
-"""Greedy episodes on one sheet: the ways over the harbor, and all that the boat did on them."""
+"""Figures of greedy episodes: trajectories over the harbor, motion and controls over time."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ from dockctl.reports import plan_view, trajectory
 from dockctl.reports.style import legend_above, titled_axes, titled_figure
 from dockctl.scenarios.schema import Task
 from dockctl.scenarios.vessel import Vessel
-from studies.thesis.kept import Course, Kept
+from studies.thesis.data import ArchivedRun, Recording
 
 MOTIONS = (
     trajectory.draw_distance,
@@ -25,26 +25,25 @@ MOTIONS = (
     trajectory.draw_yaw_rate,
 )
 TITLED_IN = 8.5
-"""Least width of a sheet, for its title [inches]."""
+"""Minimum width of a figure, for its title [inches]."""
 CONTROLS = ((trajectory.draw_propeller, "P [N]"), (trajectory.draw_rudder, "φ [°]"))
 
 
-def by_seed(courses: Sequence[tuple[int, Sequence[Track]]]) -> list[Track]:
+def by_seed(recordings: Sequence[tuple[int, Recording]]) -> list[Track]:
     """The first track of every seed, named and colored by seed."""
     return [
-        Track(f"seed {seed}", palette.SERIES[seed % len(palette.SERIES)], tracks[0].table)
-        for seed, tracks in courses
-        if tracks
+        Track(f"seed {seed}", palette.SERIES[seed % len(palette.SERIES)], recording.tracks[0].table)
+        for seed, recording in recordings
     ]
 
 
-def course_figure(
+def maneuver_figure(
     title: str, subtitle: str, plan: Scene, task: Task, tracks: Sequence[Track], cited: Sequence[str]
 ) -> Figure:
-    """Pose, distance, heading error, velocities and controls (thesis Figs. 4.4-4.10 and their like).
+    """Pose, distance, heading error, velocities and controls (as Figs. 4.4-4.10).
 
     Args:
-        cited: the thesis' seven figures, in the order of its sections.
+        cited: the seven figures of the thesis, in its order.
     """
     lower_height = 0.55 + 0.85 * len(tracks)
     figure = titled_figure(title, subtitle, (13.0, 7.6 + lower_height))
@@ -52,21 +51,21 @@ def course_figure(
     upper, lower = figure.add_subfigure(rows[0]), figure.add_subfigure(rows[1])
     columns = upper.add_gridspec(1, 2, width_ratios=(1.0, 1.12))
     left, right = upper.add_subfigure(columns[0]), upper.add_subfigure(columns[1])
-    draw_ways(left.add_subplot(), plan, task, tracks, cited[0])
+    draw_trajectories(left.add_subplot(), plan, task, tracks, cited[0])
     for ax, draw, number in zip(right.subplots(2, 2).ravel(), MOTIONS, cited[1:5], strict=True):
         with mpl.rc_context({"lines.linewidth": 1.1 if len(tracks) > 1 else 1.6}):
             draw(ax, tracks, task)
         if (legend := ax.get_legend()) and len(tracks) > 1:
-            legend.remove()  # the ways carry the same colors
+            legend.remove()  # the trajectories have the same colors
         _cite(ax, number)
     _draw_controls(lower, tracks, task, cited[5:])
     return figure
 
 
-def draw_ways(ax: Axes, plan: Scene, task: Task, tracks: Sequence[Track], number: str) -> None:
-    """The ways over the part of the harbor that holds them."""
-    ways = [track.table[["x_m", "y_m"]].to_numpy(float) for track in tracks]
-    points = np.concatenate([*ways, plan_view.task_points(task)])
+def draw_trajectories(ax: Axes, plan: Scene, task: Task, tracks: Sequence[Track], number: str) -> None:
+    """Trajectories over the part of the harbor that they are in."""
+    paths = [track.table[["x_m", "y_m"]].to_numpy(float) for track in tracks]
+    points = np.concatenate([*paths, plan_view.task_points(task)])
     whole = plan_view.extended(plan, points)
     view = plan_view.close_view(whole, points, aspect=(0.9, 0.98))
     plan_view.draw_harbor(ax, whole, view)
@@ -76,36 +75,41 @@ def draw_ways(ax: Axes, plan: Scene, task: Task, tracks: Sequence[Track], number
     _cite(ax, number)
 
 
-def ways_figure(title: str, subtitle: str, panels: Sequence[tuple[str, Course]]) -> Figure:
-    """The ways of several policies side by side, each over its harbor."""
+def trajectories_figure(title: str, subtitle: str, panels: Sequence[tuple[str, Recording]]) -> Figure:
+    """Trajectories of several policies side by side."""
     columns = min(3, len(panels))
     rows = -(-len(panels) // columns)
     figure = titled_figure(title, subtitle, (max(4.5 * columns, TITLED_IN), 0.8 + 4.5 * rows))
     axes = np.atleast_1d(figure.subplots(rows, columns)).ravel()
     before: list[str] = []
-    for ax, (name, course) in zip(axes, panels, strict=False):
-        draw_ways(ax, course.scene, course.task, course.tracks, "")
-        labels = [track.label for track in course.tracks]
-        room = "\n" + ax.get_title() if len(labels) > 1 else ""  # what the key above the axes takes
+    for ax, (name, recording) in zip(axes, panels, strict=False):
+        draw_trajectories(ax, recording.scene, recording.task, recording.tracks, "")
+        labels = [track.label for track in recording.tracks]
+        space = "\n" + ax.get_title() if len(labels) > 1 else ""  # height of the key above the axes
         if (legend := ax.get_legend()) and labels == before:
-            legend.remove()  # the panel before it names the same colors
+            legend.remove()  # same colors as in the panel before
         ax.set_title("")
-        ax.set_title(name + room, loc="left", fontsize=9, fontweight="bold", linespacing=1.5)
+        ax.set_title(name + space, loc="left", fontsize=9, fontweight="bold", linespacing=1.5)
         before = labels
     for ax in axes[len(panels) :]:
         ax.set_visible(False)
     return figure
 
 
-def starts_figure(runs: Sequence[tuple[str, str, Kept]]) -> Figure:
-    """The poses of the scenarios, side by side (Figs. 3.13-3.15); name, thesis figure and a run of each."""
+def starts_figure(runs: Sequence[tuple[str, str, ArchivedRun]]) -> Figure:
+    """Poses of the scenarios side by side (Figs. 3.13-3.15).
+
+    Args:
+        runs: name, figure of the thesis and one run of each scenario.
+    """
     figure = titled_figure(
-        "Where the scenarios begin and end", "blue: initial poses, violet: further test poses, red: goals",
+        "Start and goal poses of the scenarios",
+        "blue: initial poses, violet: further evaluation poses, red: goals",
         (13.6, 5.6),
     )  # fmt: skip
     axes = np.atleast_1d(figure.subplots(1, len(runs)))
-    for ax, (name, number, kept) in zip(axes, runs, strict=True):
-        run = kept.run
+    for ax, (name, number, archived) in zip(axes, runs, strict=True):
+        run = archived.run
         points = plan_view.task_points(run.task, run.tests)
         view = plan_view.close_view(run.scene, points, aspect=(1.0, 1.0))
         plan_view.draw_harbor(ax, run.scene, view)
@@ -116,19 +120,19 @@ def starts_figure(runs: Sequence[tuple[str, str, Kept]]) -> Figure:
 
 
 def surge_figure(vessel: Vessel, seconds: float = 30.0) -> Figure:
-    """Surge after the largest force is set on a boat at rest (Fig. 3.10), in closed form.
+    """Surge of a boat that starts at rest with full force (Fig. 3.10), in closed form.
 
-    With the rudder amidships the boat runs straight, and (m - X_udot) u' = P - X_u u - X_uu u² is Riccati's.
+    With the rudder amidships, (m - X_udot) u' = P - X_u u - X_uu u² is a Riccati equation.
     """
     force, mass = vessel.max_propeller_n, vessel.mass_kg - vessel.X_udot_kg
     linear, square = vessel.X_u_kgps, vessel.X_uu_kgpm
     root = np.sqrt(linear**2 + 4 * square * force)
     top = (root - linear) / (2 * square)
     time = np.linspace(0, seconds, 301)
-    fading = np.exp(-root * time / mass)
-    speed = top * (1 - fading) / (1 + fading * (root - linear) / (root + linear))
+    decay = np.exp(-root * time / mass)
+    speed = top * (1 - decay) / (1 + decay * (root - linear) / (root + linear))
     figure, ax = titled_axes(
-        "Surge at full force", f"{force:g} N and rudder amidships, from rest; it tends to {top:.4f} m/s"
+        "Surge at full force", f"{force:g} N and rudder amidships, from rest; limit {top:.4f} m/s"
     )
     ax.plot(time, speed, color=palette.SINGLE)
     ax.axhline(top, color=palette.INK_SOFT, lw=1.0, ls=(0, (4, 2)))
