@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import io
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
@@ -120,7 +120,8 @@ def behaviors(rollout: Rollout, policy: LoadedPolicy) -> Iterator[Behavior]:
         DockctlError: the policy does not fit the scenario, or does not dock in it.
     """
     scenario, site = rollout.scenario, own_site(rollout.scenario)
-    stage = Stage(scenario, rollout.worlds, given_start(site, scenario.task, site.initial[0], 0))
+    start = replace(given_start(site, scenario.task, site.initial[0], 0), seed=0)  # of `Rollout.play`
+    stage = Stage(scenario, rollout.worlds, start)
     (episode,) = rollout.play(policy.make(rollout.env()), [stage.start])
     if not episode.docked:
         raise DockctlError(

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any, Protocol
 
 import numpy as np
@@ -124,10 +124,15 @@ class Rollout:
         return self._environments[boats]
 
     def play(self, policy: Policy, starts: Sequence[sim_starts.Start]) -> list[Episode]:
-        """Run one episode from each start, with its clearance; in the order of the starts."""
+        """Run one episode from each start, with its clearance; in the order of the starts.
+
+        The conditions of episode i are drawn from seed i: they depend neither on the policy nor on the number
+        of boats.
+        """
         if not starts:
             return []
-        return play(self.env(min(PARALLEL_BOATS, len(starts))), policy, starts, self._clearance)
+        seeded = [replace(start, seed=index) for index, start in enumerate(starts)]
+        return play(self.env(min(PARALLEL_BOATS, len(starts))), policy, seeded, self._clearance)
 
     def _clearance(self, start: sim_starts.Start, poses: Floats) -> float:
         return least_clearance(poses, self.worlds[start.harbor].obstacles.clearance, self._reach_m)

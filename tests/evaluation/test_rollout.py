@@ -7,8 +7,12 @@ from typing import Any
 import numpy as np
 import pytest
 
+from dockctl.evaluation import rollout
 from dockctl.evaluation.rollout import play, score
+from dockctl.scenarios.loader import load
+from dockctl.sim.starts import given_start, own_site
 from tests.agents.toy import ToyDocking, starts_at
+from tests.sim.worlds import walled
 
 
 class BrakeAtZero:
@@ -58,3 +62,29 @@ def test_score_ranks_by_docked_episodes_and_then_by_mean_return() -> None:
     played = play(ToyDocking(1), BrakeAtZero(), starts_at(-0.35, -0.35))
     docked = sum(one.outcome == "docked" for one in played)
     assert score(played) == (docked, pytest.approx(played[0].total_reward))
+
+
+class FullAhead:
+    def reset(self, rows: np.ndarray, info: dict[str, Any]) -> None:
+        pass
+
+    def act(self, observation: np.ndarray, info: dict[str, Any]) -> np.ndarray:
+        return np.full(len(observation), 73)
+
+
+def test_conditions_of_an_episode_do_not_depend_on_the_number_of_boats(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    current = "{speed_mps: [0, 0.1], direction_deg: [0, 360]}"
+    loaded = load("s1", overrides=[f"conditions.current={current}", "task.max_steps=10"])
+    task = loaded.scenario.task
+    starts = [given_start(own_site(loaded.scenario), task, np.array([20.0, y, 2.8]), y) for y in range(4)]
+    poses = []
+    for boats in (1, 3, 16):
+        monkeypatch.setattr(rollout, "PARALLEL_BOATS", boats)
+        episodes = rollout.Rollout(loaded, [walled()]).play(FullAhead(), starts)
+        poses.append(np.array([episode.trajectory["pose"] for episode in episodes]))
+    assert np.array_equal(poses[0], poses[1])
+    assert np.array_equal(poses[0], poses[2])
+    moved = poses[0][:, -1] - poses[0][:, 0]
+    assert len(np.unique(moved.round(6), axis=0)) == len(starts)
