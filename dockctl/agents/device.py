@@ -18,5 +18,5 @@ def device_named(name: str) -> torch.device:
         torch.zeros(1, device=device).cpu()  # there is one that computes nothing, `meta`
     except (RuntimeError, AssertionError) as error:  # torch asserts that it was built with CUDA
         reason = str(error).partition("\n")[0]
-        raise DockctlError(f"device '{name}' cannot be used here: {reason}") from None
+        raise DockctlError(f"device '{name}' cannot be used: {reason}", code="unavailable") from None
     return device

@@ -101,7 +101,8 @@ def require_memory(scenario: Scenario, worlds: Sequence[World]) -> Estimate:
         largest = max(needed.parts, key=lambda part: part.size)
         raise DockctlError(
             f"{largest.field}: this training takes {needed}; {needed.to_come / GB:,.1f} GB of that are still"
-            f" to come, and {available / GB:,.1f} GB are available here"
+            f" to come, and {available / GB:,.1f} GB are available here",
+            code="unavailable",
         )
     return needed
 

@@ -43,7 +43,7 @@ def test_the_style_ends_with_the_block() -> None:
 
 def test_a_folder_that_cannot_be_made_is_told(tmp_path: Path) -> None:
     (tmp_path / "file").write_text("")
-    with pytest.raises(DockctlError, match="cannot be written"):
+    with pytest.raises(DockctlError, check=lambda error: error.code == "not_writable"):
         draw(tmp_path / "file" / "figures")
 
 
