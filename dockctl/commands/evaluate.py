@@ -16,6 +16,7 @@ from rich.table import Table
 from dockctl.commands.options import (
     Ckpt,
     Episodes,
+    Overrides,
     PolicyOption,
     ScenarioOption,
     StartSeed,
@@ -46,9 +47,7 @@ def evaluate(
     ckpt: Ckpt = None,
     policy: PolicyOption = None,
     scenario: ScenarioOption = None,
-    set_: Annotated[
-        list[str] | None, typer.Option("--set", metavar="KEY=VALUE", help="Override a value of the scenario.")
-    ] = None,
+    set_: Overrides = None,
     episodes: Episodes = None,
     seed: StartSeed = None,
     min_success: Annotated[

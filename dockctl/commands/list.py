@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
+from dockctl.commands.options import Plugins
 from dockctl.errors import DockctlError
 
 if TYPE_CHECKING:
@@ -39,7 +40,7 @@ def list_registered(
     listing: Annotated[
         Listing, typer.Argument(help="Registry to list.", metavar="|".join(Listing))
     ] = Listing.scenarios,
-    plugin: Annotated[list[Path] | None, typer.Option(help="Local plugin file (.py) to load first.")] = None,
+    plugin: Plugins = None,
 ) -> None:
     """List what is registered, with its parameters and who provides it, or the shipped checkpoints.
 

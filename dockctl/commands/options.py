@@ -45,6 +45,12 @@ PolicyOption = Annotated[
 ScenarioOption = Annotated[
     str | None, typer.Option(help="Scenario to dock in, file or name; the policy's own by default.")
 ]
+Overrides = Annotated[
+    list[str] | None, typer.Option("--set", metavar="KEY=VALUE", help="Override a value of the scenario.")
+]
+Plugins = Annotated[
+    list[Path] | None, typer.Option(metavar="FILE", help="Local plugin file (.py) to load first.")
+]
 Episodes = Annotated[
     int | None, typer.Option(min=0, max=100_000, help="Random starts; as in the scenario by default.")
 ]

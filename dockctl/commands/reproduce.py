@@ -1,4 +1,4 @@
-"""``dockctl reproduce``: all trainings and measurements of a study."""
+"""``dockctl reproduce``: run all trainings and measurements of a study."""
 
 from __future__ import annotations
 
@@ -17,18 +17,18 @@ def reproduce(
     names: Annotated[
         list[str] | None, typer.Argument(help="Experiments or groups of the study; all by default.")
     ] = None,
-    study: Annotated[str, typer.Option(help="Study file, or name of a packaged study.")] = THESIS,
+    study: Annotated[str, typer.Option(help="Study file or name of a packaged study.")] = THESIS,
     out: Annotated[
-        Path, typer.Option(help="Run folders: <out>/<study>/<experiment>/<scenario>/<time>-seed<N>/.")
+        Path, typer.Option(help="Output folder, for <study>/<experiment>/<scenario>/<time>-seed<N>/.")
     ] = Path("runs/reproduce"),
     jobs: Annotated[
-        int | None, typer.Option(min=1, max=1024, help="Trainings side by side.", show_default="cores")
+        int | None, typer.Option(min=1, max=1024, help="Number of parallel trainings.", show_default="cores")
     ] = None,
-    results: Annotated[
-        Path, typer.Option(help="Archive of small files: <results>/<study>/<experiment>/seed<N>/.")
-    ] = Path("results"),
+    results: Annotated[Path, typer.Option(help="Archive folder, for <study>/<experiment>/seed<N>/.")] = Path(
+        "results"
+    ),
 ) -> None:
-    """Train and measure all that a study lists, and archive the small files of every finished run.
+    """Run all experiments of a study, and archive the small files of every finished run.
 
     Finished work is not repeated, and an interrupted training is resumed.
 

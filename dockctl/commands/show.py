@@ -1,4 +1,4 @@
-"""``dockctl show``: drawings of a scenario."""
+"""``dockctl show``: draw a scenario."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from rich import box
 from rich.console import Console
 from rich.table import Table
 
-from dockctl.commands.options import DEFAULT_SCENARIO, parse_pose
+from dockctl.commands.options import DEFAULT_SCENARIO, Plugins, parse_pose
 from dockctl.console import say
 from dockctl.errors import DockctlError
 
@@ -28,13 +28,11 @@ def show(
         str | None,
         typer.Option(
             metavar="X,Y,HEADING",
-            help="Pose of the LiDAR scan, in m, m and degrees; the first initial pose by default.",
+            help="Pose of the LiDAR scan [m, m, °]; the first initial pose by default.",
         ),
     ] = None,
     out: Annotated[Path | None, typer.Option(help="Output folder; figures/<scenario> by default.")] = None,
-    plugin: Annotated[
-        list[Path] | None, typer.Option(help="Local .py file with reward terms or observation parts.")
-    ] = None,
+    plugin: Plugins = None,
 ) -> None:
     """Draw the harbor, the poses and a LiDAR scan (PNG, SVG); print the distance in each sector.
 

@@ -2,11 +2,11 @@
 
 from __future__ import annotations
 
-from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
 import typer
 
+from dockctl.commands.options import Overrides, Plugins
 from dockctl.errors import DockctlError
 
 if TYPE_CHECKING:
@@ -18,11 +18,8 @@ def validate(
         list[str] | None,
         typer.Argument(help="Scenario files or names [default: all registered scenarios]."),
     ] = None,
-    set_: Annotated[
-        list[str] | None,
-        typer.Option("--set", metavar="KEY=VALUE", help="Override a scenario value."),
-    ] = None,
-    plugin: Annotated[list[Path] | None, typer.Option(help="Local plugin file (.py) to load first.")] = None,
+    set_: Overrides = None,
+    plugin: Plugins = None,
 ) -> None:
     """Check scenario files, and that their poses are free of obstacles.
 
