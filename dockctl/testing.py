@@ -90,7 +90,7 @@ def check_action_type(kind: str, *, vessel: str | Path = "eilbrecht", **keys: An
     spec: ActionType = _spec(ACTIONS, ActionType, kind, keys)
     what, boat = f"action type '{kind}'", load_vessel(vessel)
     spec.require_within_limits(boat)
-    assert isinstance(spec.description, str) and spec.description, f"{what}: no description"
+    assert spec.describe(), f"{what}: no description"
     space = spec.space(boat)
     assert isinstance(space, Space), f"{what}: space() returned {space!r}, expected a Gymnasium space"
     batch = batch_space(space, BOATS)

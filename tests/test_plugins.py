@@ -12,10 +12,11 @@ from pathlib import Path
 
 import pytest
 
-from dockctl import plugins
+from dockctl import plugins, testing
 from dockctl.errors import DockctlError, InputError
 from dockctl.plugins import HARBORS, REWARD_TERMS, VESSELS, DuplicateNameError, PluginError
 from dockctl.scenarios import loader
+from tests.commands.conftest import dockctl, only_run, quick_train
 
 ROOT = Path(__file__).parent.parent
 TERM = """
@@ -283,3 +284,100 @@ print(REWARD_TERMS.get("smooth_rudder").origin)
     contracts = [sys.executable, "-m", "pytest", "-q", "-p", "no:cacheprovider", "tests"]
     done = subprocess.run(contracts, env=environment, cwd=source, capture_output=True, text=True, timeout=300)
     assert done.returncode == 0, done.stdout
+
+
+KINDS = '''
+"""An action type, a condition and a range sensor in one local file."""
+
+from typing import Literal
+
+import numpy as np
+from gymnasium.spaces import Discrete
+
+from dockctl.plugins import ACTIONS, CONDITIONS, RANGE_SENSORS
+from dockctl.scenarios.extensions import ActionType, Condition, Disturbance, Drawn, RangeSensorSpec, draw
+from dockctl.scenarios.kinds import register
+
+
+@register(ACTIONS)
+class AheadOrAstern(ActionType):
+    kind: Literal["ahead_or_astern"] = "ahead_or_astern"
+    propeller_n: float = 20.0
+
+    def describe(self):
+        return "two commands"
+
+    def space(self, vessel):
+        return Discrete(2)
+
+    def commands(self, actions, vessel):
+        return np.outer(1 - 2 * actions, [self.propeller_n, 0.0])
+
+
+@register(CONDITIONS, group="water")
+class River(Condition):
+    kind: Literal["river"] = "river"
+    speed_mps: Drawn[float]
+
+    def build(self, num_boats):
+        return Flow(self.speed_mps, num_boats)
+
+
+class Flow(Disturbance):
+    def __init__(self, speed_mps, num_boats):
+        self.speed_mps, self.velocity = speed_mps, np.zeros((num_boats, 2))
+
+    def reset(self, rows, rngs):
+        self.velocity[rows, 1] = [draw(self.speed_mps, rng) for rng in rngs]
+
+    def water_velocity(self):
+        return self.velocity
+
+
+@register(RANGE_SENSORS)
+class Blind(RangeSensorSpec):
+    kind: Literal["blind"] = "blind"
+
+    def build(self, triangles):
+        return Nothing(self)
+
+
+class Nothing:
+    table_bytes = 0
+
+    def __init__(self, spec):
+        self.spec = spec
+
+    def sector_ranges(self, eta):
+        return np.full((len(eta), self.spec.sectors), self.spec.range_m)
+
+    def points(self, pose):
+        return np.empty((0, 3))
+'''
+
+
+def test_local_kinds_keep_their_contracts(write: Write) -> None:
+    plugins.load_file(write("kinds.py", KINDS))
+    testing.check_action_type("ahead_or_astern", propeller_n=30.0)
+    testing.check_condition("river", speed_mps=[-0.1, 0.1])
+
+
+def test_a_run_is_evaluated_with_its_own_copies_of_local_kinds(
+    write: Write, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    plugin = write("kinds.py", KINDS)
+    scenario = write(
+        "mine.yaml",
+        "extends: s1\nplugins: [kinds.py]\nactions: ahead_or_astern\n"
+        "conditions: {river: {speed_mps: [0, 0.1]}}\nsensors: {lidar: {kind: blind, sectors: 5}}\n",
+    )
+    trained = quick_train(tmp_path / "runs", scenario, "--steps", 100)
+    assert trained.code == 0, trained.err
+    run = only_run(tmp_path / "runs")
+    for registry in plugins.GROUPS.values():
+        registry.unregister(f"file {plugin}")
+    monkeypatch.setattr(plugins, "_loaded", {})
+    plugin.unlink()
+    outcome = dockctl("evaluate", "--ckpt", run)
+    assert outcome.code == 0, outcome.err
+    assert plugins.ACTIONS.origin("ahead_or_astern").startswith(f"file {run}")

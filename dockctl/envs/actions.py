@@ -35,8 +35,7 @@ class GridActions(ActionType):
     propeller_n: tuple[Number, ...] = Field(default=tuple(range(-50, 51, 10)), min_length=1)
     rudder_deg: tuple[Number, ...] = Field(default=tuple(range(-30, 31, 10)), min_length=1)
 
-    @property
-    def description(self) -> str:
+    def describe(self) -> str:
         forces, angles = self.propeller_n, self.rudder_deg
         return (
             f"{len(forces) * len(angles)} commands: propeller {min(forces):g} to {max(forces):g} N,"
@@ -66,8 +65,7 @@ class ContinuousActions(ActionType):
 
     kind: Literal["continuous"] = "continuous"
 
-    @property
-    def description(self) -> str:
+    def describe(self) -> str:
         return "propeller force and rudder angle, continuous, as fractions of the vessel's limits"
 
     def space(self, vessel: Vessel) -> gymnasium.Space[Any]:

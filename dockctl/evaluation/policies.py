@@ -16,6 +16,7 @@ import inspect
 import os
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Mapping, Sequence
+from contextlib import suppress
 from dataclasses import dataclass, field, replace
 from functools import partial
 from pathlib import Path
@@ -273,11 +274,18 @@ def load_checkpoint(path: Path | None = None) -> CheckpointPolicy:
         DockctlError: there is none, or it is damaged.
     """
     path = RunDirectory.latest(RUNS).path if path is None else path
-    network, card = checkpoint.load_policy(path)
     file = checkpoint.find_policy(path)
     run = RunDirectory.containing(file)
     places = [file.parent, *([run.path] if run else [])]
     scenarios = [str(place / SCENARIO) for place in places if (place / SCENARIO).is_file()]
+    try:
+        network, card = checkpoint.load_policy(path)
+    except checkpoint.CheckpointError:
+        if not scenarios:
+            raise
+        with suppress(DockctlError):
+            load(scenarios[0])  # its local plugins may register the action type on the card
+        network, card = checkpoint.load_policy(path)
     return CheckpointPolicy(
         name=f"{card.scenario} seed {card.seed}" if path.exists() else str(path),
         long_name=path.resolve().name,

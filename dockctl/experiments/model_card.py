@@ -132,7 +132,7 @@ def _facts(
     sectors = scenario.sensors.lidar.sectors
     parts = ", ".join(map(_part, scenario.observation))
     yield "observes", f"{card.observation_size} numbers: {parts}; {sectors} LiDAR sectors"
-    yield "acts", f"{scenario.actions.description}, every {scenario.vessel.control_period_s:g} s"
+    yield "acts", f"{scenario.actions.describe()}, every {scenario.vessel.control_period_s:g} s"
     yield (
         "made by",
         f"dockctl {facts.get('dockctl')}, commit `{facts.get('git_commit')}`, {facts.get('started')}",

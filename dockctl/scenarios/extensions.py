@@ -29,10 +29,9 @@ Ints = NDArray[np.int64]
 class ActionType(Kind, ABC):
     """What a policy's actions are, and the commands that they stand for; registered in `ACTIONS`."""
 
-    @property
     @abstractmethod
-    def description(self) -> str:
-        """The actions in one line, for model cards."""
+    def describe(self) -> str:
+        """Return the actions in one line, for model cards."""
 
     @abstractmethod
     def space(self, vessel: Vessel) -> gymnasium.Space[Any]:
