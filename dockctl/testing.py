@@ -22,6 +22,7 @@ from gymnasium.vector import AutoresetMode
 from gymnasium.vector.utils import batch_space
 from numpy.typing import NDArray
 
+from dockctl.agents.policy import Policy
 from dockctl.drawing.scene import Scene
 from dockctl.envs.observation import Columns, View
 from dockctl.envs.single import DockingEnv
@@ -184,6 +185,47 @@ def check_scenario(source: str | Path, *, steps: int = 40) -> None:
     assert scenario.model_validate(scenario.model_dump(mode="json")) == scenario, "the dump differs"
     assert "name:" in dump(scenario), "the scenario has no name"
     _check_environment(scenario, build_worlds(scenario, loaded.base_dir), steps=steps)
+
+
+def check_policy(policy: Policy, env: DockingVectorEnv, *, steps: int = 40) -> None:
+    """Check a policy: valid actions, no state left after a reset, inputs unchanged, row by row.
+
+    Args:
+        policy: works for any number of boats.
+        env: several boats, same-step autoreset.
+        steps: control steps of the check.
+    """
+    what, boats = f"policy {type(policy).__name__}", env.num_envs
+    single = DockingVectorEnv(env.scenario, 1, worlds=env.worlds)
+
+    def actions(env: DockingVectorEnv) -> list[NDArray[Any]]:
+        observation, info = env.reset(seed=5)
+        policy.reset(np.arange(env.num_envs), info)
+        chosen = []
+        for step in range(steps):
+            before = {key: value.copy() for key, value in _arrays((observation, info)).items()}
+            action = np.asarray(policy.act(observation, info))
+            for key, value in _arrays((observation, info)).items():
+                assert np.array_equal(before[key], value), f"{what}, step {step}: act changes {key}"
+            space = env.single_action_space
+            assert action.shape == env.action_space.shape, (
+                f"{what}: actions of shape {action.shape}, expected {env.action_space.shape}"
+            )
+            typed = action.astype(space.dtype)
+            assert np.array_equal(typed, action) or typed.dtype.kind == "f", f"{what}: actions {action}"
+            assert all(map(space.contains, typed)), f"{what}, step {step}: actions {action} not in {space}"
+            chosen.append(action.copy())
+            observation, _, terminated, truncated, info = env.step(action)
+            if (terminated | truncated).any():
+                policy.reset(np.flatnonzero(terminated | truncated), info)
+        return chosen
+
+    first, again, alone = actions(env), actions(env), actions(single)
+    for step in range(steps):
+        assert np.array_equal(first[step], again[step]), f"{what}, step {step}: state left after reset"
+        assert np.array_equal(first[step][:1], alone[step]), (
+            f"{what}, step {step}: the action of a boat depends on the other {boats - 1} boats"
+        )
 
 
 def open_water() -> World:

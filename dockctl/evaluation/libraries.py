@@ -70,7 +70,7 @@ def onnx_policy(file: Path, env: DockingVectorEnv) -> Policy:
         import onnxruntime
     except ImportError:
         raise PolicyError(
-            f"{file}: needs ONNX Runtime; install it with: pip install onnxruntime", code="unavailable"
+            f"{file}: needs ONNX Runtime; install it with: pip install 'dockctl[onnx]'", code="unavailable"
         ) from None
     space = env.single_action_space
     if not isinstance(space, Discrete):

@@ -1,0 +1,301 @@
+"""Every way in which a policy can be given, and each way in which that goes wrong."""
+
+from __future__ import annotations
+
+import hashlib
+import json
+import sys
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from dockctl import plugins
+from dockctl.envs.single import DockingEnv
+from dockctl.envs.vector import DockingVectorEnv
+from dockctl.errors import DockctlError
+from dockctl.evaluation import compare, evaluate, load_policy
+from dockctl.evaluation.policies import BuiltPolicy, LoadedPolicy
+from dockctl.testing import check_policy
+from tests.commands.conftest import dockctl
+
+CONTROLLER = Path(__file__).parents[2] / "examples" / "controller" / "reverse.py"
+
+FACTORIES = """
+import numpy as np
+
+class Constant:
+    def __init__(self, action):
+        self.action = action
+    def reset(self, rows, info):
+        self.goal = info["goal"]
+    def act(self, observation, info):
+        return np.full(len(observation), self.action)
+
+def ahead(scenario, *, action: int = 73):
+    return Constant(action)
+
+def wrong_shape(scenario):
+    policy = Constant(0)
+    policy.act = lambda observation, info: 3
+    return policy
+
+def not_there(scenario):
+    return Constant(77)
+
+def fractions(scenario):
+    return Constant(0.5)
+
+def no_policy(scenario):
+    return 7
+
+def broken(scenario):
+    raise KeyError("thrust")
+
+def broken_act(scenario):
+    policy = Constant(0)
+    policy.act = lambda observation, info: observation.no_such_thing
+    return policy
+
+number = 3
+"""
+
+
+@pytest.fixture
+def file(tmp_path: Path) -> Path:
+    path = tmp_path / "factories.py"
+    path.write_text(FACTORIES)
+    return path
+
+
+def actions(policy: LoadedPolicy, boats: int = 2) -> np.ndarray:
+    env = DockingVectorEnv("s1", boats)
+    observation, info = env.reset(seed=0)
+    built = policy.make(env)
+    built.reset(np.arange(boats), info)
+    return built.act(observation, info)
+
+
+def test_the_controller_keeps_the_contract_of_a_policy() -> None:
+    env = DockingVectorEnv("s1", 3)
+    check_policy(load_policy(f"{CONTROLLER}:Reverse").make(env), env)
+
+
+def test_a_policy_with_state_breaks_the_contract_unless_it_resets() -> None:
+    class Counting:
+        count = 0
+
+        def reset(self, rows: Any, info: Any) -> None: ...
+
+        def act(self, observation: np.ndarray, info: Any) -> np.ndarray:
+            self.count += 1
+            return np.full(len(observation), self.count % 77)
+
+    with pytest.raises(AssertionError):
+        check_policy(Counting(), DockingVectorEnv("s1", 2))
+
+
+def test_the_controller_docks_in_reverse(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.chdir(tmp_path)
+    name = f"{CONTROLLER}:Reverse"
+    outcome = dockctl(
+        "evaluate", "--policy", name, "--scenario", "s1", "--episodes", 4, "--min-success", 1,
+        "--json", "result.json",
+    )  # fmt: skip
+    assert outcome.code == 0, outcome.err
+    policy = json.loads(Path("result.json").read_text())["policy"]
+    digest = hashlib.sha256(CONTROLLER.read_bytes()).hexdigest()
+    assert policy == {"name": name, "file": str(CONTROLLER), "sha256": digest}
+    assert [path.name for path in tmp_path.iterdir()] == ["result.json"]
+
+
+def test_the_controller_is_compared_with_a_checkpoint() -> None:
+    result = compare(["s1", f"{CONTROLLER}:Reverse"], "s1", episodes=2)
+    assert list(result.evaluations) == ["s1", "reverse.py:Reverse"]
+    assert (result.table["outcome"] == "docked").all()
+    assert (result.table["path_length_m"] > 15).all()
+
+
+@pytest.mark.parametrize(
+    ("command", "files"),
+    [
+        (("map", "--reach-m", 0, "--headings", 0), {"map-s1.csv", "map-s1.json", "map-s1.png", "map-s1.svg"}),
+        (("latency", "--decisions", 10), {f"latency-s1.{end}" for end in ("csv", "json", "png", "svg")}),
+        (("returns", "s1"), {f"returns-s1.{end}" for end in ("csv", "json", "png", "svg")}),
+        (("record",), {"scenario.yaml", "scene.json", "trajectories.csv"}),
+    ],
+)
+def test_every_command_takes_a_controller(
+    command: tuple[object, ...], files: set[str], tmp_path: Path
+) -> None:
+    scenario = () if command[0] == "returns" else ("--scenario", "s1")
+    outcome = dockctl(*command, "--policy", f"{CONTROLLER}:Reverse", *scenario, "--out", tmp_path / "out")
+    assert outcome.code == 0, outcome.err
+    assert {path.name for path in (tmp_path / "out").iterdir()} == files
+
+
+class Holding:
+    """Holds one action."""
+
+    def __init__(self, action: int) -> None:
+        self.action = action
+
+    def reset(self, rows: np.ndarray, info: Any) -> None:
+        pass
+
+    def act(self, observation: np.ndarray, info: Any) -> np.ndarray:
+        return np.full(len(observation), self.action)
+
+
+def test_a_registered_policy() -> None:
+    state = plugins.POLICIES.save()
+    try:
+
+        @plugins.policy("hold")
+        def hold(scenario: Any, *, action: int = 38) -> Holding:
+            return Holding(action)
+
+        assert load_policy("hold").facts()["name"] == "hold"
+        assert actions(load_policy("hold", action=4)).tolist() == [4, 4]
+        with pytest.raises(DockctlError) as caught:
+            load_policy("hld")
+        assert (caught.value.code, caught.value.suggestion) == ("not_found", "hold")
+        with pytest.raises(DockctlError) as caught:
+            load_policy("hold", acton=3)
+        assert (caught.value.code, caught.value.suggestion) == ("unknown_key", "action")
+    finally:
+        plugins.POLICIES.restore(state)
+
+
+def test_a_factory_of_a_module(file: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.syspath_prepend(file.parent)
+    monkeypatch.delitem(sys.modules, "factories", raising=False)
+    policy = load_policy("factories:ahead", action=5)
+    assert actions(policy).tolist() == [5, 5]
+    assert policy.facts()["params"] == {"action": 5}
+    with pytest.raises(DockctlError) as caught:
+        load_policy("no_such_module:factory")
+    assert caught.value.code == "plugin"
+
+
+@pytest.mark.parametrize(
+    ("given", "code", "suggestion"),
+    [
+        ("FILE:ahed", "unknown_name", "ahead"),
+        ("FILE:number", "unknown_name", ""),
+        ("FILE", "missing_key", "FILE:my_factory"),
+        ("missing.py:factory", "plugin", ""),
+        ("marine", "not_found", "marina"),
+        ("model.zip", "missing_key", "model.zip:DQN"),
+        ("model.zip:DQN", "not_found", ""),
+        ("model.onnx", "not_found", ""),
+    ],
+)
+def test_a_policy_that_is_not_found(file: Path, given: str, code: str, suggestion: str) -> None:
+    with pytest.raises(DockctlError) as caught:
+        load_policy(given.replace("FILE", str(file)))
+    assert caught.value.code == code
+    assert caught.value.suggestion == suggestion.replace("FILE", str(file))
+
+
+@pytest.mark.parametrize(
+    ("factory", "line"),
+    [
+        ("wrong_shape", ""),
+        ("not_there", ""),
+        ("fractions", ""),
+        ("no_policy", ""),
+        ("broken", 'raise KeyError("thrust")'),
+        ("broken_act", "observation.no_such_thing"),
+    ],
+)
+def test_a_policy_that_breaks_the_contract(file: Path, factory: str, line: str) -> None:
+    with pytest.raises(DockctlError) as caught:
+        actions(load_policy(f"{file}:{factory}"))
+    assert caught.value.code == "plugin"
+    assert f"{file}:{factory}" in str(caught.value)
+    if line:
+        number = 1 + next(i for i, text in enumerate(FACTORIES.splitlines()) if line in text)
+        assert str(caught.value).endswith(f"({file}:{number})")
+
+
+def test_a_controller_needs_a_scenario(file: Path) -> None:
+    outcome = dockctl("evaluate", "--policy", f"{file}:ahead")
+    assert (outcome.code, outcome.error_code) == (2, "missing_key")
+    assert evaluate(f"{file}:ahead", "s1", episodes=0).groups["pose"][0].steps > 0
+
+
+def test_a_stable_baselines3_archive(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    sb3 = pytest.importorskip("stable_baselines3")
+    model = sb3.DQN("MlpPolicy", DockingEnv("s1"), buffer_size=10, seed=0)
+    model.save(tmp_path / "model.zip")
+    given = f"{tmp_path / 'model.zip'}:DQN"
+    env = DockingVectorEnv("s1", 3)
+    expected = model.predict(env.reset(seed=0)[0], deterministic=True)[0]
+    assert actions(load_policy(given), 3).tolist() == expected.tolist()
+    check_policy(load_policy(given).make(env), env)
+    with pytest.raises(DockctlError) as caught:
+        load_policy(given).make(DockingVectorEnv("s3", 1))
+    assert caught.value.code == "mismatch"
+    with pytest.raises(DockctlError) as caught:
+        load_policy(given.replace("DQN", "DQM")).make(env)
+    assert (caught.value.code, caught.value.suggestion) == ("unknown_name", "DQN")
+    (tmp_path / "damaged.zip").write_bytes(b"PK")
+    with pytest.raises(DockctlError):
+        load_policy(f"{tmp_path / 'damaged.zip'}:DQN").make(env)
+    monkeypatch.setitem(sys.modules, "stable_baselines3", None)
+    with pytest.raises(DockctlError) as caught:
+        load_policy(given).make(env)
+    assert caught.value.code == "unavailable"
+
+
+def onnx_file(path: Path, inputs: int, outputs: int, batch: int | str) -> np.ndarray:
+    """Write a linear model; return its weights (inputs, outputs)."""
+    onnx = pytest.importorskip("onnx")
+    helper, numpy_helper, float_ = onnx.helper, onnx.numpy_helper, onnx.TensorProto.FLOAT
+    weights = np.random.default_rng(0).normal(size=(inputs, outputs)).astype(np.float32)
+    graph = helper.make_graph(
+        [helper.make_node("MatMul", ["observation", "weights"], ["values"])],
+        "policy",
+        [helper.make_tensor_value_info("observation", float_, [batch, inputs])],
+        [helper.make_tensor_value_info("values", float_, [batch, outputs])],
+        [numpy_helper.from_array(weights, "weights")],
+    )
+    opset = helper.make_opsetid("", 17)
+    onnx.save(helper.make_model(graph, opset_imports=[opset], ir_version=9), path)
+    return weights
+
+
+@pytest.mark.parametrize("batch", ["n", 1])
+def test_an_onnx_file(tmp_path: Path, batch: int | str) -> None:
+    pytest.importorskip("onnxruntime")
+    weights = onnx_file(tmp_path / "policy.onnx", 15, 77, batch)
+    env = DockingVectorEnv("s1", 3)
+    policy = load_policy(tmp_path / "policy.onnx")
+    expected = (env.reset(seed=0)[0] @ weights).argmax(axis=1)
+    assert actions(policy, 3).tolist() == expected.tolist()
+    check_policy(policy.make(env), env)
+
+
+@pytest.mark.parametrize(("inputs", "outputs"), [(16, 77), (15, 76)])
+def test_an_onnx_file_of_another_size(tmp_path: Path, inputs: int, outputs: int) -> None:
+    pytest.importorskip("onnxruntime")
+    onnx_file(tmp_path / "policy.onnx", inputs, outputs, "n")
+    with pytest.raises(DockctlError) as caught:
+        load_policy(tmp_path / "policy.onnx").make(DockingVectorEnv("s1", 1))
+    assert caught.value.code == "mismatch"
+    assert str(tmp_path / "policy.onnx") in str(caught.value)
+    (tmp_path / "policy.onnx").write_bytes(b"damaged")
+    with pytest.raises(DockctlError):
+        load_policy(tmp_path / "policy.onnx").make(DockingVectorEnv("s1", 1))
+
+
+def test_onnx_needs_its_runtime(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    (tmp_path / "policy.onnx").touch()
+    monkeypatch.setitem(sys.modules, "onnxruntime", None)
+    policy = load_policy(tmp_path / "policy.onnx")
+    assert isinstance(policy, BuiltPolicy)
+    with pytest.raises(DockctlError) as caught:
+        policy.make(DockingVectorEnv("s1", 1))
+    assert caught.value.code == "unavailable"
