@@ -1,6 +1,6 @@
-"""Measure alternating, tell in a table, keep as JSON: what the benchmarks have in common.
+"""Timing in alternating rounds, and reports as a table and as JSON, for all benchmarks.
 
-Import it before numpy: it holds the linear algebra to one thread, so that "one core" means one core.
+Import it before numpy: it limits BLAS to one thread, so that measurements on one core use one core.
 """
 
 from __future__ import annotations
@@ -22,13 +22,13 @@ from rich.console import Console
 from rich.progress import track
 from rich.table import Table
 
-from dockctl.runs.provenance import hardware, now
+from dockctl.runs.provenance import git_commit, hardware, now
 
 for _variable in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS"):
     os.environ.setdefault(_variable, "1")
 
 RESULTS = Path(__file__).parent / "results"
-BUSY = 0.2  # cores that others keep busy, beyond which times by the clock on the wall say little
+BUSY = 0.2  # cores used by other processes, above which wall-clock times are unreliable
 LIBRARIES = (
     "numpy", "numba", "torch", "gymnasium", "trimesh", "embreex", "python-fcl", "stable-baselines3",
     "onnxruntime", "sbx-rl", "jax",
@@ -38,13 +38,13 @@ console = Console()
 
 @dataclass(frozen=True)
 class Case:
-    """Something to time.
+    """A measured operation.
 
     Attributes:
-        work: does it `count` times.
-        count: by which the time is divided.
-        cores: work on one core is timed by the processor's time, which other processes disturb little;
-            work on several by the clock on the wall.
+        work: runs the operation `count` times.
+        count: number of operations in one call of `work`.
+        cores: work on one core is measured in CPU time, which other processes affect little; work on several
+            cores in wall-clock time.
     """
 
     work: Callable[[], object]
@@ -52,6 +52,7 @@ class Case:
     cores: int = 1
 
     def seconds(self) -> float:
+        """Run the work once and return the time per operation [s]."""
         clock = time.process_time if self.cores == 1 else time.perf_counter
         begin = clock()
         self.work()
@@ -59,7 +60,7 @@ class Case:
 
 
 def alternate(cases: Mapping[str, Case], rounds: int, what: str) -> dict[str, list[float]]:
-    """Time the cases one after the other, `rounds` times over, after one round that does not count [s]."""
+    """Time the cases in turn for `rounds` rounds, after one round of warm-up [s]."""
     for case in cases.values():
         case.work()
     times: dict[str, list[float]] = {name: [] for name in cases}
@@ -70,13 +71,13 @@ def alternate(cases: Mapping[str, Case], rounds: int, what: str) -> dict[str, li
 
 
 def ratio(times: Mapping[str, Sequence[float]], slow: str, fast: str) -> float:
-    """Return how many times as long `slow` takes as `fast`: the median over the rounds of their ratio."""
+    """Return the time of `slow` relative to that of `fast`: the median of the ratios of the rounds."""
     return statistics.median(a / b for a, b in zip(times[slow], times[fast], strict=True))
 
 
 @dataclass(frozen=True)
 class Bar:
-    """What a measured value must reach, from below or from above."""
+    """The required minimum or maximum of a measured value."""
 
     what: str
     value: float
@@ -96,36 +97,36 @@ class Bar:
         return f"{sign} {bound:g} {self.unit}".rstrip()
 
 
-def cores_kept_busy(seconds: float = 1.0) -> float:
-    """Return how many cores others keep busy while this process sleeps; a load average remembers more."""
+def busy_cores(seconds: float = 1.0) -> float:
+    """Return the number of cores that other processes use while this process sleeps."""
     return psutil.cpu_percent(seconds) / 100 * (psutil.cpu_count() or 1)
 
 
 @dataclass
 class Report:
-    """The results of one script: what was measured, on what, and whether it is enough."""
+    """The results of one script: times, targets, other figures, machine and versions."""
 
     name: str
     title: str
     seconds: dict[str, list[float]] = field(default_factory=dict)
     bars: list[Bar] = field(default_factory=list)
     facts: dict[str, Any] = field(default_factory=dict)
-    load: float = field(default_factory=cores_kept_busy)
+    load: float = field(default_factory=busy_cores)
     niceness: int = field(default_factory=lambda: os.nice(0))
 
     def tell(self) -> None:
-        """Print the bars, and write ``results/<name>.json``."""
+        """Print the targets, and write ``results/<name>.json``."""
         table = Table(title=self.title, box=box.SIMPLE_HEAD, header_style="bold", title_justify="left")
-        for heading in ("", "measured", "bar", ""):
-            table.add_column(heading, justify="right" if heading in ("measured", "bar") else "left")
+        for heading in ("", "measured", "target", ""):
+            table.add_column(heading, justify="right" if heading in ("measured", "target") else "left")
         for bar in self.bars:
-            verdict = "reached" if bar.reached else "missed"
+            verdict = "met" if bar.reached else "missed"
             table.add_row(bar.what, f"{bar.value:,.4g} {bar.unit}".rstrip(), bar.demand, verdict)
         console.print(table)
         if self.load > BUSY:
             console.print(
-                f"The machine was busy ({self.load:.1f} cores at other work):"
-                " times on several cores say little."
+                f"The machine was busy (other processes used {self.load:.1f} cores):"
+                " times on several cores are unreliable."
             )
         RESULTS.mkdir(exist_ok=True)
         path = RESULTS / f"{self.name}.json"
@@ -133,22 +134,24 @@ class Report:
         console.print(str(path), highlight=False, soft_wrap=True)
 
     def to_json(self) -> dict[str, Any]:
+        """Return the report as JSON data."""
         return {
             "title": self.title,
             "when": now(),
+            "commit": git_commit(),
             "load": round(self.load, 2),
             "niceness": self.niceness,
             "hardware": hardware(),
             "python": platform.python_version(),
             "libraries": {name: found for name in LIBRARIES if (found := installed(name))},
             "seconds": {name: summary(values) for name, values in self.seconds.items()},
-            "bars": [
+            "targets": [
                 {
                     "what": bar.what,
                     "value": bar.value,
-                    "demand": bar.demand,
+                    "target": bar.demand,
                     "unit": bar.unit,
-                    "reached": bar.reached,
+                    "met": bar.reached,
                 }
                 for bar in self.bars
             ],
@@ -157,8 +160,8 @@ class Report:
 
 
 def summary(values: Sequence[float]) -> dict[str, float]:
-    """Return the median of the rounds, and the least and the greatest of them."""
-    return {"median": statistics.median(values), "least": min(values), "greatest": max(values)}
+    """Return the median, minimum and maximum of the rounds."""
+    return {"median": statistics.median(values), "min": min(values), "max": max(values)}
 
 
 def installed(library: str) -> str | None:

@@ -1,8 +1,8 @@
-"""The environment at 1 to 4,096 boats: steps a second, memory, and one step through Gymnasium.
+"""The environment with 1 to 4,096 boats: steps per second, memory, and one step through Gymnasium.
 
     python benchmarks/environment.py
 
-Boats act at random and begin as in training, so all the parts of the marina are visited. Full LiDAR.
+Actions are random and starts are those of training, so that all parts of the marina are visited. Full LiDAR.
 """
 
 from __future__ import annotations
@@ -24,11 +24,11 @@ from dockctl.compute.threads import usable_cores
 from dockctl.envs.vector import DockingVectorEnv
 
 BOATS = (1, 16, 256, 4096)
-BOAT_STEPS = 4096  # of all boats together, timed in one round
+BOAT_STEPS = 4096  # of all boats together, in one round
 
 
 def stepping(env: DockingVectorEnv, steps: int) -> Callable[[], None]:
-    """Return work that steps all the boats so many times, with actions drawn beforehand."""
+    """Return a function that steps all boats `steps` times, with actions drawn beforehand."""
     actions = np.random.default_rng(1).integers(env.single_action_space.n, size=(steps, env.num_envs))
 
     def work() -> None:
@@ -39,7 +39,7 @@ def stepping(env: DockingVectorEnv, steps: int) -> Callable[[], None]:
 
 
 def stepping_cases(envs: dict[int, DockingVectorEnv], cores: int) -> dict[str, bench.Case]:
-    """Return the case of a step of one boat in each environment; `cores` chooses the clock."""
+    """Return the case of one step of one boat for each environment; `cores` selects the clock."""
     cases = {}
     for boats, env in envs.items():
         steps = BOAT_STEPS // boats
@@ -50,7 +50,7 @@ def stepping_cases(envs: dict[int, DockingVectorEnv], cores: int) -> dict[str, b
 
 
 def held_bytes(boats: int) -> int:
-    """Return the memory that an environment of so many boats holds, harbor and tables apart."""
+    """Return the memory of an environment with `boats` boats, without harbor and tables."""
     gc.collect()
     tracemalloc.start()
     env = DockingVectorEnv("s3", boats, exploring=True)
@@ -63,7 +63,7 @@ def held_bytes(boats: int) -> int:
 
 
 def state_bytes(env: DockingVectorEnv) -> int:
-    """Return what the simulator's state takes."""
+    """Return the memory of the state of the simulator."""
     arrays = [value for value in vars(env.simulator).values() if isinstance(value, np.ndarray)]
     return sum(array.nbytes for array in arrays)
 
@@ -97,8 +97,8 @@ def main() -> None:
         envs[boats].reset(seed=0)
     few, some, many = BOATS[1:]
     slope = (held[some] - held[few]) / (some - few)
-    report.seconds = bench.alternate(stepping_cases(envs, cores), arguments.rounds, "by the wall")
-    processor = bench.alternate(stepping_cases(envs, 1), arguments.rounds, "by the processor")
+    report.seconds = bench.alternate(stepping_cases(envs, cores), arguments.rounds, "wall clock")
+    processor = bench.alternate(stepping_cases(envs, 1), arguments.rounds, "CPU time")
     one_boat = single_step_ms(1020)
     report.facts = {
         "boats": list(BOATS),
@@ -111,7 +111,7 @@ def main() -> None:
     }
     report.bars = [
         bench.Bar(
-            f"a boat's step: {more}, against {fewer}",
+            f"time per boat and step: {more}, relative to {fewer}",
             bench.ratio(processor, more, fewer),
             at_most=1.1,
             unit="×",
@@ -123,7 +123,7 @@ def main() -> None:
             "one step through gymnasium.make, median", statistics.median(one_boat), at_most=3, unit="ms"
         ),
         bench.Bar(
-            f"memory of {many:,} boats, against a line through those of {few} and {some}",
+            f"memory of {many:,} boats, relative to a line through {few} and {some}",
             held[many] / (held[few] + slope * (many - few)),
             at_most=1.1,
             unit="×",

@@ -1,4 +1,4 @@
-"""The figures of docs/performance.md, drawn from the results that the benchmarks left."""
+"""The figures of docs/performance.md, from the results of the benchmarks."""
 
 from __future__ import annotations
 
@@ -17,28 +17,28 @@ Json = dict[str, Any]
 
 
 def number(value: float) -> str:
-    """Write a number with three digits that count, and no more than needed."""
+    """Format a number with three significant digits."""
     if value == 0:
         return "0"
     return f"{value:,.0f}" if abs(value) >= 100 else f"{value:.3g}"
 
 
-def of_three(seconds: Json, factor: float) -> tuple[float, list[list[float]]]:
-    """Return the median and matplotlib's error bars of a summary over the rounds."""
+def median_and_errors(seconds: Json, factor: float) -> tuple[float, list[list[float]]]:
+    """Return the median and the error bars of a summary over the rounds, for matplotlib."""
     middle = factor * seconds["median"]
-    return middle, [[middle - factor * seconds["least"]], [factor * seconds["greatest"] - middle]]
+    return middle, [[middle - factor * seconds["min"]], [factor * seconds["max"] - middle]]
 
 
 def curve(ax: Axes, x: Sequence[float], points: Sequence[Json], factor: float, color: str) -> None:
-    """Draw medians over the rounds, with bars from the least to the greatest."""
+    """Draw medians over the rounds, with error bars from minimum to maximum."""
     for at, seconds in zip(x, points, strict=True):
-        middle, spread = of_three(seconds, factor)
+        middle, spread = median_and_errors(seconds, factor)
         ax.errorbar([at], [middle], yerr=spread, color=color, capsize=2.5, lw=1.2)
     ax.plot(x, [factor * seconds["median"] for seconds in points], color=color, marker="o", ms=4)
 
 
 def logarithmic(ax: Axes, x: Sequence[float], x_label: str, y_label: str) -> None:
-    """Scale both axes by decades, with the measured sizes written at the lower one."""
+    """Make both axes logarithmic, with the measured sizes as ticks of the lower one."""
     ax.set(xscale="log", yscale="log", xlabel=x_label, ylabel=y_label)
     ax.set_xticks(x, [short(value) for value in x])
     ax.xaxis.set_minor_locator(NullLocator())
@@ -48,20 +48,20 @@ def logarithmic(ax: Axes, x: Sequence[float], x_label: str, y_label: str) -> Non
 
 
 def short(value: float) -> str:
-    """Write a size for an axis: 32, 8,192, 14k, 907k, 1.2M."""
+    """Format a size for an axis: 32, 8,192, 14k, 907k, 1.2M."""
     if value >= 1e6:
         return f"{value / 1e6:.1f}M"
     return f"{value:,.0f}" if value < 1e4 else f"{value / 1e3:.0f}k"
 
 
 def growth_figure(growth: Json) -> Figure:
-    """Times against rays, triangles and the batch, beside a peer's."""
-    subtitle = "one core; bars from the least to the greatest of the rounds"
-    figure = titled_figure("How costs grow", subtitle, (10.4, 4.0))
+    """Return the figure of times over rays, triangles and batch, compared with other libraries."""
+    subtitle = "one core; error bars from the minimum to the maximum of the rounds"
+    figure = titled_figure("Scaling", subtitle, (10.4, 4.0))
     panels = (
-        ("rays", "rays a scan", "a scan [ms]", "trimesh + embree + numpy"),
-        ("triangles", "triangles in the harbor", "a scan [ms]", "trimesh + embree + numpy"),
-        ("batches", "transitions an update", "an update [ms]", "torch modules and autograd"),
+        ("rays", "rays per scan", "time of a scan [ms]", "trimesh + embree + numpy"),
+        ("triangles", "triangles in the harbor", "time of a scan [ms]", "trimesh + embree + numpy"),
+        ("batches", "transitions per update", "time of an update [ms]", "torch modules and autograd"),
     )
     for ax, (size, x_label, y_label, peer) in zip(figure.subplots(1, 3), panels, strict=True):
         points = growth["facts"][size]
@@ -74,34 +74,34 @@ def growth_figure(growth: Json) -> Figure:
 
 
 def boats_figure(environment: Json) -> Figure:
-    """Time of one boat's step, and memory, against the number of boats."""
+    """Return the figure of the time per step and the memory over the number of boats."""
     facts = environment["facts"]
-    subtitle = f"environment of scenario 3, every ray, {facts['cores']} cores"
-    figure = titled_figure("What a boat costs among others", subtitle)
+    subtitle = f"environment of scenario 3, all rays, {facts['cores']} cores"
+    figure = titled_figure("Time and memory per boat", subtitle)
     left, right = figure.subplots(1, 2)
     curve(left, facts["boats"], facts["processor_seconds"], 1e6, OURS)
-    logarithmic(left, facts["boats"], "boats", "processor time a boat and step [µs]")
+    logarithmic(left, facts["boats"], "boats", "CPU time per boat and step [µs]")
     left.set(yscale="linear", ylim=(0, None))
     held = [value / 1e6 for value in facts["held_bytes"]]
     line = [(facts["held_bytes"][0] + facts["held_bytes_a_boat"] * boats) / 1e6 for boats in facts["boats"]]
     right.plot(facts["boats"], line, color=palette.RULE, ls="--")
     right.plot(facts["boats"], held, "o", color=OURS, ms=5)
-    logarithmic(right, facts["boats"], "boats", "memory, harbor and tables apart [MB]")
+    logarithmic(right, facts["boats"], "boats", "memory without harbor and tables [MB]")
     per_boat = number(facts["held_bytes_a_boat"] / 1e3)
-    legend_above(right, [("measured", OURS), (f"{per_boat} kB a boat", palette.RULE, "--")])
+    legend_above(right, [("measured", OURS), (f"{per_boat} kB per boat", palette.RULE, "--")])
     left.set_title(" ", fontsize=8.5, pad=7)
     return figure
 
 
-def ways_figure(lidar: Json) -> Figure:
-    """Time of a scan on one core by each way, on a scale of decades."""
+def scan_figure(lidar: Json) -> Figure:
+    """Return the figure of the time of a scan on one core with each library, on a logarithmic scale."""
     facts = lidar["facts"]
     subtitle = f"{facts['rays']:,} rays, {facts['triangles']:,} triangles; one core, median of the rounds"
-    figure = titled_figure("Ways to scan the marina", subtitle, (7.6, 2.7))
+    figure = titled_figure("Time of a scan of the marina", subtitle, (7.6, 2.7))
     ax = figure.add_subplot()
-    ways = [(name, 1e3 * s["median"]) for name, s in lidar["seconds"].items() if "wall" not in name]
-    ways.sort(key=lambda way: -way[1])
-    for row, (name, milliseconds) in enumerate(ways):
+    times = [(name, 1e3 * s["median"]) for name, s in lidar["seconds"].items() if "wall clock" not in name]
+    times.sort(key=lambda time: -time[1])
+    for row, (name, milliseconds) in enumerate(times):
         color = OURS if name.startswith("dockctl") else PEER
         ax.plot([milliseconds], [row], "o", ms=9, color=color)
         ax.annotate(
@@ -111,9 +111,9 @@ def ways_figure(lidar: Json) -> Figure:
             textcoords="offset points",
             va="center",
         )
-    ax.set(xscale="log", xlabel="milliseconds a scan", yticks=range(len(ways)))
-    ax.set_yticklabels([name for name, _ in ways], color=palette.INK)
+    ax.set(xscale="log", xlabel="milliseconds per scan", yticks=range(len(times)))
+    ax.set_yticklabels([name for name, _ in times], color=palette.INK)
     ax.xaxis.set_major_formatter(FuncFormatter(lambda value, _: f"{value:g}"))
-    ax.set_xlim(0.5 * ways[-1][1], 3 * ways[0][1])
-    ax.set_ylim(len(ways) - 0.5, -0.5)
+    ax.set_xlim(0.5 * times[-1][1], 3 * times[0][1])
+    ax.set_ylim(len(times) - 0.5, -0.5)
     return figure

@@ -1,10 +1,10 @@
-"""How costs grow: a scan's with rays and triangles, an update's with the batch, beside a peer's.
+"""Scaling: the time of a scan over rays and triangles, and of an update over the batch.
 
     python benchmarks/growth.py
 
-Rays: the four LiDARs fire more or fewer times a turn. Triangles: each of the marina's is cut into four, and
-again, so that the scene stays the same. Poses lie in the fairway. The peer is embree for scans, torch with
-modules and autograd for updates. One core.
+Rays: the four LiDARs have more or fewer firings per revolution. Triangles: each one is divided into four,
+repeatedly, so that the scene is the same. Poses are in the fairway. The comparison is embree for scans, torch
+with modules and autograd for updates. One core.
 """
 
 from __future__ import annotations
@@ -34,7 +34,7 @@ BATCHES = (32, 128, 512, 2048, 8192)
 
 
 def quartered(triangles: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Cut each of (m, 3, 3) triangles at the middles of its edges: (4 m, 3, 3)."""
+    """Divide each of (m, 3, 3) triangles at the midpoints of its edges: (4 m, 3, 3)."""
     a, b, c = np.moveaxis(triangles, 1, 0)
     ab, bc, ca = (a + b) / 2, (b + c) / 2, (c + a) / 2
     parts = [(a, ab, ca), (ab, b, bc), (ca, bc, c), (ab, bc, ca)]
@@ -61,7 +61,7 @@ def point(lidar: LidarArray, rounds: int, what: str) -> dict[str, Any]:
 
 
 def update(env: DockingEnv, batch: int, rounds: int) -> dict[str, Any]:
-    """Measure the learner's update with one size of batch."""
+    """Measure the update of the learner with one batch size."""
     count = max(2, 4096 // batch)
     made = {"dockctl": ours(env, batch), "peer": autograd(env, batch)}
     cases = {name: bench.Case(lambda learn=learn: learn(count), count) for name, learn in made.items()}
@@ -70,7 +70,7 @@ def update(env: DockingEnv, batch: int, rounds: int) -> dict[str, Any]:
 
 
 def exponent(points: list[dict[str, Any]], size: str) -> float:
-    """Return the exponent with which our time grows with a size, by least squares."""
+    """Return the exponent of the time of dockctl over a size, by least squares."""
     x = np.log([one[size] for one in points])
     y = np.log([one["dockctl"]["median"] for one in points])
     return float(np.polyfit(x, y, 1)[0])
@@ -83,9 +83,9 @@ def main() -> None:
     loaded = load("s3")
     triangles = build_worlds(loaded.scenario, loaded.base_dir)[0].lidar.triangles
     spec = loaded.scenario.sensors.lidar
-    report = bench.Report("growth", "How costs grow")
+    report = bench.Report("growth", "Scaling")
     with tempfile.TemporaryDirectory() as folder, patch.dict(os.environ, XDG_CACHE_HOME=folder):
-        # These tables are nobody's to keep.
+        # These tables need not be cached.
         rays = [
             point(
                 LidarArray(spec.model_copy(update={"azimuth_steps": steps}), triangles),
@@ -102,11 +102,11 @@ def main() -> None:
     batches = [update(DockingEnv("s3"), batch, arguments.rounds) for batch in BATCHES]
     report.facts = {"rays": rays, "triangles": cuts, "batches": batches}
     report.bars = [
-        bench.Bar("a scan's time grows with the rays to the power", exponent(rays, "rays"), at_most=1),
-        bench.Bar("with the triangles to the power", exponent(cuts, "triangles"), at_most=0.5),
+        bench.Bar("exponent of the time of a scan over the rays", exponent(rays, "rays"), at_most=1),
         bench.Bar(
-            "an update's time grows with the batch to the power", exponent(batches, "batch"), at_most=1
+            "exponent of the time of a scan over the triangles", exponent(cuts, "triangles"), at_most=0.5
         ),
+        bench.Bar("exponent of the time of an update over the batch", exponent(batches, "batch"), at_most=1),
     ]
     report.tell()
 

@@ -1,8 +1,8 @@
-"""How long the policy and a whole decision take, one boat on one core.
+"""Latency of the policy and of a whole decision, for one boat on one core.
 
     python benchmarks/latency.py
 
-A decision is scan, state, forward pass and choice of the action.
+A decision consists of scan, observation, forward pass and choice of the action.
 """
 
 from __future__ import annotations
@@ -27,7 +27,7 @@ WARM_UP = 100
 
 
 def microseconds(work: Callable[[], object], times: int) -> NDArray[np.float64]:
-    """Return how long each of so many calls takes [us]."""
+    """Return the times of single calls (times,) [us]."""
     taken = np.empty(times)
     for index in range(times):
         begin = time.perf_counter()

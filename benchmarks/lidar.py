@@ -1,8 +1,8 @@
-"""The LiDAR scan against the usual way to scan a mesh (trimesh with embree), and against the plain tracer.
+"""The LiDAR scan, compared with trimesh and embree, and with the reference implementation.
 
     python benchmarks/lidar.py
 
-Poses of the fairway lie between the rows of berths, poses of the berth on the last stretch into it.
+Fairway poses are between the rows of berths, berth poses on the approach to a berth.
 """
 
 from __future__ import annotations
@@ -28,18 +28,19 @@ Floats = NDArray[np.float64]
 FAIRWAY = ((14.5, -14.0, -np.pi), (27.0, 14.0, np.pi))
 BERTH = ((28.0, -1.0, 2.8), (36.0, 1.0, 3.5))
 EMBREE = "trimesh + embree + numpy"
-ORACLE = "every ray by the plain tracer"
+REFERENCE = "every ray, reference implementation"
 SCAN = "dockctl"
-BERTHING = "dockctl, on the way into the berth"
-ONE_CORE = "dockctl, one core by the wall clock"
-ALL_CORES = "dockctl, all cores by the wall clock"
+BERTHING = "dockctl, approaching the berth"
+ONE_CORE = "dockctl, one core, wall clock"
+ALL_CORES = "dockctl, all cores, wall clock"
+SPEED = "speed of a scan, relative to embree"
 
 
 def embree_scanner(lidar: LidarArray) -> Callable[[Floats], Floats]:
-    """Return a scan of one pose by embree on trimesh's scene, with the sector ranges by numpy.
+    """Return a function that scans from one pose by embree, with the sector ranges by numpy.
 
-    The scene is asked for distances alone, which is faster than trimesh's own methods; `scale_to_box` would
-    return distances in the units of a scaled copy.
+    It queries only distances, which is faster than the methods of trimesh; with `scale_to_box` they would be
+    in the units of a scaled copy.
     """
     corners = lidar.triangles.reshape(-1, 3)
     mesh = trimesh.Trimesh(corners, np.arange(len(corners)).reshape(-1, 3), process=False)
@@ -64,7 +65,7 @@ def embree_scanner(lidar: LidarArray) -> Callable[[Floats], Floats]:
 
 
 def scans(lidar: LidarArray, poses: Floats, cores: int) -> bench.Case:
-    """Return the case of scanning from the poses on so many cores."""
+    """Return the case of scans from the poses on `cores` cores."""
 
     def work() -> None:
         lidar_module.usable_cores = lambda: cores
@@ -74,11 +75,11 @@ def scans(lidar: LidarArray, poses: Floats, cores: int) -> bench.Case:
 
 
 def pin_threads(cores: int) -> None:
-    """Give each thread that scans a core of its own, as a machine without other work does."""
-    together = Barrier(cores)
+    """Pin each scanning thread to its own core, as on an idle machine."""
+    barrier = Barrier(cores)
 
     def pin(core: int) -> None:
-        together.wait()  # so that every thread takes one of these
+        barrier.wait()  # every thread runs one of these
         os.sched_setaffinity(get_native_id(), {core})
 
     if hasattr(os, "sched_setaffinity"):
@@ -105,7 +106,7 @@ def main() -> None:
     report.seconds = bench.alternate(
         {
             EMBREE: bench.Case(lambda: [embree(pose) for pose in fairway[:few]], few),
-            ORACLE: bench.Case(lambda: lidar.sector_ranges_by_full_scan(fairway[:few]), few),
+            REFERENCE: bench.Case(lambda: lidar.sector_ranges_by_full_scan(fairway[:few]), few),
             SCAN: scans(lidar, fairway, 1),
             BERTHING: scans(lidar, berth, 1),
         },
@@ -113,7 +114,7 @@ def main() -> None:
         "one core",
     )
     pin_threads(cores)
-    by_the_wall = bench.alternate(
+    wall_clock = bench.alternate(
         {
             ONE_CORE: bench.Case(scans(lidar, fairway, 1).work, len(fairway), cores),
             ALL_CORES: scans(lidar, fairway, cores),
@@ -121,7 +122,7 @@ def main() -> None:
         arguments.rounds,
         "all cores",
     )
-    report.seconds |= by_the_wall
+    report.seconds |= wall_clock
 
     table, grid, _ = lidar._tables
     report.facts = {
@@ -131,14 +132,14 @@ def main() -> None:
         "harbor_mb": megabytes(grid),
     }
     report.bars = [
-        bench.Bar("a scan, against embree", bench.ratio(report.seconds, EMBREE, SCAN), at_least=20, unit="×"),
+        bench.Bar(SPEED, bench.ratio(report.seconds, EMBREE, SCAN), at_least=20, unit="×"),
         bench.Bar(
-            f"scans on {cores} cores, against one",
-            bench.ratio(by_the_wall, ONE_CORE, ALL_CORES),
+            f"speed of scans on {cores} cores, relative to one",
+            bench.ratio(wall_clock, ONE_CORE, ALL_CORES),
             at_least=0.85 * cores,
             unit="×",
         ),
-        bench.Bar("a harbor's grid", report.facts["harbor_mb"], at_most=25, unit="MB"),
+        bench.Bar("grid of a harbor", report.facts["harbor_mb"], at_most=25, unit="MB"),
     ]
     report.tell()
 

@@ -1,4 +1,4 @@
-"""Write docs/performance.md and its figures from the results that the benchmarks left: no number is typed.
+"""Write docs/performance.md and its figures from the results of the benchmarks.
 
 python benchmarks/page.py
 """
@@ -11,30 +11,30 @@ from pathlib import Path
 from textwrap import fill
 
 from bench import BUSY, RESULTS
-from figures import Json, boats_figure, growth_figure, number, ways_figure
+from figures import Json, boats_figure, growth_figure, number, scan_figure
 from matplotlib.figure import Figure
 
 from dockctl.reports.style import house_style
 
 DOCS = Path(__file__).parents[1] / "docs"
-SCRIPTS = ("lidar", "oracle", "environment", "growth", "learner", "gpu", "latency", "start", "training")
-NO_GPU = " `benchmarks/gpu.py` has not been run: no graphics processor was at hand."
+SCRIPTS = ("lidar", "reference", "environment", "growth", "learner", "gpu", "latency", "start", "training")
+NO_GPU = " `benchmarks/gpu.py` has not been run: it needs a GPU."
 
 
 def results() -> dict[str, Json]:
-    """Return what each script that has been run left, by its name."""
+    """Return the results of the scripts that have been run, by name."""
     paths = [RESULTS / f"{name}.json" for name in SCRIPTS]
     return {path.stem: json.loads(path.read_text(encoding="utf-8")) for path in paths if path.exists()}
 
 
 def table(head: Sequence[str], rows: Sequence[Sequence[str]]) -> str:
-    """Return a table in Markdown; all columns but the first are right-aligned."""
+    """Return a Markdown table; all columns but the first are right-aligned."""
     lines = [head, ["---", *("---:" for _ in head[1:])], *rows]
     return "\n".join(f"| {' | '.join(line)} |" for line in lines)
 
 
 def wrapped(block: str) -> str:
-    """Break a paragraph into lines; tables, titles and pictures stay as they are."""
+    """Wrap the lines of a paragraph; tables, titles and images are unchanged."""
     return (
         block
         if block.startswith(("|", "#", "!["))
@@ -42,42 +42,44 @@ def wrapped(block: str) -> str:
     )
 
 
-def bars_section(found: dict[str, Json]) -> str:
+def targets_section(found: dict[str, Json]) -> str:
     rows = [
         [
-            bar["what"],
-            f"{number(bar['value'])} {bar['unit']}".rstrip(),
-            bar["demand"],
-            "yes" if bar["reached"] else "**no**",
+            target["what"],
+            f"{number(target['value'])} {target['unit']}".rstrip(),
+            target["target"],
+            "yes" if target["met"] else "**no**",
         ]
         for result in found.values()
-        for bar in result["bars"]
+        if "note" not in result  # measured with code that is not there any more
+        for target in result["targets"]
     ]
-    return "## Ratios and bounds\n\n" + table(("", "measured", "bar", "reached"), rows)
+    return "## Targets\n\n" + table(("", "measured", "target", "met"), rows)
 
 
 def scan_section(lidar: Json) -> str:
     facts = lidar["facts"]
-    return f"""## A scan
+    return f"""## LiDAR scan
 
-![ways to scan](figures/performance-ways.png)
+![time of a scan](figures/performance-scan.png)
 
-The peer is embree by way of trimesh, asked for distances alone, with the sector ranges by numpy. The
-fast scan keeps {number(facts["rays_mb"])} MB for the rays, shared by all harbors, and
-{number(facts["harbor_mb"])} MB for each harbor."""
+The comparison is embree through trimesh, queried for distances only, with the sector ranges by numpy. The
+tables of the fast scan need {number(facts["rays_mb"])} MB for the rays, shared by all harbors, and
+{number(facts["harbor_mb"])} MB per harbor."""
 
 
-def oracle_section(oracle: Json) -> str:
-    facts = oracle["facts"]
-    return f"""The fast scan traces only what can matter and must equal the plain tracer bit for bit:
-{facts["ranges_compared"]:,} ranges were compared, from {facts["poses"]:,} poses all over the basin, of which
-{facts["touching"]:,} touch something or lie inside of it. Embree computes in single precision and differs
-from the plain tracer by at most {number(facts["embree_off_mm"])} mm."""
+def reference_section(reference: Json) -> str:
+    facts = reference["facts"]
+    return f"""The fast scan skips rays that cannot give a nearest return, and its results must equal those of
+tracing every ray to the last bit: {facts["ranges_compared"]:,} ranges were compared, from
+{facts["poses"]:,} poses in the whole basin, of which {facts["touching"]:,} are in contact with an obstacle or
+inside one. Embree computes in single precision; its largest difference is
+{number(facts["embree_off_mm"])} mm."""
 
 
 def growth_section(growth: Json) -> str:
     rays, cuts = growth["facts"]["rays"], growth["facts"]["triangles"]
-    by_rays, by_triangles, by_batch = (f"{bar['value']:.2f}" for bar in growth["bars"])
+    by_rays, by_triangles, by_batch = (f"{target['value']:.2f}" for target in growth["targets"])
 
     def rows(points: list[Json], size: str) -> list[list[str]]:
         return [
@@ -93,28 +95,25 @@ def growth_section(growth: Json) -> str:
         ]
 
     head = ("dockctl [ms]", "embree [ms]", "ratio", "rays [MB]", "harbor [MB]")
-    return f"""## How costs grow
+    return f"""## Scaling
 
-![how costs grow](figures/performance-growth.png)
+![scaling](figures/performance-growth.png)
 
-With the rays, a scan's time grows to the power of {by_rays}: a cell of the rings is looked up once for all
-the rays that cross it, and only the rays that may hit something near a sector's best are walked. Twice the
-rays find the nearest thing no later. With the triangles it grows to the power of {by_triangles}: the
-grid's cells are as many as before, and a triangle is tested only at the heights at which it passes through
-a cell.
+The time of a scan grows with the number of rays to the power of {by_rays}: a cell of a shell is looked up
+once for all rays that cross it, and only rays that may give a nearest return are traversed. It grows with the
+number of triangles to the power of {by_triangles}: the number of grid cells is constant, and a triangle is
+tested only at its heights in a cell.
 
 {table(("rays", *head), rows(rays, "rays"))}
 
 {table(("triangles", *head), rows(cuts, "triangles"))}
 
-What limits it: about half of the time goes into walking rays through cells of 0.1 m and testing the
-triangles there, the rest into finding out which rays to walk; both wait for memory, since every pose touches
-another part of the tables. The next factor would be to walk eight rays with one instruction, which needs a
-compiler with vector types; other sizes of cells and rings only move the cost from one part to the other.
+About half of the time is the traversal of rays through cells of 0.1 m and the intersection tests there; the
+rest is the selection of the rays. Both are bound by memory access, because every pose uses another part of
+the tables.
 
-An update of the learner grows with the batch to the power of {by_batch} over the sizes in the figure: a small
-one pays for the optimizer's pass over the parameters, a large one for the products of its matrices, and
-beyond some thousand transitions for outputs that no cache holds."""
+The time of an update of the learner grows with the batch to the power of {by_batch} over the sizes in the
+figure."""
 
 
 def boats_section(environment: Json) -> str:
@@ -124,20 +123,18 @@ def boats_section(environment: Json) -> str:
         [f"{boats:,}", f"{1 / wall['median']:,.0f}", number(1e6 * processor["median"]), number(held / 1e6)]
         for (boats, wall, processor), held in zip(timed, facts["held_bytes"], strict=True)
     ]
-    return f"""## Boats side by side
+    return f"""## Batched environments
 
 ![boats](figures/performance-boats.png)
 
-{table(("boats", "steps a second", "processor [µs a boat and step]", "memory [MB]"), rows)}
+{table(("boats", "steps per second", "CPU time per boat and step [µs]", "memory [MB]"), rows)}
 
-A step of one boat through `gymnasium.make` takes {number(facts["one_step_ms"]["median"])} ms at the median
-and {number(facts["one_step_ms"]["p99"])} ms at the 99th percentile. Few boats pay for
-the calls from Python into the compiled parts and for threads that wait for the slowest scan; many boats pay
-for the scan alone. Memory grows by {number(facts["held_bytes_a_boat"] / 1e3)} kB a boat, of which the state
-is {number(facts["state_bytes_a_boat"] / 1e3)} kB; the rest are its generator and the last observation and
-facts that were handed out.
-
-What limits it: the scan. The next factor is more cores: boats do not depend on each other."""
+A step of one boat through `gymnasium.make` takes {number(facts["one_step_ms"]["median"])} ms (median) and
+{number(facts["one_step_ms"]["p99"])} ms (99th percentile). At small batch sizes, Python call overhead and
+waiting for the slowest scan dominate; at large ones, the scan dominates. Memory grows by
+{number(facts["held_bytes_a_boat"] / 1e3)} kB per boat, of which the state is
+{number(facts["state_bytes_a_boat"] / 1e3)} kB; the rest is the random generator and the last observation and
+info. Boats are independent, so that the speed grows with the number of cores."""
 
 
 def latency_section(latency: Json) -> str:
@@ -152,14 +149,14 @@ One boat, one core, {facts["decisions"]:,} decisions along greedy episodes [ms]:
 
 {table(("part", "median", "99th percentile"), rows)}
 
-What limits a decision is the scan; a forward pass is a few products of a row with a matrix."""
+The scan dominates a decision."""
 
 
 def learner_section(learner: Json) -> str:
     batches = {name: facts for name, facts in learner["facts"].items() if "updates_per_second" in facts}
     tables = [
         table(
-            (name, "updates a second", "times as fast is dockctl"),
+            (name, "updates per second", "speed of dockctl relative to it"),
             [
                 [peer, number(rate), number(facts["times_as_fast_as"].get(peer, 1.0))]
                 for peer, rate in facts["updates_per_second"].items()
@@ -172,29 +169,25 @@ def learner_section(learner: Json) -> str:
     tables.append(table(("forward pass of one boat", "µs"), [[name, number(time)] for name, time in forward]))
     return "\n\n".join(
         [
-            "## The learner",
-            "One core. Against the arithmetic alone, the multiplications and additions of an update over the"
-            f" rate at which this core multiplies large matrices, the update reaches {' and '.join(shares)}.",
+            "## Learner",
+            "One core. Relative to the rate at which this core multiplies large matrices, an update reaches"
+            f" {' and '.join(shares)}.",
             *tables,
-            "What limits it: the products of matrices, which BLAS computes, and at small batches also the way"
-            " into compiled code and the optimizer's pass over every parameter. The next factor is a graphics"
-            " processor or half precision for large batches; at small ones there is only fewer and larger"
-            " updates.",
         ]
     )
 
 
 def start_section(start: Json) -> str:
     rows = [
-        [case, *(number(seconds[of]) for of in ("least", "median", "greatest"))]
+        [case, *(number(seconds[of]) for of in ("min", "median", "max"))]
         for case, seconds in start["seconds"].items()
     ]
-    return f"""## From the command to the first gradient step
+    return f"""## Time to the first gradient step
 
-Seconds until the first row of `updates.csv`; from nothing, the tables of every harbor are built and the inner
-loops compiled, both kept for the next time:
+Seconds until the first row of `updates.csv`. The first start builds the tables of every harbor and compiles
+the inner loops; both are cached:
 
-{table(("", "least", "median", "greatest"), rows)}"""
+{table(("", "min", "median", "max"), rows)}"""
 
 
 def training_section(training: Json) -> str:
@@ -207,8 +200,8 @@ def training_section(training: Json) -> str:
         ]
         for run in training["facts"]["runs"]
     ]
-    head = ("seed", "minutes", "cores at work", "peak memory [GB]")
-    return "## Scenario 3 from nothing to mastery\n\n" + table(head, rows)
+    head = ("seed", "minutes", "cores in use", "peak memory [GB]")
+    return "## Training of scenario 3 until mastery\n\n" + table(head, rows)
 
 
 def machine_section(found: dict[str, Json]) -> str:
@@ -216,24 +209,24 @@ def machine_section(found: dict[str, Json]) -> str:
         [
             f"`benchmarks/{name}.py`",
             result["when"].replace("T", " ").removesuffix("+00:00"),
+            f"`{result['commit'][:7]}`" if result["commit"] else "",
             f"{result['load']:.1f}" + (" (busy)" if result["load"] > BUSY else ""),
-            str(result.get("niceness", 0)),
         ]
         for name, result in found.items()
     ]
     latest = max(found.values(), key=lambda result: result["when"])
     libraries = ", ".join(f"{name} {version}" for name, version in latest["libraries"].items())
     machine = latest["hardware"]
-    return f"""## Machine
+    return f"""## Machine and method
 
 {machine["processor"]}, {machine["cores"]} cores, {machine["platform"]}; Python {latest["python"]};
 {libraries}.
 
-{table(("script", "when (UTC)", "cores at other work before", "niceness"), rows)}
+{table(("script", "time (UTC)", "commit", "cores used by other processes"), rows)}
 
-Work on one core is timed by the processor's time, which other processes disturb little; work on several
-cores by the clock on the wall, which says little on a busy machine. Candidates take turns within a round,
-a ratio is the median of the rounds' ratios.{NO_GPU if "gpu" not in found else ""}"""
+Work on one core is measured in CPU time, which other processes affect little; work on several cores in
+wall-clock time, which is unreliable on a busy machine. The compared variants alternate, and a ratio is the
+median of the ratios of the rounds.{NO_GPU if "gpu" not in found else ""}"""
 
 
 def gpu_section(gpu: Json) -> str:
@@ -242,18 +235,18 @@ def gpu_section(gpu: Json) -> str:
         [batch, *(number(rate) for rate in rates.values())]
         for batch, rates in facts["updates_per_second"].items()
     ]
-    head = ("batch", f"updates a second: {facts['gpu']}", "one core")
-    return "## The learner on a graphics processor\n\n" + table(head, rows)
+    head = ("batch", f"updates per second: {facts['gpu']}", "one core")
+    return "## Learner on a GPU\n\n" + table(head, rows)
 
 
 FIGURES: dict[str, tuple[str, Callable[[Json], Figure]]] = {
-    "ways": ("lidar", ways_figure),
+    "scan": ("lidar", scan_figure),
     "growth": ("growth", growth_figure),
     "boats": ("environment", boats_figure),
 }
 SECTIONS: dict[str, Callable[[Json], str]] = {
     "lidar": scan_section,
-    "oracle": oracle_section,
+    "reference": reference_section,
     "growth": growth_section,
     "environment": boats_section,
     "learner": learner_section,
@@ -267,14 +260,18 @@ SECTIONS: dict[str, Callable[[Json], str]] = {
 def page(found: dict[str, Json]) -> Iterator[str]:
     yield "# Performance"
     yield (
-        "What the parts cost, against what one would use instead. This page and its figures are written by"
-        " `python benchmarks/page.py` from `benchmarks/results/`, where `make bench` leaves what it measures;"
-        " `benchmarks/training.py`, which takes minutes, is run by hand."
+        "Time and memory, compared with other libraries. `make bench` measures into `benchmarks/results/`,"
+        " and `python benchmarks/page.py` writes this page and its figures from there;"
+        " `benchmarks/training.py`, which takes minutes, is run separately."
     )
-    yield bars_section(found)
+    yield targets_section(found)
     for name, section in SECTIONS.items():
         if name in found:
-            yield section(found[name])
+            first, *others = section(found[name]).split("\n\n")
+            yield first
+            if note := found[name].get("note"):
+                yield f"{note} (commit `{found[name]['commit']}`)"
+            yield from others
     yield machine_section(found)
 
 

@@ -1,9 +1,9 @@
-"""The fast scan against every ray traced, bit for bit, and against embree to its precision.
+"""The fast scan compared with the reference implementation, bit for bit, and with embree.
 
-    python benchmarks/oracle.py                   # 500 poses
-    python benchmarks/oracle.py --poses 10000     # a quarter of an hour on one core
+    python benchmarks/reference.py                   # 500 poses
+    python benchmarks/reference.py --poses 10000     # 15 minutes on one core
 
-Poses lie anywhere in the basin: in the fairway, inside berths, across moored vessels, piers and piles.
+Poses are anywhere in the basin: in the fairway, in berths, inside moored vessels, piers and piles.
 """
 
 from __future__ import annotations
@@ -35,15 +35,17 @@ def main() -> None:
     lidar.sector_ranges(np.zeros((1, 3)))
     poses = np.random.default_rng(0).uniform(*BASIN, (arguments.poses, 3))
     fast, touching = lidar.sector_ranges(poses), world.obstacles.blocked(poses)
-    lidar.sector_ranges_by_full_scan(poses[:1])  # builds its tree, before threads ask for it
+    lidar.sector_ranges_by_full_scan(poses[:1])  # builds the tree before the threads need it
     blocks = np.array_split(poses, max(1, len(poses) // BLOCK))
     with ThreadPoolExecutor(usable_cores()) as pool:
         scanned = pool.map(lidar.sector_ranges_by_full_scan, blocks)
-        shown = track(scanned, "oracle", len(blocks), console=bench.console, transient=True)
+        shown = track(scanned, "reference", len(blocks), console=bench.console, transient=True)
         plain = np.concatenate(list(shown))
     embree = embree_scanner(lidar)
     peer = np.array([embree(pose) for pose in poses[:EMBREE_POSES]])
-    report = bench.Report("oracle", f"The fast scan against every ray traced, {len(poses):,} poses")
+    report = bench.Report(
+        "reference", f"The fast scan and the reference implementation, {len(poses):,} poses"
+    )
     report.facts = {
         "poses": len(poses),
         "touching": int(touching.sum()),
@@ -51,8 +53,8 @@ def main() -> None:
         "embree_off_mm": 1e3 * float(np.abs(peer - plain[: len(peer)]).max()),
     }
     report.bars = [
-        bench.Bar(f"ranges that differ, of {fast.size:,}", int(np.sum(fast != plain)), at_most=0),
-        bench.Bar("embree's greatest difference", report.facts["embree_off_mm"], at_most=1, unit="mm"),
+        bench.Bar(f"different ranges, of {fast.size:,}", int(np.sum(fast != plain)), at_most=0),
+        bench.Bar("largest difference of embree", report.facts["embree_off_mm"], at_most=1, unit="mm"),
     ]
     report.tell()
 
