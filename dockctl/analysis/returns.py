@@ -6,7 +6,8 @@ from collections.abc import Iterator
 
 import pandas as pd
 
-DOCKING, AT_START, AT_GATE = "dock", "loiter at the start", "loiter at the gate"
+DOCKING, AT_START = "dock", "loiter at the start"
+BEFORE_INTERMEDIATE = "loiter before the intermediate pose"
 INTERMEDIATE = "reward_intermediate"
 
 
@@ -29,24 +30,24 @@ def break_even(rows: pd.DataFrame) -> float | None:
     Returns:
         None if the task has no intermediate pose or no reward for it.
     """
-    if AT_GATE not in set(rows["behavior"]) or INTERMEDIATE not in rows:
+    if BEFORE_INTERMEDIATE not in set(rows["behavior"]) or INTERMEDIATE not in rows:
         return None
-    deficit = value(rows, AT_GATE, "return") - value(rows, DOCKING, "return")
-    return (value(rows, DOCKING, INTERMEDIATE) + deficit) / value(rows, DOCKING, "gate_discount")
+    deficit = value(rows, BEFORE_INTERMEDIATE, "return") - value(rows, DOCKING, "return")
+    return (value(rows, DOCKING, INTERMEDIATE) + deficit) / value(rows, DOCKING, "intermediate_discount")
 
 
 def verdicts(rows: pd.DataFrame) -> Iterator[str]:
     """Yield sentences on what the reward prefers with one distance unit."""
     collisions = rows[rows["outcome"] == "collision"]
     docking, waiting = (value(rows, name, "return") for name in (DOCKING, AT_START))
-    returns = [f"Docking is worth {docking:,.0f}", f"waiting at the start {waiting:,.0f}"]
+    returns = [f"Docking returns {docking:,.0f}", f"waiting at the start {waiting:,.0f}"]
     if len(collisions):
         best = collisions.sort_values("return").iloc[-1]
-        returns.insert(1, f"the best way to hit something ({best['behavior']}) {best['return']:,.0f}")
+        returns.insert(1, f"the best collision ({best['behavior']}) {best['return']:,.0f}")
     yield f"{', '.join(returns)}."
     if (least := break_even(rows)) is not None:
         condition = f"if that pose pays more than {least:,.0f}" if least > 0 else "whatever that pose pays"
         yield (
-            f"Loitering at the gate, just before the intermediate pose, is worth"
-            f" {value(rows, AT_GATE, 'return'):,.0f}: docking is worth more {condition}."
+            "Loitering just before the intermediate pose returns"
+            f" {value(rows, BEFORE_INTERMEDIATE, 'return'):,.0f}: docking returns more {condition}."
         )

@@ -11,7 +11,7 @@ import numpy as np
 import pandas as pd
 from numpy.typing import NDArray
 
-from dockctl.analysis.returns import AT_GATE, AT_START, DOCKING
+from dockctl.analysis.returns import AT_START, BEFORE_INTERMEDIATE, DOCKING
 from dockctl.errors import DockctlError
 from dockctl.evaluation.policies import LoadedPolicy, load_policy
 from dockctl.evaluation.rollout import Rollout
@@ -150,7 +150,7 @@ def loiter_before_intermediate(stage: Stage, commands: Floats, reached: int) -> 
         None if wherever it stops, the boat drifts through the pose or collides.
     """
     stops = (
-        stage.play(AT_GATE, np.concatenate([commands[:step], np.zeros((1, 2))]))
+        stage.play(BEFORE_INTERMEDIATE, np.concatenate([commands[:step], np.zeros((1, 2))]))
         for step in range(reached, -1, -1)
     )
     return next((b for b in stops if b.intermediate_step is None and b.outcome == "timeout"), None)
@@ -161,7 +161,7 @@ def evaluate_behaviors(
 ) -> Iterator[dict[str, Value]]:
     """Yield a row per behavior: its discounted return and the contribution of each reward term.
 
-    `gate_discount` is what a reward of one for the intermediate pose adds to the return.
+    `intermediate_discount` is what a reward of one for the intermediate pose adds to the return.
     """
     gamma = scenario.training.gamma
     reward = scenario.reward.model_copy(update={"distance_unit_m": unit_m})
@@ -177,7 +177,7 @@ def evaluate_behaviors(
             "time_s": len(behavior.statuses) * scenario.vessel.control_period_s,
             "distance_unit_m": unit_m,
             "return": sum(sums.values()),
-            "gate_discount": discounted(unit_rewards, gamma),
+            "intermediate_discount": discounted(unit_rewards, gamma),
             **{f"reward_{name}": value for name, value in sums.items()},
         }
 

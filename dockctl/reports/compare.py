@@ -1,4 +1,4 @@
-"""Several policies on the same episodes: how each ends them, and how far it differs from the first."""
+"""Comparison of policies on the same episodes: outcomes and paired differences (``dockctl compare``)."""
 
 from __future__ import annotations
 
@@ -19,17 +19,18 @@ from dockctl.drawing import palette
 from dockctl.reports.style import HALO, titled_figure
 
 ROW_IN = 0.46
-UNCLEAR = "#8296A5"
-"""Color of a difference whose interval holds zero."""
+"""Height per policy [inches]."""
+UNCLEAR_COLOR = "#8296A5"
+"""Color of a difference whose interval contains zero."""
 
 
 def compare_figure(table: pd.DataFrame, kinds: Mapping[str, str], caption: str) -> Figure:
-    """Endings of each policy, and its differences from the first with their 95 % intervals.
+    """Outcomes of each policy, and its differences from the first one with 95 % intervals.
 
     Args:
         table: columns ``policy`` and `dockctl.runs.tables.EVALUATION`, the same starts for every policy.
-        kinds: the sorts of starts in words.
-        caption: what was sailed.
+        kinds: names of the kinds of starts.
+        caption: the scenario.
     """
     policies = list(table["policy"].unique())
     present = list(table["start_kind"].unique())
@@ -47,29 +48,29 @@ def compare_figure(table: pd.DataFrame, kinds: Mapping[str, str], caption: str) 
     )
     for axes, kind in zip(grid, shown, strict=True):
         own = table[table["start_kind"] == kind]
-        draw_endings(axes[0], own, policies, f"{kinds.get(kind, kind)}, {_count(own, policies)} episodes")
+        draw_outcomes(axes[0], own, policies, f"{kinds.get(kind, kind)}, {_count(own, policies)} episodes")
         for ax, measure in zip(axes[1:], (SUCCESS, *MEASURES), strict=True):
             draw_differences(ax, measure, [one for one in found if one.kind == kind], len(policies))
     _legend(figure, policies[0])
-    _settle(figure)
+    _freeze_layout(figure)
     return figure
 
 
-def draw_endings(ax: Axes, table: pd.DataFrame, policies: Sequence[str], title: str) -> None:
-    """Shares of the endings, a bar a policy, and the success rate with its Wilson interval."""
+def draw_outcomes(ax: Axes, table: pd.DataFrame, policies: Sequence[str], title: str) -> None:
+    """Draw one bar of outcome shares per policy, and the success rate with its Wilson interval."""
     for row, policy in enumerate(policies):
-        endings = table.loc[table["policy"] == policy, "outcome"]
+        outcomes = table.loc[table["policy"] == policy, "outcome"]
         left = 0.0
         for outcome, color in palette.OUTCOMES.items():
-            share = float((endings == outcome).mean())
+            share = float((outcomes == outcome).mean())
             ax.barh(row, share, 0.62, left=left, color=color, lw=0)
             left += share
-        docked = int((endings == "docked").sum())
-        low, high = wilson_interval(docked, len(endings))
+        docked = int((outcomes == "docked").sum())
+        low, high = wilson_interval(docked, len(outcomes))
         ax.plot([low, high], [row, row], color=palette.INK, lw=1.6, solid_capstyle="butt")
-        ax.plot(docked / len(endings), row, "o", ms=4.5, color=palette.INK, clip_on=False, zorder=5)
+        ax.plot(docked / len(outcomes), row, "o", ms=4.5, color=palette.INK, clip_on=False, zorder=5)
         ax.annotate(
-            f"{SUCCESS.text(docked / len(endings))} %",
+            f"{SUCCESS.text(docked / len(outcomes))} %",
             (1.0, row),
             xytext=(5, 0),
             textcoords="offset points",
@@ -88,7 +89,7 @@ def draw_endings(ax: Axes, table: pd.DataFrame, policies: Sequence[str], title: 
 
 
 def draw_differences(ax: Axes, measure: Measure, found: Sequence[Contrast], policies: int) -> None:
-    """Difference of each policy from the first in one measure, a dot and its interval a policy."""
+    """Draw the difference of each policy from the first one in one measure, with its interval."""
     ax.axvline(0, color=palette.INK_SOFT, lw=0.9)
     ends = [0.0]
     for row, one in enumerate(found, start=1):
@@ -97,7 +98,7 @@ def draw_differences(ax: Axes, measure: Measure, found: Sequence[Contrast], poli
             value, low, high = (
                 measure.factor * x for x in (difference.value, difference.low, difference.high)
             )
-            color = palette.INK if difference.is_clear else UNCLEAR
+            color = palette.INK if difference.is_clear else UNCLEAR_COLOR
             ax.plot([low, high], [row, row], color=color, lw=1.8, solid_capstyle="butt")
             ax.plot(value, row, "o", ms=5.5, color=color, zorder=3)
             ax.annotate(
@@ -149,15 +150,15 @@ def _legend(figure: Figure, first: str) -> None:
     entries: list[Patch | Line2D] = [
         Patch(color=color, label=name) for name, color in palette.OUTCOMES.items()
     ]
-    entries.append(Line2D([], [], color=palette.INK, marker="o", ms=5, label="with its 95 % interval"))
-    entries.append(Line2D([], [], color=UNCLEAR, marker="o", ms=5, label=f"Δ to {first} may be zero"))
+    entries.append(Line2D([], [], color=palette.INK, marker="o", ms=5, label="with 95 % interval"))
+    entries.append(Line2D([], [], color=UNCLEAR_COLOR, marker="o", ms=5, label=f"Δ to {first} may be zero"))
     figure.legend(
         handles=entries, loc="outside lower left", ncols=len(entries), handlelength=1.4, borderaxespad=0.9
     )
 
 
-def _settle(figure: Figure) -> None:
-    """Lay the axes out once and for all; the layout's solver varies from run to run in the last digits."""
+def _freeze_layout(figure: Figure) -> None:
+    """Compute the layout once and round it: the last digits of the layout solver are not reproducible."""
     engine = figure.get_layout_engine()
     assert isinstance(engine, ConstrainedLayoutEngine)
     engine.set(w_pad=0.08, h_pad=0.1)

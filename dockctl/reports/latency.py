@@ -1,4 +1,4 @@
-"""How long a decision takes, against the thesis' forward pass and the control period (thesis Fig. 4.38)."""
+"""Histograms of decision times (thesis Fig. 4.38, ``dockctl latency``)."""
 
 from __future__ import annotations
 
@@ -21,25 +21,25 @@ COLORS = {
 
 
 def latency_figure(samples: pd.DataFrame, subtitle: str, control_period_ms: float) -> Figure:
-    """Histograms on one logarithmic axis, with the thesis' forward pass and the control period marked.
+    """One histogram per part of a decision, with the thesis' forward pass and the control period marked.
 
     Args:
-        samples: a row a decision, columns `PARTS` [ms].
-        subtitle: what was timed.
-        control_period_ms: the time in which a decision must be made.
+        samples: one row per decision, columns `dockctl.analysis.latency.PARTS` [ms].
+        subtitle: policy and scenario.
+        control_period_ms: time available for a decision.
     """
-    figure = titled_figure("How long the boat takes to decide", subtitle, (7.8, 5.6))
+    figure = titled_figure("Decision time", subtitle, (7.8, 5.6))
     axes = figure.subplots(len(PARTS), sharex=True)
-    least, most = float(samples.to_numpy().min()), float(max(samples.to_numpy().max(), control_period_ms))
-    edges = np.geomspace(max(least, 1e-4) / 1.5, 2.5 * most, 140)
+    shortest, longest = float(samples.to_numpy().min()), float(samples.to_numpy().max())
+    edges = np.geomspace(max(shortest, 1e-4) / 1.5, 2.5 * max(longest, control_period_ms), 140)
     summary = summarize(samples)
     for ax, (part, name) in zip(axes, PARTS.items(), strict=True):
         _draw_part(ax, samples[part], edges, name, COLORS[part], summary[part])
         ax.axvline(control_period_ms, color=palette.GOAL, lw=1.3, ls=(0, (4, 2)))
         if part == "forward_ms":
             ax.axvline(THESIS_FORWARD_MS, color=palette.YELLOW, lw=1.6)
-            _name_line(ax, THESIS_FORWARD_MS, f"thesis {THESIS_FORWARD_MS:g} ms", palette.YELLOW, 0.62)
-    _name_line(axes[0], control_period_ms, f"control period {control_period_ms:g} ms", palette.GOAL, 0.62)
+            _label_line(ax, THESIS_FORWARD_MS, f"thesis {THESIS_FORWARD_MS:g} ms", palette.YELLOW)
+    _label_line(axes[0], control_period_ms, f"control period {control_period_ms:g} ms", palette.GOAL)
     axes[-1].set_xscale("log")
     axes[-1].set_xlim(edges[0], edges[-1])
     axes[-1].xaxis.set_major_formatter(FuncFormatter(lambda value, _: f"{value:g}"))
@@ -50,30 +50,18 @@ def latency_figure(samples: pd.DataFrame, subtitle: str, control_period_ms: floa
 
 
 def _draw_part(
-    ax: Axes, values: pd.Series, edges: np.ndarray, name: str, color: str, row: dict[str, float]
+    ax: Axes, values: pd.Series, edges: np.ndarray, name: str, color: str, summary: dict[str, float]
 ) -> None:
     ax.hist(values, bins=edges.tolist(), color=color, alpha=0.8, lw=0)
     ax.set_title(name, loc="left", fontsize=9, fontweight="bold", color=color, pad=3)
-    ax.set_title(
-        "   ".join(f"{name} {row[name]:.3g}" for name in STATISTICS) + " ms",
-        loc="right",
-        fontsize=8,
-        color=palette.INK_SOFT,
-        pad=3,
-    )
+    numbers = "   ".join(f"{statistic} {summary[statistic]:.3g}" for statistic in STATISTICS)
+    ax.set_title(f"{numbers} ms", loc="right", fontsize=8, color=palette.INK_SOFT, pad=3)
     ax.set_yticks([])
     ax.spines["left"].set_visible(False)
 
 
-def _name_line(ax: Axes, value: float, text: str, color: str, height: float) -> None:
+def _label_line(ax: Axes, value: float, text: str, color: str) -> None:
     ax.annotate(
-        text,
-        (value, height),
-        xycoords=ax.get_xaxis_transform(),
-        xytext=(-5, 0),
-        textcoords="offset points",
-        ha="right",
-        fontsize=8,
-        color=color,
-        path_effects=HALO,
-    )
+        text, (value, 0.62), xycoords=ax.get_xaxis_transform(), xytext=(-5, 0), textcoords="offset points",
+        ha="right", fontsize=8, color=color, path_effects=HALO,
+    )  # fmt: skip

@@ -1,4 +1,4 @@
-"""Which behavior a reward prefers: discounted returns under several readings of the unit of the distance."""
+"""Discounted returns of behaviors, by reward term, for several distance units (``dockctl returns``)."""
 
 from __future__ import annotations
 
@@ -13,44 +13,44 @@ from dockctl.drawing import palette
 from dockctl.reports.learning import OTHER_TERMS, TERM_COLORS
 from dockctl.reports.style import HALO, legend_above, thousands, titled_figure
 
-READING_COLORS = (palette.MEAN, palette.SECOND_MEAN, palette.PURPLE, palette.GREEN)
+UNIT_COLORS = (palette.MEAN, palette.SECOND_MEAN, palette.PURPLE, palette.GREEN)
+ENDINGS = {"docked": "docks", "collision": "collides", "timeout": "timeout"}
 
 
 def returns_figure(table: pd.DataFrame, caption: str) -> Figure:
-    """A panel of bars for each reading, and by how much docking leads loitering at the gate.
+    """One panel of bars per distance unit, and the advantage of docking if there is an intermediate pose.
 
     Args:
-        table: columns `dockctl.runs.tables.RETURNS` and one ``reward_<term>`` a term.
-        caption: what was played.
+        table: columns `dockctl.runs.tables.RETURNS` and one ``reward_<term>`` per term.
+        caption: scenario and policy.
     """
     units = [float(unit) for unit in table["distance_unit_m"].unique()]
-    readings = [table[table["distance_unit_m"] == unit] for unit in units]
-    gate = break_even(readings[0]) is not None
-    widths = [1.0] * len(units) + [0.8] * gate
+    by_unit = [table[table["distance_unit_m"] == unit] for unit in units]
+    has_intermediate = break_even(by_unit[0]) is not None
+    widths = [1.0] * len(units) + [0.8] * has_intermediate
     figure = titled_figure(
-        "What the reward prefers: discounted returns, made of their terms",
+        "Discounted returns of behaviors, by reward term",
         caption,
-        (2.2 + 4.3 * sum(widths), 1.9 + 0.46 * len(readings[0])),
+        (2.2 + 4.3 * sum(widths), 1.9 + 0.46 * len(by_unit[0])),
     )
     axes = np.atleast_1d(figure.subplots(1, len(widths), width_ratios=widths))
-    for i, (unit, rows) in enumerate(zip(units, readings, strict=True)):
+    for i, (unit, rows) in enumerate(zip(units, by_unit, strict=True)):
         draw_returns(axes[i], rows)
         axes[i].set_xlabel(f"Discounted return, δd in {unit_words(unit)}")
         axes[i].tick_params(labelleft=i == 0)
-    legend_above(
-        axes[0], [(_name(column), _color(table, column)) for column in term_columns(table)], columns=6
-    )
-    if gate:
-        colors = [READING_COLORS[i % len(READING_COLORS)] for i in range(len(units))]
-        for rows, color in zip(readings, colors, strict=True):
-            draw_lead(axes[-1], rows, color)
+    terms = [(column.removeprefix("reward_"), _color(table, column)) for column in term_columns(table)]
+    legend_above(axes[0], terms, columns=6)
+    if has_intermediate:
+        colors = [UNIT_COLORS[i % len(UNIT_COLORS)] for i in range(len(units))]
+        for rows, color in zip(by_unit, colors, strict=True):
+            draw_advantage(axes[-1], rows, color)
         names = [f"δd in {unit_words(unit)}" for unit in units]
         legend_above(axes[-1], list(zip(names, colors, strict=True)), columns=2)
     return figure
 
 
 def draw_returns(ax: Axes, rows: pd.DataFrame) -> None:
-    """A bar a behavior: gains to the right, costs to the left, the return as a mark with its number."""
+    """Draw one bar per behavior: gains to the right, costs to the left, and a marker at the return."""
     rows = rows.reset_index(drop=True)
     gain, cost = np.zeros(len(rows)), np.zeros(len(rows))
     for column in term_columns(rows):
@@ -59,17 +59,19 @@ def draw_returns(ax: Axes, rows: pd.DataFrame) -> None:
             ax.barh(rows.index, part, left=base, height=0.62, color=_color(rows, column), alpha=0.88, lw=0)
             base += part
     ax.plot(rows["return"], rows.index, "D", ms=5, color=palette.INK, mec="white", mew=0.9, zorder=4)
-    for at, row in rows.iterrows():
+    for i, (_, row) in enumerate(rows.iterrows()):
         ax.annotate(
-            f"{row['return']:,.0f}".replace("-", "−"),
-            (gain[int(str(at))], int(str(at))),
-            xytext=(5, 0), textcoords="offset points", va="center", fontsize=8.5,
+            f"{row['return']:,.0f}".replace("-", "−"), (gain[i], i), xytext=(5, 0),
+            textcoords="offset points", va="center", fontsize=8.5,
             fontweight="bold" if row["outcome"] == "docked" else "normal", path_effects=HALO, zorder=5,
         )  # fmt: skip
     ax.axvline(0, color=palette.INK_SOFT, lw=0.8, zorder=3)
     low, high = cost.min(), gain.max()
     ax.set_xlim(low - 0.03 * (high - low), high + 0.24 * (high - low))
-    labels = [f"{row['behavior']}\n{_end(row)}" for _, row in rows.iterrows()]
+    labels = [
+        f"{row['behavior']}\n{ENDINGS[row['outcome']]} after {row['time_s']:g} s"
+        for _, row in rows.iterrows()
+    ]
     ax.set_yticks(rows.index, labels)
     ax.set_ylim(len(rows) - 0.45, -0.55)
     ax.grid(axis="y", visible=False)
@@ -77,10 +79,10 @@ def draw_returns(ax: Axes, rows: pd.DataFrame) -> None:
     thousands(ax)
 
 
-def draw_lead(ax: Axes, rows: pd.DataFrame, color: str) -> None:
-    """By how much docking leads loitering at the gate, over what the intermediate pose pays."""
-    even, discount = break_even(rows), value(rows, DOCKING, "gate_discount")
-    assert even is not None  # the caller draws readings with a gate
+def draw_advantage(ax: Axes, rows: pd.DataFrame, color: str) -> None:
+    """Draw the advantage of docking over loitering before the intermediate pose, over that pose's reward."""
+    even, discount = break_even(rows), value(rows, DOCKING, "intermediate_discount")
+    assert even is not None  # drawn only with an intermediate pose
     paid = value(rows, DOCKING, INTERMEDIATE) / discount
     reward = np.array([0.0, max(3.5 * paid, 1.6 * even)])
     ax.plot(reward, discount * (reward - even), color=color)
@@ -94,22 +96,14 @@ def draw_lead(ax: Axes, rows: pd.DataFrame, color: str) -> None:
     ax.axhline(0, color=palette.INK_SOFT, lw=0.8, zorder=1)
     ax.set_xlim(*ax.dataLim.intervalx)
     ax.locator_params(nbins=5)
-    ax.set_xlabel("Reward of the intermediate pose   (● the scenario's)")
-    ax.set_ylabel("Return of docking less that of loitering at the gate")
+    ax.set_xlabel("Reward of the intermediate pose   (● in the scenario)")
+    ax.set_ylabel("Docking minus loitering before the intermediate pose")
     thousands(ax, "y")
     thousands(ax)
 
 
-def _end(row: pd.Series) -> str:
-    words = {"docked": "docks", "collision": "hits something", "timeout": "cut"}
-    return f"{words[row['outcome']]} after {row['time_s']:g} s"
-
-
-def _name(column: str) -> str:
-    return column.removeprefix("reward_")
-
-
 def _color(table: pd.DataFrame, column: str) -> str:
-    others = [name for name in map(_name, term_columns(table)) if name not in TERM_COLORS]
-    name = _name(column)
+    names = [name.removeprefix("reward_") for name in term_columns(table)]
+    others = [name for name in names if name not in TERM_COLORS]
+    name = column.removeprefix("reward_")
     return TERM_COLORS.get(name) or OTHER_TERMS[others.index(name) % len(OTHER_TERMS)]

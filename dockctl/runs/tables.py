@@ -45,7 +45,7 @@ MAP = (
 )  # fmt: skip
 """Starts of ``dockctl map``, by their offset from the center pose; a blocked start has no result."""
 
-RETURNS = ("behavior", "outcome", "steps", "time_s", "distance_unit_m", "return", "gate_discount")
+RETURNS = ("behavior", "outcome", "steps", "time_s", "distance_unit_m", "return", "intermediate_discount")
 """Discounted returns of behaviors, of ``dockctl returns``; followed by one ``reward_<term>`` per term."""
 
 TIMING = ("env_steps", "wall_s")

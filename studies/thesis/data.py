@@ -221,7 +221,7 @@ class ArchivedRun:
 
     @cached_property
     def returns(self) -> pd.DataFrame:
-        return self._table(f"{RETURNS}.csv", ("distance_unit_m", "return", "gate_discount"))
+        return self._table(f"{RETURNS}.csv", ("distance_unit_m", "return", "intermediate_discount"))
 
     def evaluation(self, scenario: str = "") -> pd.DataFrame:
         """Episodes of ``dockctl evaluate`` on its own scenario or another."""

@@ -10,7 +10,7 @@ import numpy as np
 import pandas as pd
 import pytest
 
-from dockctl.analysis.returns import AT_GATE, AT_START, DOCKING, break_even
+from dockctl.analysis.returns import AT_START, BEFORE_INTERMEDIATE, DOCKING, break_even
 from dockctl.commands.returns import units_of
 from dockctl.errors import DockctlError
 from dockctl.evaluation.returns import (
@@ -116,21 +116,21 @@ def test_at_break_even_docking_is_worth_what_loitering_is(unit_m: float) -> None
     least = break_even(judged(scenario, unit_m, opening, loitering))
     assert least is not None
     row = judged(scenario, unit_m, opening).iloc[0]
-    assert row["gate_discount"] == pytest.approx(GAMMA**opening.intermediate_step)
+    assert row["intermediate_discount"] == pytest.approx(GAMMA**opening.intermediate_step)
     terms = tuple(
         term.model_copy(update={"weight": least}) if term.term == "intermediate" else term
         for term in scenario.reward.terms
     )
     reward = scenario.reward.model_copy(update={"terms": terms})
     even = judged(scenario.model_copy(update={"reward": reward}), unit_m, opening, loitering)
-    assert even["behavior"].tolist() == [DOCKING, AT_GATE]
+    assert even["behavior"].tolist() == [DOCKING, BEFORE_INTERMEDIATE]
     assert even["return"][0] == pytest.approx(even["return"][1])
 
 
 def test_without_a_gate_there_is_no_break_even() -> None:
     scenario = load("s1").scenario
     rows = judged(scenario, 20.0, water(scenario).play(DOCKING, NOTHING))
-    assert rows["gate_discount"].tolist() == [0.0]
+    assert rows["intermediate_discount"].tolist() == [0.0]
     assert break_even(rows) is None
 
 

@@ -2,14 +2,17 @@
 
 from __future__ import annotations
 
+import itertools
 import json
 import math
+from collections.abc import Set as AbstractSet
 from pathlib import Path
 
 import numpy as np
 import pandas as pd
 import yaml
 
+from dockctl.analysis.returns import AT_START, BEFORE_INTERMEDIATE, DOCKING
 from dockctl.drawing.scene import Polygon, Scene
 
 PERIOD_S = 0.5
@@ -182,3 +185,59 @@ def write_run(folder: Path, *, intermediate: bool = False, poses: int = 1, count
     tracks = [track(i, start, intermediate=intermediate) for i, start in enumerate(starts)]
     pd.concat(tracks).to_csv(folder / "trajectories.csv", index=False)
     return folder
+
+
+def returns(unit_m: float = 1.0, *, intermediate: bool = True) -> pd.DataFrame:
+    """Returns of four behaviors.
+
+    Docking costs 900 and gets 0.4 of the 250 that the intermediate pose pays; loitering before it costs 700.
+    """
+    rows = {
+        DOCKING: ("docked", {"reward_distance": -900.0, "reward_intermediate": 0.4 * 250}),
+        AT_START: ("timeout", {"reward_distance": -1900.0, "reward_mine": -100.0}),
+        BEFORE_INTERMEDIATE: ("timeout", {"reward_distance": -700.0}),
+        "full astern": ("collision", {"reward_distance": -800.0, "reward_mine": -50.0}),
+    }
+    table = pd.DataFrame(
+        {
+            "behavior": name,
+            "outcome": outcome,
+            "steps": 100,
+            "time_s": 50.0,
+            "distance_unit_m": unit_m,
+            "intermediate_discount": 0.4 if name == DOCKING else 0.0,
+            "reward_distance": 0.0,
+            "reward_mine": 0.0,
+            **terms,
+        }
+        for name, (outcome, terms) in rows.items()
+        if intermediate or name != BEFORE_INTERMEDIATE
+    ).fillna(0.0)
+    if not intermediate:
+        table = table.drop(columns="reward_intermediate")
+    return table.assign(**{"return": table.filter(like="reward_").sum(axis=1)})
+
+
+OFFSETS = [(dx, dy) for dx in (-4.0, -2.0, 0.0, 2.0, 4.0) for dy in (-4.0, -2.0, 0.0, 2.0, 4.0)]
+"""Position offsets of `success_map` [m]."""
+
+
+def success_map(
+    failing: AbstractSet[tuple[float, float]] = frozenset(),
+    blocked: AbstractSet[tuple[float, float]] = frozenset(),
+    headings: tuple[float, ...] = (0.0,),
+) -> pd.DataFrame:
+    """A success map where all but some starts dock, the same ones for each heading offset."""
+    return pd.DataFrame(
+        {
+            "dx_m": dx,
+            "dy_m": dy,
+            "dheading_deg": heading,
+            "x_m": 20 + dx,
+            "y_m": 2 + dy,
+            "heading_deg": 160 + heading,
+            "blocked": int((dx, dy) in blocked),
+            "outcome": np.nan if (dx, dy) in blocked else "timeout" if (dx, dy) in failing else "docked",
+        }
+        for heading, (dx, dy) in itertools.product(headings, OFFSETS)
+    )

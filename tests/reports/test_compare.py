@@ -1,75 +1,45 @@
-"""Differences between policies: what is paired with what, and what the figure shows."""
+"""The figure that compares policies."""
 
 from __future__ import annotations
 
 from pathlib import Path
 
 import numpy as np
-import pandas as pd
 import pytest
 
-from dockctl.analysis.contrast import MEASURES, SUCCESS, contrasts
-from dockctl.analysis.statistics import mean_difference, success_difference
+from dockctl.analysis.contrast import contrasts
 from dockctl.reports.compare import compare_figure
 from dockctl.reports.style import house_style, save
+from tests.analysis.test_contrast import DOCKED, two_policies
 
-DOCKED = {
-    "random": {"old": [1, 1, 1, 0, 0, 1], "new": [1, 0, 1, 1, 1, 1]},
-    "pose": {"old": [1, 1], "new": [0, 1]},
-}
-TIME_S = {"old": [40, 42, 44, 9, 9, 50], "new": [41, 7, 43, 39, 38, 48]}
+KINDS = {"random": "random starts", "pose": "test poses"}
 
 
-def episodes(policy: str, kind: str, docked: list[int], time_s: list[float]) -> pd.DataFrame:
-    rng = np.random.default_rng(len(policy))
-    table = pd.DataFrame({"policy": policy, "start_kind": kind, "start": range(len(docked))})
-    for measure in MEASURES:
-        table[measure.column] = rng.uniform(0, 1, len(docked))
-    return table.assign(
-        outcome=["docked" if one else "timeout" for one in docked], time_s=time_s[: len(docked)]
-    )
-
-
-@pytest.fixture
-def table() -> pd.DataFrame:
-    return pd.concat(
-        episodes(policy, kind, docked, [float(t) for t in TIME_S[policy]])
-        for kind, policies in DOCKED.items()
-        for policy, docked in policies.items()
-    )
-
-
-def test_pairs_are_the_episodes_of_one_start_that_both_dock(table: pd.DataFrame) -> None:
-    (found,) = contrasts(table.sample(frac=1, random_state=3).sort_values("policy", ascending=False))
-    assert (found.first, found.second, found.kind) == ("old", "new", "random")
-    assert (found.only_first, found.only_second, found.p) == (1, 2, 1.0)
-    old, new = (np.array(DOCKED["random"][name], bool) for name in ("old", "new"))
-    assert found.success.measure is SUCCESS
-    assert found.success.difference == success_difference(old, new)
-    (time,) = [each for each in found.docked if each.measure.column == "time_s"]
-    assert time.difference == mean_difference(np.array([40.0, 44, 50]), np.array([41.0, 43, 48]))
-    assert (time.first, time.second, time.difference.pairs) == (pytest.approx(134 / 3), 44, 3)
-
-
-def test_one_episode_that_both_dock_is_no_comparison(table: pd.DataFrame) -> None:
-    table.loc[table["start"] > 0, "outcome"] = "collision"
+def test_outcome_shares_and_differences() -> None:
+    table = two_policies()
+    with house_style():
+        figure = compare_figure(table, KINDS, "caption")
+    outcomes, success = figure.axes[:2]
+    docked = [bar.get_width() for bar in outcomes.patches if bar.get_x() == 0 and bar.get_width()]
+    assert docked == pytest.approx([np.mean(DOCKED["random"][name]) for name in ("old", "new")])
     (found,) = contrasts(table)
-    assert found.docked == ()
+    difference = found.success.difference
+    low_high, dot = success.lines[1:3]
+    assert np.asarray(low_high.get_xdata()) == pytest.approx(
+        100 * np.array([difference.low, difference.high])
+    )
+    assert dot.get_xdata()[0] == pytest.approx(100 * difference.value)
 
 
-@pytest.mark.parametrize(
-    ("value", "signed", "text"),
-    [(0.583, False, "58.3"), (0.2, True, "+20.0"), (-0.0123, True, "−1.2"), (-0.0001, True, "0.0")],
-)
-def test_numbers_in_words(value: float, signed: bool, text: str) -> None:
-    assert SUCCESS.text(value, signed=signed) == text
-
-
-def test_the_figure_is_the_same_each_time_and_bears_any_table(table: pd.DataFrame, tmp_path: Path) -> None:
-    kinds = {"random": "random starts", "pose": "test poses"}
+def test_tables_without_pairs_or_without_random_starts_are_drawn() -> None:
+    table = two_policies()
     with house_style():
         for other in (table.assign(outcome="timeout"), table[table["start_kind"] == "pose"]):
-            compare_figure(other, kinds, "caption").draw_without_rendering()
-        save({name: compare_figure(table, kinds, "caption") for name in ("one", "same")}, tmp_path)
+            compare_figure(other, KINDS, "caption").draw_without_rendering()
+
+
+def test_files_are_reproducible(tmp_path: Path) -> None:
+    with house_style():
+        save({name: compare_figure(two_policies(), KINDS, "caption") for name in ("one", "same")}, tmp_path)
     for suffix in ("svg", "png"):
         assert (tmp_path / f"one.{suffix}").read_bytes() == (tmp_path / f"same.{suffix}").read_bytes()

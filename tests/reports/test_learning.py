@@ -10,7 +10,6 @@ import pytest
 from matplotlib.axes import Axes
 from matplotlib.colors import to_hex
 
-from dockctl.analysis.learning import smoothing_window
 from dockctl.drawing import palette
 from dockctl.reports import learning
 from dockctl.reports.figures import DrawEpisodes
@@ -58,11 +57,6 @@ def test_dots_are_episodes_and_lines_their_means(
 def test_a_run_without_exploring_starts_has_one_line(ax: Axes, episodes: pd.DataFrame) -> None:
     learning.draw_reward(ax, episodes[episodes["start_kind"] == "pose"])
     assert len(ax.lines) == 2
-
-
-@pytest.mark.parametrize(("count", "window"), [(3, 10), (800, 20), (100_000, 100)])
-def test_the_window_grows_with_the_run(count: int, window: int) -> None:
-    assert smoothing_window(pd.DataFrame(index=range(count))) == window
 
 
 def test_epsilon(ax: Axes, episodes: pd.DataFrame) -> None:

@@ -9,8 +9,7 @@ import pandas as pd
 import pytest
 from matplotlib.axes import Axes
 
-from dockctl.analysis.trajectories import pose_label, tracks_of
-from dockctl.drawing import palette
+from dockctl.analysis.trajectories import tracks_of
 from dockctl.reports import trajectory
 from dockctl.reports.figures import DrawTracks
 from dockctl.reports.style import house_style, titled_axes
@@ -37,31 +36,6 @@ def three() -> pd.DataFrame:
 @pytest.fixture
 def two_phases() -> pd.DataFrame:
     return synthetic.track(0, (23.0, -10.0, 90.0), intermediate=True, steps=20)
-
-
-def test_labels_and_colors_of_tracks(three: pd.DataFrame) -> None:
-    tracks = tracks_of(three)
-    assert [track.label for track in tracks] == ["(20, 3, 150°)", "(20, 2, 160°)", "(20, −1.5, 190°)"]
-    assert [track.color for track in tracks] == [palette.RED, palette.GREEN, palette.BLUE]
-    assert all(len(track.table) == len(three) / 3 for track in tracks)
-
-
-def test_a_single_track_is_blue(two_phases: pd.DataFrame) -> None:
-    (track,) = tracks_of(two_phases)
-    assert track.color == palette.SINGLE
-    assert track.switch == 20
-
-
-@pytest.mark.parametrize(
-    ("pose", "text"),
-    [
-        ((20, 2, -200), "(20, 2, 160°)"),
-        ((-0.004, -1.25, 360), "(0, −1.25, 0°)"),
-        ((1, 1, 359.999), "(1, 1, 0°)"),
-    ],
-)
-def test_pose_labels(pose: tuple[float, float, float], text: str) -> None:
-    assert pose_label(*pose) == text
 
 
 @pytest.mark.parametrize(

@@ -1,0 +1,24 @@
+"""Statistics of decision times against numpy."""
+
+from __future__ import annotations
+
+import numpy as np
+import pandas as pd
+import pytest
+
+from dockctl.analysis.latency import PARTS, summarize
+
+
+def test_summary() -> None:
+    samples = pd.DataFrame({part: np.arange(1.0, 101.0) * (i + 1) for i, part in enumerate(PARTS)})
+    for part, row in summarize(samples).items():
+        values = samples[part].to_numpy()
+        assert row == pytest.approx(
+            {
+                "mean": values.mean(),
+                "p50": np.median(values),
+                "p95": np.percentile(values, 95),
+                "p99": np.percentile(values, 99),
+                "max": values.max(),
+            }
+        )
