@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import re
 import shutil
 import subprocess
 import sys
@@ -286,98 +287,43 @@ print(REWARD_TERMS.get("smooth_rudder").origin)
     assert done.returncode == 0, done.stdout
 
 
-KINDS = '''
-"""An action type, a condition and a range sensor in one local file."""
-
-from typing import Literal
-
-import numpy as np
-from gymnasium.spaces import Discrete
-
-from dockctl.plugins import ACTIONS, CONDITIONS, RANGE_SENSORS
-from dockctl.scenarios.extensions import ActionType, Condition, Disturbance, Drawn, RangeSensorSpec, draw
-from dockctl.scenarios.kinds import register
+@pytest.fixture
+def documented(tmp_path: Path) -> Path:
+    """The files in docs/plugins.md."""
+    text = (ROOT / "docs/plugins.md").read_text()
+    for name, content in re.findall(r"^```\w+\n# (\S+)\n(.*?)^```", text, re.M | re.S):
+        (tmp_path / name).write_text(content)
+    return tmp_path
 
 
-@register(ACTIONS)
-class AheadOrAstern(ActionType):
-    kind: Literal["ahead_or_astern"] = "ahead_or_astern"
-    propeller_n: float = 20.0
-
-    def describe(self):
-        return "two commands"
-
-    def space(self, vessel):
-        return Discrete(2)
-
-    def commands(self, actions, vessel):
-        return np.outer(1 - 2 * actions, [self.propeller_n, 0.0])
-
-
-@register(CONDITIONS, group="water")
-class River(Condition):
-    kind: Literal["river"] = "river"
-    speed_mps: Drawn[float]
-
-    def build(self, num_boats):
-        return Flow(self.speed_mps, num_boats)
-
-
-class Flow(Disturbance):
-    def __init__(self, speed_mps, num_boats):
-        self.speed_mps, self.velocity = speed_mps, np.zeros((num_boats, 2))
-
-    def reset(self, rows, rngs):
-        self.velocity[rows, 1] = [draw(self.speed_mps, rng) for rng in rngs]
-
-    def water_velocity(self):
-        return self.velocity
-
-
-@register(RANGE_SENSORS)
-class Blind(RangeSensorSpec):
-    kind: Literal["blind"] = "blind"
-
-    def build(self, triangles):
-        return Nothing(self)
-
-
-class Nothing:
-    table_bytes = 0
-
-    def __init__(self, spec):
-        self.spec = spec
-
-    def sector_ranges(self, eta):
-        return np.full((len(eta), self.spec.sectors), self.spec.range_m)
-
-    def points(self, pose):
-        return np.empty((0, 3))
-'''
-
-
-def test_local_kinds_keep_their_contracts(write: Write) -> None:
-    plugins.load_file(write("kinds.py", KINDS))
-    testing.check_action_type("ahead_or_astern", propeller_n=30.0)
+def test_the_documented_classes_keep_their_contracts(documented: Path) -> None:
+    for name in ("gentle", "nearest", "astern", "river", "bow"):
+        plugins.load_file(documented / f"{name}.py")
+    testing.check_reward_term("gentle_turns", limit_radps=0.02)
+    testing.check_observation_part("nearest_obstacle")
+    testing.check_action_type("astern", propeller_n=15.0)
     testing.check_condition("river", speed_mps=[-0.1, 0.1])
+    testing.check_range_sensor("bow", range_m=40.0)
+    testing.check_vessel(documented / "launch.yaml")
 
 
-def test_a_run_is_evaluated_with_its_own_copies_of_local_kinds(
-    write: Write, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+def test_a_run_is_evaluated_with_its_own_copies_of_local_plugins(
+    documented: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    plugin = write("kinds.py", KINDS)
-    scenario = write(
-        "mine.yaml",
-        "extends: s1\nplugins: [kinds.py]\nactions: ahead_or_astern\n"
-        "conditions: {river: {speed_mps: [0, 0.1]}}\nsensors: {lidar: {kind: blind, sectors: 5}}\n",
+    """One of each kind in a scenario; the files are gone when the run is evaluated."""
+    scenario = documented / "all.yaml"
+    scenario.write_text(
+        "extends: s1\nplugins: [astern.py, river.py, bow.py]\nactions: astern\n"
+        "conditions: {river: {speed_mps: [0, 0.1]}}\nsensors: {lidar: {kind: bow, sectors: 4}}\n",
     )
-    trained = quick_train(tmp_path / "runs", scenario, "--steps", 100)
+    trained = quick_train(documented / "runs", scenario, "--steps", 100)
     assert trained.code == 0, trained.err
-    run = only_run(tmp_path / "runs")
-    for registry in plugins.GROUPS.values():
-        registry.unregister(f"file {plugin}")
+    run = only_run(documented / "runs")
+    for path in documented.glob("*.py"):
+        for registry in plugins.GROUPS.values():
+            registry.unregister(f"file {path}")
+        path.unlink()
     monkeypatch.setattr(plugins, "_loaded", {})
-    plugin.unlink()
     outcome = dockctl("evaluate", "--ckpt", run)
     assert outcome.code == 0, outcome.err
-    assert plugins.ACTIONS.origin("ahead_or_astern").startswith(f"file {run}")
+    assert plugins.ACTIONS.origin("astern").startswith(f"file {run}")
