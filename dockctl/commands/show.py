@@ -78,7 +78,7 @@ def bodies(scenario: Scenario, harbor: Harbor) -> tuple[list[Body], Body]:
     import numpy as np
 
     from dockctl.reports.view3d import Body
-    from dockctl.sim.hull import hull_mesh
+    from dockctl.sim.harbor.solids import hull_mesh
 
     solids = [(part.name, solid) for part in harbor.parts for solid in part.solids]
     return (

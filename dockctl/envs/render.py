@@ -10,8 +10,7 @@ from numpy.typing import NDArray
 from PIL import Image, ImageColor, ImageDraw
 
 from dockctl.drawing import palette
-from dockctl.drawing.plan import strokes, water
-from dockctl.drawing.scene import Scene
+from dockctl.drawing.scene import Scene, strokes, water
 from dockctl.geometry import place_outline
 
 Floats = NDArray[np.float64]

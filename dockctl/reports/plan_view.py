@@ -14,8 +14,7 @@ from numpy.typing import NDArray
 
 from dockctl.analysis.trajectories import Track, pose_label
 from dockctl.drawing import palette
-from dockctl.drawing.plan import strokes, water
-from dockctl.drawing.scene import Scene
+from dockctl.drawing.scene import Scene, strokes, water
 from dockctl.geometry import place_outline, pose_array
 from dockctl.reports.style import HALO, legend_above
 from dockctl.scenarios.base import Pose

@@ -16,8 +16,7 @@ from numpy.typing import NDArray
 
 from dockctl.analysis.trajectories import pose_label
 from dockctl.drawing import palette
-from dockctl.drawing.plan import water
-from dockctl.drawing.scene import Scene
+from dockctl.drawing.scene import Scene, water
 from dockctl.geometry import sector_index
 from dockctl.reports import plan_view, view3d
 from dockctl.reports.style import HALO, titled_axes, titled_figure

@@ -17,7 +17,7 @@ from dockctl.scenarios.loader import LoadedScenario, load
 from dockctl.scenarios.schema import Scenario
 from dockctl.sim.collision import CollisionChecker, collision_checker
 from dockctl.sim.harbor.build import Harbor, build_harbor
-from dockctl.sim.hull import hull_outline
+from dockctl.sim.harbor.solids import hull_outline
 from dockctl.sim.starts import free_sites, own_site
 
 Floats = NDArray[np.float64]

@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from dockctl.geometry import wrap
 from dockctl.scenarios.vessel import Hull
 from dockctl.sim.harbor.build import Harbor
-from dockctl.sim.hull import hull_mesh
+from dockctl.sim.harbor.solids import hull_mesh
 
 Floats = NDArray[np.float64]
 Bools = NDArray[np.bool_]

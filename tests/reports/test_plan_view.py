@@ -14,8 +14,7 @@ from hypothesis import strategies as st
 from matplotlib.patches import Circle
 
 from dockctl.analysis.trajectories import Track, tracks_of
-from dockctl.drawing.plan import OPEN_WATER_M, strokes, water
-from dockctl.drawing.scene import Scene
+from dockctl.drawing.scene import OPEN_WATER_M, Scene, strokes, water
 from dockctl.geometry import place_outline
 from dockctl.reports import plan_view
 from dockctl.reports.style import house_style, titled_axes

@@ -15,8 +15,7 @@ from dockctl.scenarios.harbor import MeshFile, MeshHarbor
 from dockctl.scenarios.vessel import Hull
 from dockctl.sim.collision import CollisionChecker
 from dockctl.sim.harbor.build import Part, assemble, build_harbor
-from dockctl.sim.harbor.solids import Solid, box, prism
-from dockctl.sim.hull import hull_mesh, hull_outline
+from dockctl.sim.harbor.solids import Solid, box, hull_mesh, hull_outline, prism
 from tests.sim.harbor.harbors import reference_harbor
 
 HULL = Hull()

@@ -21,8 +21,7 @@ from dockctl.scenarios.harbor import Basin, EndRow, HarborSpec, Marina, Side, Si
 from dockctl.scenarios.vessel import Hull
 from dockctl.sim.harbor.fleet import MooredModel, moored_model
 from dockctl.sim.harbor.mesh_files import load_bodies
-from dockctl.sim.harbor.solids import Solid, box, joined, outlines, tube
-from dockctl.sim.hull import hull_outline
+from dockctl.sim.harbor.solids import Solid, box, hull_outline, joined, outlines, tube
 
 Floats = NDArray[np.float64]
 PartKind = Literal["quay", "finger", "pile", "vessel", "mesh"]

@@ -1,4 +1,4 @@
-"""Closed solids, lofted from rings of points, and their outlines from above."""
+"""Closed solids, lofted from rings of points: basic shapes, the own hull, and outlines from above."""
 
 from __future__ import annotations
 
@@ -10,10 +10,16 @@ import numpy as np
 import trimesh
 from numpy.typing import ArrayLike, NDArray
 
+from dockctl.scenarios.vessel import Hull
+
 Floats = NDArray[np.float64]
 Points = Floats | Sequence[Sequence[float] | Floats]
 """Points, (k, 3) or (k, 2)."""
 
+BOW_SHARE = 0.35
+"""Fraction of the length over which the bow narrows."""
+BOW_BREADTHS = ((0.0, 1.0), (0.35, 0.9), (0.65, 0.66), (0.88, 0.32), (1.0, 0.06))
+"""Half-breadths along the bow: (fraction of the distance to the stem, fraction of half the beam)."""
 MIN_OUTLINE_M2 = 0.002
 """Outlines with a smaller area are not drawn."""
 
@@ -90,6 +96,21 @@ def tube(path: Points, radius: ArrayLike, sides: int = 6) -> trimesh.Trimesh:
         across = np.cross(tangent, normal)
         rings.append(point + r * (np.outer(np.cos(angles), normal) + np.outer(np.sin(angles), across)))
     return loft(rings)
+
+
+def hull_outline(hull: Hull) -> Floats:
+    """Return the convex (k, 2) outline of the hull from above, in the body frame, counter-clockwise [m]."""
+    stern, shoulder = -hull.length_m / 2, hull.length_m * (0.5 - BOW_SHARE)
+    bow = [(shoulder + s * BOW_SHARE * hull.length_m, b * hull.beam_m / 2) for s, b in BOW_BREADTHS]
+    port = [*reversed(bow), (stern, hull.beam_m / 2)]
+    starboard = [(x, -y) for x, y in reversed(port)]
+    return np.array(port + starboard)
+
+
+def hull_mesh(hull: Hull) -> trimesh.Trimesh:
+    """Return the convex, closed hull in the body frame: water at z = 0, keel at -draft [m]."""
+    outline = hull_outline(hull)
+    return loft([np.insert(outline, 2, z, axis=1) for z in (-hull.draft_m, hull.freeboard_m)])
 
 
 def outlines(mesh: trimesh.Trimesh) -> Iterator[tuple[Floats, float]]:

@@ -23,8 +23,7 @@ from dockctl.scenarios.vessel import Hull
 from dockctl.sim.checks import PoseCheck
 from dockctl.sim.collision import CollisionChecker
 from dockctl.sim.harbor.build import Harbor, Part, assemble, build_harbor, scene_of
-from dockctl.sim.harbor.solids import Solid, box
-from dockctl.sim.hull import hull_outline
+from dockctl.sim.harbor.solids import Solid, box, hull_outline
 from tests.sim.harbor.harbors import reference_harbor, reference_spec
 
 HULL = Hull()

@@ -10,8 +10,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from dockctl.scenarios.vessel import Hull
-from dockctl.sim.harbor.solids import box, loft, outlines, prism, tube
-from dockctl.sim.hull import hull_mesh, hull_outline
+from dockctl.sim.harbor.solids import box, hull_mesh, hull_outline, loft, outlines, prism, tube
 
 lengths = st.floats(0.1, 20.0)
 TURN = np.arange(16) * (2 * np.pi / 16)
