@@ -108,8 +108,8 @@ def _difference_table(one: Contrast) -> Table:
     table = Table(title=title, title_justify="left", header_style="bold", box=box.SIMPLE_HEAD)
     table.add_column("", no_wrap=True)
     for name in (one.first, one.second):
-        table.add_column(Text(name), justify="right", overflow="fold")
-    for name in ("difference", "95 % interval", "episodes"):
+        table.add_column(Text(name), justify="right", overflow="fold", min_width=7)
+    for name in ("difference", "95 % interval", "pairs"):
         table.add_column(name, justify="right", no_wrap=True)
     for each in (one.success, *one.docked):
         table.add_row(*_difference_cells(each))
