@@ -1,4 +1,4 @@
-"""``dockctl ship``: make a policy a folder that can be handed on."""
+"""``dockctl ship``: export a policy as a folder that can be passed on."""
 
 from __future__ import annotations
 
@@ -11,23 +11,19 @@ CHECKPOINTS = Path("checkpoints")
 
 
 def ship(
-    runs: Annotated[
-        list[Path], typer.Argument(help="Run folders of one scenario, evaluated; the best is taken.")
-    ],
-    name: Annotated[
-        str | None, typer.Option(help="Of the checkpoint; that of the scenario by default.")
-    ] = None,
-    out: Annotated[Path, typer.Option(help="Folder that gets <name>/.")] = CHECKPOINTS,
+    runs: Annotated[list[Path], typer.Argument(help="Evaluated run folders of one scenario.")],
+    name: Annotated[str | None, typer.Option(help="Name of the checkpoint; the scenario by default.")] = None,
+    out: Annotated[Path, typer.Option(help="Folder of the checkpoint: <out>/<name>/.")] = CHECKPOINTS,
 ) -> None:
-    """Put the best policy of one or more runs into a folder of its own, with scenario and model card.
+    """Export the best policy of one or more runs, with its scenario and a model card.
 
-    Of several runs the one is taken that docks from the most test poses, or at the most trained berths; then
-    from the most random starts, or at the most held-out berths; then most often on the other scenarios that
-    it was evaluated on; then that of the lowest seed. It must dock from every pose of its training, unless
-    that has many berths. What `evaluate`, `map` and `latency` found goes into the card.
+    The best policy docks from the most validation poses, or at the most trained berths; then from the most
+    random starts, or at the most held-out berths; then most often on the other scenarios it was evaluated on;
+    then it has the lowest seed. It must dock from all its training poses, unless its scenario has many
+    berths. The card includes the results of `evaluate`, `map` and `latency`.
 
     Example: dockctl ship runs/s3/* --name s3
     """
-    from dockctl.experiments import export as shipping
+    from dockctl.experiments import export
 
-    shipping.ship(runs, name, out)
+    export.ship(runs, name, out)

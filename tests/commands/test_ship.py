@@ -1,4 +1,4 @@
-"""`dockctl ship`: what is chosen, written and refused. The policies here are random and need not dock."""
+"""``dockctl ship``: selection, checkpoint folder, model card and errors. The policies are untrained."""
 
 from __future__ import annotations
 
@@ -10,8 +10,9 @@ from pathlib import Path
 import pytest
 
 from dockctl.agents.checkpoint import load_policy
+from dockctl.errors import DockctlError
 from dockctl.evaluation.policies import CheckpointPolicy
-from dockctl.experiments import export as shipping
+from dockctl.experiments import export
 from tests.commands.conftest import Outcome, dockctl, forget_interface
 
 MakeRun = Callable[..., Path]
@@ -21,7 +22,7 @@ MakeRun = Callable[..., Path]
 def runs(
     trained: tuple[Path, Outcome], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> Callable[..., Path]:
-    """Make a run of some seed that was evaluated with these outcomes, and whose training poses do as told."""
+    """Return a function that makes an evaluated run with the given outcomes."""
     docking: set[int] = set()
 
     def play(policy: CheckpointPolicy, loaded: object) -> list[object]:
@@ -34,7 +35,7 @@ def runs(
 
         return [One()]
 
-    monkeypatch.setattr(shipping, "play_training", play)
+    monkeypatch.setattr(export, "training_episodes", play)
 
     def make(seed: int, poses: str, random: str, *, docks: bool = True) -> Path:
         run = tmp_path / f"run{seed}"
@@ -56,7 +57,7 @@ def runs(
     return make
 
 
-def test_the_best_that_docks_from_its_training_poses_is_shipped(runs: MakeRun, tmp_path: Path) -> None:
+def test_best_policy_that_docks_from_its_training_poses_is_exported(runs: MakeRun, tmp_path: Path) -> None:
     given = [
         runs(0, "-", "+++"),
         runs(1, "+", "++-"),
@@ -66,20 +67,20 @@ def test_the_best_that_docks_from_its_training_poses_is_shipped(runs: MakeRun, t
     forget_interface(given[1])
     outcome = dockctl("ship", *given, "--name", "mine", "--out", tmp_path / "out")
     assert outcome.code == 0, outcome.err
-    assert f"passed over {given[2]}" in outcome.err
+    assert f"{given[2]}: from its training pose 20, 2" in outcome.err
     network, card = load_policy(tmp_path / "out" / "mine")
     assert (card.seed, card.interface is not None) == (1, True)
     assert (network.flat == load_policy(given[1])[0].flat).all()
     text = (tmp_path / "out" / "mine" / "card.md").read_text()
-    assert "| `s1` | poses of its training | 1 of 1 | 100.0% |" in text
+    assert "| `s1` | training poses | 1 of 1 | 100.0% |" in text
     assert "| `s1` | random starts | 2 of 3 | 66.7% |" in text
     assert "1 of 3 failed: 1 collision with" in text
-    assert "of 4 runs" in text
+    assert "from 4 runs" in text
     evaluated = dockctl("evaluate", "--ckpt", tmp_path / "out" / "mine", "--episodes", 0)
     assert evaluated.code == 0, evaluated.err
 
 
-def test_what_was_measured_of_another_policy_stays_out_of_the_card(runs: MakeRun, tmp_path: Path) -> None:
+def test_measurements_of_another_policy_are_not_in_the_card(runs: MakeRun, tmp_path: Path) -> None:
     run = runs(1, "+", "+++")
     assert dockctl("evaluate", "--ckpt", run, "--scenario", "s2", "--episodes", 0).code == 0
     assert dockctl("map", "--ckpt", run, "--reach-m", 0, "--headings", "0").code == 0
@@ -89,15 +90,15 @@ def test_what_was_measured_of_another_policy_stays_out_of_the_card(runs: MakeRun
         assert dockctl("ship", run, "--name", "mine", "--out", tmp_path / "out").code == 0
         return (tmp_path / "out" / "mine" / "card.md").read_text()
 
-    told = ("| `s2` |", "free starts within", "A decision takes")
-    assert [words in card() for words in told] == [True, True, True]
+    passages = ("| `s2` |", "free starts within", "A decision takes")
+    assert [words in card() for words in passages] == [True, True, True]
     for name in ("evaluation-s2.json", "map.json", "figures/latency.json"):
         facts = json.loads((run / name).read_text())
         (run / name).write_text(json.dumps({**facts, "policy": {"sha256": "0" * 64}}))
-    assert [words in card() for words in told] == [False, False, False]
+    assert [words in card() for words in passages] == [False, False, False]
 
 
-def test_runs_that_were_evaluated_from_fewer_starts_are_told_apart(runs: MakeRun, tmp_path: Path) -> None:
+def test_candidate_without_random_starts_has_no_rate(runs: MakeRun, tmp_path: Path) -> None:
     given = [runs(1, "+", "+++"), runs(2, "+", "+++")]
     assert dockctl("evaluate", "--ckpt", given[1], "--episodes", 0).code == 0
     outcome = dockctl("ship", *given, "--name", "mine", "--out", tmp_path / "out")
@@ -118,22 +119,24 @@ def test_only_an_earlier_checkpoint_is_replaced(runs: MakeRun, tmp_path: Path) -
         assert sorted(path.name for path in folder.iterdir()) == before
 
 
-def test_refusals(runs: MakeRun, trained: tuple[Path, Outcome], tmp_path: Path) -> None:
+def test_errors(runs: MakeRun, trained: tuple[Path, Outcome], tmp_path: Path) -> None:
     run = runs(5, "+", "+++", docks=False)
-    out = ("--out", tmp_path / "out")
+    out = tmp_path / "out"
 
-    def refused(*arguments: object) -> str:
-        outcome = dockctl("ship", *arguments, *out)
-        assert outcome.code == 2
-        assert not (tmp_path / "out").exists()
-        return " ".join(outcome.err.split())
+    def code_of(*paths: Path, name: str | None = None) -> str:
+        with pytest.raises(DockctlError) as caught:
+            export.ship(paths, name, out)
+        assert not out.exists()
+        return caught.value.code
 
-    assert "no policy docks from every pose of its training" in refused(run)
-    assert "use letters, digits" in refused(run, "--name", "../up")
-    assert "not a run folder" in refused(tmp_path)
+    assert code_of(run) == "invalid"  # no policy docks from its training poses
+    assert code_of(run, name="../up") == "invalid"
+    assert code_of(tmp_path) == "not_found"
     result = json.loads((run / "evaluation.json").read_text())
     result["policy"]["sha256"] = "0" * 64
     (run / "evaluation.json").write_text(json.dumps(result))
-    assert "its evaluation is of another policy" in refused(run)
+    assert code_of(run) == "mismatch"
     (run / "evaluation.json").unlink()
-    assert "evaluate it first: dockctl evaluate --ckpt" in refused(run)
+    assert code_of(run) == "not_found"
+    outcome = dockctl("ship", run, "--out", out)
+    assert (outcome.code, str(run) in outcome.err) == (2, True)
