@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import os
 from collections.abc import Callable
+from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -101,4 +102,6 @@ def require_writable_file(file: Path) -> None:
         raise DockctlError(
             f"{file}: cannot be written: not a file name in an existing folder", code="not_writable"
         )
+    with writing(file), suppress(FileNotFoundError):
+        file.stat()  # fails if the name is too long
     require_writable(file.absolute().parent)

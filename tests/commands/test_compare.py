@@ -60,7 +60,7 @@ def test_a_policy_does_not_differ_from_itself(trained: Trained, tmp_path: Path) 
         (["RUN", "marine"], "not_found", "marina"),
         (["RUN", "RUN", "--scenario", "s33"], "unknown_name", "s3"),
         (["RUN", "RUN", "--csv", "no/such/folder.csv"], "not_writable", ""),
-        (["RUN", "RUN", "--out", "a-file/figures"], "invalid", ""),
+        (["RUN", "RUN", "--out", "a-file/figures"], "not_writable", ""),
     ],
 )
 def test_refusals(
