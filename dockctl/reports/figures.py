@@ -71,7 +71,7 @@ def training_figures(run: Run, episodes: pd.DataFrame) -> Iterator[tuple[str, Fi
 def updates_figure(run: Run, updates: pd.DataFrame, columns: Sequence[str]) -> Figure:
     """Loss, TD error, Q and gradient norm of the updates, one panel each."""
     rows = -(-len(columns) // 2)
-    figure = titled_figure("Updates of the network", run.caption, (10.0, 0.9 + 2.4 * rows))
+    figure = titled_figure("Network updates", run.caption, (10.0, 0.9 + 2.4 * rows))
     axes = figure.subplots(rows, 2, sharex=True, squeeze=False).ravel()
     learning.draw_updates(axes[: len(columns)], updates, columns)
     for ax in axes[len(columns) :]:
@@ -119,6 +119,7 @@ def _command_figure(run: Run, tracks: Sequence[Track], title: str, draw: DrawTra
     size = (7.6, 4.3) if len(tracks) == 1 else (7.6, 1.2 + 1.25 * len(tracks))
     figure = titled_figure(f"{title} while docking", run.caption, size)
     axes = np.atleast_1d(figure.subplots(len(tracks), sharex=True, sharey=True))
+    axes[0].set_xlim(0, 1.015 * max(track.table["time_s"].iloc[-1] for track in tracks))
     for ax, track in zip(axes, tracks, strict=True):
         draw(ax, [track], run.task)
         trajectory.mark_phases(ax, [track], names=len(tracks) == 1)
@@ -128,7 +129,6 @@ def _command_figure(run: Run, tracks: Sequence[Track], title: str, draw: DrawTra
             ax.set_ylabel("")
             ax.label_outer()
     if len(tracks) > 1:
-        axes[0].set_xlim(0, 1.015 * max(track.table["time_s"].iloc[-1] for track in tracks))
         figure.supylabel(label, fontsize=9.5)
     return figure
 

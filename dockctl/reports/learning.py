@@ -156,7 +156,7 @@ def draw_updates(axes: Iterable[Axes], updates: pd.DataFrame, columns: Sequence[
         if column != "q_mean" and (updates[column] > 0).all():
             ax.set_yscale("log")
         ax.set_xlim(0, max(updates["env_steps"].max(), 1))
-        ax.set_ylabel(UPDATE_COLUMNS[column])
+        ax.set_title(UPDATE_COLUMNS[column], loc="left", fontsize=9, fontweight="bold")
         ax.set_xlabel("Environment steps")
         ax.xaxis.set_major_locator(MaxNLocator(5))
         thousands(ax)

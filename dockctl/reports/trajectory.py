@@ -13,8 +13,8 @@ from dockctl.drawing import palette
 from dockctl.reports.style import HALO, legend_above
 from dockctl.scenarios.schema import Task, Tolerance
 
-DENSE_STEPS = 240
-"""Longer command sequences are drawn thin, with their mean: single steps are narrower than a line."""
+LEAST_STEP_PT = 1.5
+"""Where control periods are narrower, commands form a solid block: they are drawn thin, with their mean."""
 MEAN_STEPS = 20
 
 
@@ -128,9 +128,9 @@ def _draw_lines(
 
 
 def _draw_commands(ax: Axes, tracks: Sequence[Track], column: str) -> None:
+    is_dense = _step_width_pt(ax, tracks) < LEAST_STEP_PT
     for track in tracks:
         time, values = track.table["time_s"], track.table[column]
-        is_dense = len(values) > DENSE_STEPS
         # The command of a row was applied over the control period that ends at its time.
         ax.step(
             time, values, where="pre", color=track.color, lw=0.4 if is_dense else 1.3,
@@ -139,17 +139,31 @@ def _draw_commands(ax: Axes, tracks: Sequence[Track], column: str) -> None:
         if is_dense:
             mean = values.rolling(MEAN_STEPS, center=True, min_periods=1).mean()
             ax.plot(time, mean, color=track.color, lw=1.6, label=f"{track.label} {column}, mean")
-            ax.annotate(
-                f"thick: mean over {MEAN_STEPS} steps", (1.0, 1.0), xycoords="axes fraction", xytext=(-4, -4),
-                textcoords="offset points", ha="right", va="top", fontsize=7.5, color=palette.INK_SOFT,
-                path_effects=HALO,
-            )  # fmt: skip
+    if is_dense:
+        ax.annotate(
+            f"thick: mean over {MEAN_STEPS} steps", (1.0, 1.0), xycoords="axes fraction", xytext=(-4, -4),
+            textcoords="offset points", ha="right", va="top", fontsize=7.5, color=palette.INK_SOFT,
+            path_effects=HALO,
+        )  # fmt: skip
     ax.axhline(0, color=palette.RULE, lw=0.8, zorder=1)
     _finish_axes(ax, tracks)
 
 
+def _step_width_pt(ax: Axes, tracks: Sequence[Track]) -> float:
+    """Approximate width of a control period on the page, before the final layout."""
+    period_s = min(float(np.diff(track.table["time_s"]).min(initial=np.inf)) for track in tracks)
+    width_pt = float(ax.get_window_extent().width) * 72 / ax.figure.dpi
+    return width_pt * period_s / _end_s(ax, tracks)
+
+
+def _end_s(ax: Axes, tracks: Sequence[Track]) -> float:
+    """End of the time axis, which may be set already to share it with other axes."""
+    longest = 1.015 * max(float(track.table["time_s"].iloc[-1]) for track in tracks)
+    return max(longest, ax.get_xlim()[1])
+
+
 def _finish_axes(ax: Axes, tracks: Sequence[Track]) -> None:
-    ax.set_xlim(0, 1.015 * max(track.table["time_s"].iloc[-1] for track in tracks))
+    ax.set_xlim(0, _end_s(ax, tracks))
     ax.set_xlabel("Time [s]")
     legend_above(ax, [(track.label, track.color) for track in tracks])
 

@@ -103,7 +103,7 @@ def test_the_tolerance_of_a_boat_that_never_reaches_the_intermediate_pose(
 
 
 def test_long_command_sequences_have_their_mean(ax: Axes) -> None:
-    table = synthetic.track(0, STARTS[0], steps=trajectory.DENSE_STEPS + 1)
+    table = synthetic.track(0, STARTS[0], steps=600)
     trajectory.draw_propeller(ax, tracks_of(table), TASK)
     raw, mean = ax.lines[0], ax.lines[1]
     assert np.array_equal(raw.get_ydata(), table["propeller_n"])
@@ -111,3 +111,11 @@ def test_long_command_sequences_have_their_mean(ax: Axes) -> None:
     middle = table["propeller_n"].to_numpy()[100 - half : 100 + half]
     assert np.asarray(mean.get_ydata())[100] == pytest.approx(middle.mean())
     assert raw.get_linewidth() < mean.get_linewidth()
+
+
+def test_steps_are_as_narrow_as_the_shared_time_axis_makes_them(ax: Axes) -> None:
+    table = synthetic.track(0, STARTS[0], steps=100)
+    ax.set_xlim(0, 300)
+    trajectory.draw_propeller(ax, tracks_of(table), TASK)
+    assert any("mean" in str(line.get_label()) for line in ax.lines)
+    assert ax.get_xlim() == (0, 300)
