@@ -76,6 +76,7 @@ def updates_figure(run: Run, updates: pd.DataFrame, columns: Sequence[str]) -> F
     learning.draw_updates(axes[: len(columns)], updates, columns)
     for ax in axes[len(columns) :]:
         ax.set_visible(False)
+    figure.supxlabel("Environment steps", fontsize=9.5)
     return figure
 
 

@@ -157,10 +157,8 @@ def draw_updates(axes: Iterable[Axes], updates: pd.DataFrame, columns: Sequence[
             ax.set_yscale("log")
         ax.set_xlim(0, max(updates["env_steps"].max(), 1))
         ax.set_title(UPDATE_COLUMNS[column], loc="left", fontsize=9, fontweight="bold")
-        ax.set_xlabel("Environment steps")
         ax.xaxis.set_major_locator(MaxNLocator(5))
         thousands(ax)
-        ax.label_outer()
 
 
 def _draw_episodes(ax: Axes, episodes: pd.DataFrame, column: str) -> None:
