@@ -1,4 +1,4 @@
-"""`dockctl compare`: the same starts for all, what is written, shown and refused."""
+"""`dockctl compare`: the same starts for all, files, output, errors."""
 
 from __future__ import annotations
 
@@ -63,7 +63,7 @@ def test_a_policy_does_not_differ_from_itself(trained: Trained, tmp_path: Path) 
         (["RUN", "RUN", "--out", "a-file/figures"], "not_writable", ""),
     ],
 )
-def test_refusals(
+def test_errors(
     trained: Trained,
     arguments: list[str],
     code: str,

@@ -1,4 +1,4 @@
-"""`dockctl evaluate`: what is played, written, shown and refused."""
+"""`dockctl evaluate`: episodes, files, output, errors."""
 
 from __future__ import annotations
 
@@ -75,7 +75,7 @@ def test_the_least_success_sets_the_exit_code(run: Path, asked: str, code: int) 
     assert (outcome.err == "") is (code == 0)
 
 
-def test_a_policy_is_evaluated_elsewhere(run: Path) -> None:
+def test_a_policy_is_evaluated_on_another_scenario(run: Path) -> None:
     outcome = dockctl("evaluate", "--ckpt", run / "checkpoints" / "last", "--scenario", "s2", "--episodes", 0)
     assert outcome.code == 0
     assert "on scenario 's2'" in outcome.out
@@ -83,9 +83,7 @@ def test_a_policy_is_evaluated_elsewhere(run: Path) -> None:
     assert not (run / "evaluation.json").exists()
 
 
-def test_a_changed_scenario_of_the_same_name_does_not_take_the_place_of_the_run_s_own(
-    run: Path, tmp_path: Path
-) -> None:
+def test_a_changed_scenario_of_the_same_name_has_files_of_its_own(run: Path, tmp_path: Path) -> None:
     (tmp_path / "s1.yaml").write_text("extends: s1\ntask: {max_steps: 5}\n")
     for source, name in ((run / "scenario.yaml", "evaluation"), (tmp_path / "s1.yaml", "evaluation-s1")):
         assert not (run / f"{name}.json").exists()
@@ -93,7 +91,7 @@ def test_a_changed_scenario_of_the_same_name_does_not_take_the_place_of_the_run_
         assert (run / f"{name}.csv").is_file()
 
 
-def test_how_one_trains_makes_no_other_scenario(run: Path) -> None:
+def test_the_training_section_makes_no_other_scenario(run: Path) -> None:
     text = (run / "scenario.yaml").read_text()
     trained_longer = run / "s1.yaml"
     trained_longer.write_text(text.replace("boats: 2", "boats: 3"))
@@ -105,27 +103,27 @@ def test_how_one_trains_makes_no_other_scenario(run: Path) -> None:
 @pytest.mark.parametrize(
     "setting", ["observation=[distance]", "actions.rudder_deg=[0]", "sensors={lidar: {sectors: 6}}"]
 )
-def test_what_is_the_policy_s_own_cannot_be_set(run: Path, setting: str) -> None:
+def test_observation_and_actions_of_the_policy_cannot_be_set(run: Path, setting: str) -> None:
     outcome = dockctl("evaluate", "--ckpt", run, "--episodes", 0, "--set", setting)
     assert outcome.code == 2
     assert outcome.error_code == "mismatch"
     assert not (run / "evaluation-s1.json").exists()
 
 
-def test_a_success_that_is_no_number_is_refused(run: Path) -> None:
+def test_nan_is_no_success_rate(run: Path) -> None:
     outcome = dockctl("evaluate", "--ckpt", run, "--episodes", 0, "--min-success", "nan")
     assert outcome.code == 2
     with pytest.raises(typer.BadParameter):
         finite(math.nan)
 
 
-def test_a_path_is_shown_as_it_is(run: Path, tmp_path: Path) -> None:
+def test_a_path_is_printed_without_markup(run: Path, tmp_path: Path) -> None:
     odd = run.rename(tmp_path / "a[old] :boat: run")
     outcome = dockctl("evaluate", "--ckpt", odd, "--episodes", 0)
     assert f"Policy {odd / 'checkpoints' / 'best' / 'policy.json'} (trained" in outcome.out
 
 
-def test_a_policy_keeps_its_observation_and_actions_elsewhere(run: Path, tmp_path: Path) -> None:
+def test_a_policy_has_its_own_observation_and_actions_in_any_scenario(run: Path, tmp_path: Path) -> None:
     """Scenario 3 observes the phase too, and this one has two LiDAR sectors less and other actions."""
     (tmp_path / "other.yaml").write_text(
         "extends: s3\nsensors: {lidar: {sectors: 6}}\nactions: {rudder_deg: [-20, 20]}\n"
@@ -140,7 +138,7 @@ def test_a_policy_keeps_its_observation_and_actions_elsewhere(run: Path, tmp_pat
     assert [row["phase"] for row in result["episodes"]] == [0, 0, 0]
 
 
-def test_a_policy_is_refused_a_vessel_that_is_too_weak_for_it(run: Path, tmp_path: Path) -> None:
+def test_a_vessel_too_weak_for_the_policy_is_an_error(run: Path, tmp_path: Path) -> None:
     weak = "extends: s1\nactions: {propeller_n: [0, 10]}\nvessel: {max_propeller_n: 10}\n"
     (tmp_path / "weak.yaml").write_text(weak)
     outcome = dockctl("evaluate", "--ckpt", run, "--scenario", tmp_path / "weak.yaml")
@@ -166,7 +164,7 @@ def test_local_parts_of_the_observation_come_with_the_policy(
     assert outcome.code == 0, outcome.err
 
 
-def test_values_are_set_and_the_result_has_a_name_of_its_own(run: Path) -> None:
+def test_set_values_are_in_the_file_name(run: Path) -> None:
     settings = ("--set", "harbor.fleet.seed=11", "--set", "task.final={x_m: 36, y_m: 0.1, heading_deg: 180}")
     outcome = dockctl("evaluate", "--ckpt", run, "--episodes", 1, *settings)
     assert outcome.code == 0
@@ -189,7 +187,7 @@ def test_values_are_set_and_the_result_has_a_name_of_its_own(run: Path) -> None:
         ("both", "--ckpt and --policy"),
     ],
 )
-def test_refusals(
+def test_errors(
     run: Path, broken: str, location: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.chdir(tmp_path)

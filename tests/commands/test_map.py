@@ -1,4 +1,4 @@
-"""``dockctl map``: the grid, what is blocked, what is written and refused."""
+"""``dockctl map``: blocked starts, files, errors."""
 
 from __future__ import annotations
 
@@ -9,7 +9,6 @@ import numpy as np
 import pandas as pd
 import pytest
 
-from dockctl.evaluation.success_map import Grid
 from dockctl.runs.tables import MAP
 from dockctl.scenarios.loader import load
 from dockctl.sim.collision import CollisionChecker
@@ -17,26 +16,7 @@ from dockctl.sim.harbor.build import build_harbor
 from tests.commands.conftest import dockctl
 
 
-@pytest.mark.parametrize(
-    ("reach", "step", "places"),
-    [
-        (10, 2, [-10, -8, -6, -4, -2, 0, 2, 4, 6, 8, 10]),
-        (0.3, 0.1, [-0.3, -0.2, -0.1, 0, 0.1, 0.2, 0.3]),
-        (5, 2, [-4, -2, 0, 2, 4]),
-        (1, 2, [0]),
-        (0, 1, [0]),
-    ],
-)
-def test_the_pose_itself_lies_on_the_grid(reach: float, step: float, places: list[float]) -> None:
-    grid = Grid(reach, step, (0, 90))
-    assert grid.positions_m == pytest.approx(places)
-    offsets = grid.offsets(90.0)
-    assert offsets.shape == (len(places) ** 2, 3)
-    assert len({tuple(row) for row in offsets}) == len(offsets)
-    assert (offsets[len(offsets) // 2] == (0, 0, 90)).all()
-
-
-def test_what_is_blocked_is_neither_played_nor_a_failure(run: Path) -> None:
+def test_blocked_starts_have_no_episode(run: Path) -> None:
     outcome = dockctl("map", "--ckpt", run, "--reach-m", 20, "--step-m", 10, "--headings", "0,90")
     assert outcome.code == 0
     table = pd.read_csv(run / "map.csv")
@@ -56,7 +36,7 @@ def test_what_is_blocked_is_neither_played_nor_a_failure(run: Path) -> None:
     assert {"map.png", "map.svg"} <= {path.name for path in (run / "figures").iterdir()}
 
 
-def test_a_map_repeats_to_the_byte(run: Path, tmp_path: Path) -> None:
+def test_the_same_map_has_the_same_bytes(run: Path, tmp_path: Path) -> None:
     arguments = ("map", "--ckpt", run, "--reach-m", 3, "--step-m", 3, "--headings", "0,180")
     assert dockctl(*arguments, "--csv", tmp_path / "again.csv").code == 0
     first = (run / "figures" / "map.svg").read_bytes()
@@ -72,7 +52,7 @@ def test_a_map_of_another_scenario_has_its_name(run: Path) -> None:
     assert (run / "map-s2.csv").is_file() and not (run / "map.csv").exists()
 
 
-def test_a_checkpoint_without_a_run_leaves_its_map_in_a_folder_of_figures(
+def test_the_map_of_a_checkpoint_without_a_run_is_below_figures(
     run: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     shutil.copytree(run / "checkpoints" / "last", tmp_path / "alone")
@@ -83,9 +63,7 @@ def test_a_checkpoint_without_a_run_leaves_its_map_in_a_folder_of_figures(
     assert files == {"map-s1.csv", "map-s1.json", "map-s1.png", "map-s1.svg"}
 
 
-def test_a_changed_scenario_of_the_same_name_does_not_take_the_place_of_the_run_s_own(
-    run: Path, tmp_path: Path
-) -> None:
+def test_a_changed_scenario_of_the_same_name_has_files_of_its_own(run: Path, tmp_path: Path) -> None:
     (tmp_path / "s1.yaml").write_text("extends: s1\ntask: {max_steps: 5}\n")
     small = ("--reach-m", 0, "--headings", "0")
     for source, name in ((run / "scenario.yaml", "map.csv"), (tmp_path / "s1.yaml", "map-s1.csv")):
@@ -94,7 +72,7 @@ def test_a_changed_scenario_of_the_same_name_does_not_take_the_place_of_the_run_
         assert (run / name).is_file()
 
 
-def test_a_map_without_any_free_start_is_told(run: Path, tmp_path: Path) -> None:
+def test_a_map_needs_a_free_start(run: Path, tmp_path: Path) -> None:
     """Along the quay there is room for the boat, across there is not."""
     quay = "extends: s1\ntask: {initial: [{x_m: 37, y_m: 0, heading_deg: 90}]}\n"
     (tmp_path / "quay.yaml").write_text(quay)
@@ -118,7 +96,7 @@ def test_a_map_without_any_free_start_is_told(run: Path, tmp_path: Path) -> None
         (("--scenario", "nothing"), "unknown_name"),
     ],
 )
-def test_refusals(run: Path, arguments: tuple[object, ...], code: str) -> None:
+def test_errors(run: Path, arguments: tuple[object, ...], code: str) -> None:
     outcome = dockctl("map", "--ckpt", run, *arguments)
     assert outcome.code == 2
     assert outcome.error_code == code

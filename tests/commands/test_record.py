@@ -1,4 +1,4 @@
-"""``dockctl record``: what it leaves is read like a run, and poses are checked."""
+"""``dockctl record``: a recording is read like a run, and poses are checked."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from dockctl.scenarios.base import Pose
 from tests.commands.conftest import dockctl
 
 
-def test_a_recording_transfer_lies_in_the_run_and_is_drawn_like_one(run: Path, tmp_path: Path) -> None:
+def test_a_recording_is_stored_in_the_run_and_plotted_like_a_run(run: Path, tmp_path: Path) -> None:
     outcome = dockctl("record", "--ckpt", run, "--scenario", "s2", "--pose", "20,2,160")
     assert outcome.code == 0, outcome.err
     assert outcome.out.startswith("from 20, 2, 160°: ")
@@ -39,7 +39,7 @@ def test_only_an_earlier_recording_is_replaced(
     for _ in range(2):
         assert dockctl("record", "--ckpt", run, "--out", ".").code == 0
         monkeypatch.chdir(here)  # it is a new folder
-    (here / "mine.txt").write_text("kept")
+    (here / "mine.txt").write_text("mine")
     for folder in (here, run, Path()):
         before = sorted(path.name for path in folder.iterdir())
         outcome = dockctl("record", "--ckpt", run, "--out", folder)

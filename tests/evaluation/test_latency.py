@@ -1,0 +1,40 @@
+"""What is timed is what the environment would observe."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+
+from dockctl.envs.vector import DockingVectorEnv
+from dockctl.evaluation.latency import time_decisions
+
+
+def test_the_timed_observation_is_the_environment_s_own(monkeypatch: pytest.MonkeyPatch) -> None:
+    env = DockingVectorEnv("s1", 1)
+    timed: list[NDArray[np.float32]] = []
+
+    class Ahead:
+        def reset(self, rows: NDArray[np.int64], info: Any) -> None:
+            pass
+
+        def act(self, observation: NDArray[np.float32], info: Any) -> NDArray[np.int64]:
+            timed.append(observation)
+            return np.array([40])
+
+    seen = [env.reset(seed=0, options={"poses": np.array([[20.0, 2.0, np.radians(160)]])})[0]]
+    step = env.step
+
+    def seeing(actions: np.ndarray) -> Any:
+        result = step(actions)
+        seen.append(result[0])
+        return result
+
+    monkeypatch.setattr(env, "step", seeing)
+    time_decisions(env, Ahead(), 10)
+    count = min(len(timed), len(seen)) - 1  # the last step may begin another episode
+    assert count >= 29
+    for one, other in zip(timed[:count], seen[:count], strict=True):
+        assert np.array_equal(one, other)
