@@ -1,8 +1,8 @@
-"""Updates a second of the learner on a graphics processor, against one core of the machine it sits in.
+"""Updates per second of the learner on a GPU, compared with one core of the same machine.
 
-    python benchmarks/gpu.py                      # not part of `make bench`; says so where there is none
+    python benchmarks/gpu.py                      # not part of `make bench`; exits where there is no GPU
 
-An update ends when its loss has come back to the processor, so that nothing is left waiting in a queue.
+An update ends when its loss is back in main memory, so that no work is left in the queue of the GPU.
 """
 
 from __future__ import annotations
@@ -11,13 +11,13 @@ import argparse
 
 import bench  # before numpy
 import torch
-from learner import autograd, ours
+from learner import ours
 
 from dockctl.envs.single import DockingEnv
 
 BATCHES = (256, 512, 1024, 2048, 4096, 8192)
 TRANSITIONS = 200_000
-"""About as many as are learned from in one round."""
+"""Per round, about."""
 
 
 def main() -> None:
@@ -25,15 +25,15 @@ def main() -> None:
     parser.add_argument("--rounds", type=int, default=5)
     arguments = parser.parse_args()
     if not torch.cuda.is_available():
-        raise SystemExit("torch sees no graphics processor here")
+        raise SystemExit("torch finds no GPU")
     torch.set_num_threads(1)
-    env, report = DockingEnv("s3"), bench.Report("gpu", "Learner: updates on a graphics processor")
+    env, report = DockingEnv("s3"), bench.Report("gpu", "Learner: updates on a GPU")
     device, core = torch.cuda.get_device_name(), "one core"
     report.facts = {"gpu": device, "updates_per_second": {}}
     for batch in BATCHES:
         count = TRANSITIONS // batch
-        learners = {device: autograd(env, batch, "cuda"), core: ours(env, batch)}
-        # By the clock on the wall: a graphics processor's time is none of the processor's.
+        learners = {device: ours(env, batch, "cuda"), core: ours(env, batch)}
+        # Wall-clock time: the time of a GPU is not part of the process's CPU time.
         cases = {
             name: bench.Case(lambda learn=learn, count=count: learn(count), count, cores=2)
             for name, learn in learners.items()

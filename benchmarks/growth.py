@@ -3,8 +3,8 @@
     python benchmarks/growth.py
 
 Rays: the four LiDARs have more or fewer firings per revolution. Triangles: each one is divided into four,
-repeatedly, so that the scene is the same. Poses are in the fairway. The comparison is embree for scans, torch
-with modules and autograd for updates. One core.
+repeatedly, so that the scene is the same. Poses are in the fairway. The comparison is embree for scans, and
+Stable-Baselines3 with the same network for updates. One core.
 """
 
 from __future__ import annotations
@@ -18,7 +18,7 @@ from unittest.mock import patch
 import bench  # before numpy
 import numpy as np
 import torch
-from learner import autograd, ours
+from learner import ours, stable_baselines
 from lidar import FAIRWAY, embree_scanner, megabytes, scans
 from numpy.typing import NDArray
 
@@ -63,7 +63,7 @@ def point(lidar: LidarArray, rounds: int, what: str) -> dict[str, Any]:
 def update(env: DockingEnv, batch: int, rounds: int) -> dict[str, Any]:
     """Measure the update of the learner with one batch size."""
     count = max(2, 4096 // batch)
-    made = {"dockctl": ours(env, batch), "peer": autograd(env, batch)}
+    made = {"dockctl": ours(env, batch), "peer": stable_baselines(env, batch, same_network=True)}
     cases = {name: bench.Case(lambda learn=learn: learn(count), count) for name, learn in made.items()}
     times = bench.alternate(cases, rounds, "batches")
     return {"batch": batch, **{name: bench.summary(seconds) for name, seconds in times.items()}}

@@ -16,8 +16,7 @@ import numpy as np
 import torch
 from numpy.typing import NDArray
 
-from dockctl.agents.dqn.network import DuelingQNetwork
-from dockctl.agents.policy import GreedyPolicy
+from dockctl.agents.dqn.network import DuelingQNetwork, GreedyPolicy
 from dockctl.envs.vector import DockingVectorEnv
 from dockctl.evaluation.latency import time_decisions
 from dockctl.sim.lidar import array as lidar_module

@@ -1,8 +1,8 @@
-"""From the command to the first gradient step, with all caches warm and with none.
+"""Seconds from the command to the first gradient step, with warm caches and without caches.
 
     python benchmarks/start.py
 
-The first row of ``updates.csv`` tells of the step; the process is stopped there.
+The process is stopped when the first row of ``updates.csv`` is written.
 """
 
 from __future__ import annotations
@@ -24,9 +24,9 @@ SCENARIOS = ("s3", "marina")
 
 
 def seconds_to_first_update(scenario: str, caches: Path) -> float:
-    """Train until the first gradient step, with these caches of tables and compiled code [s]."""
+    """Return the time until the first gradient step, with these caches of tables and compiled code [s]."""
     training = load(scenario).scenario.training
-    few = training.warmup_steps + 20 * training.steps_per_update  # so few that every update gets a row
+    few = training.warmup_steps + 20 * training.steps_per_update  # few, so that every update has its own row
     environment = {**os.environ, "XDG_CACHE_HOME": str(caches), "NUMBA_CACHE_DIR": str(caches / "numba")}
     with tempfile.TemporaryDirectory() as out:
         steps = ["--set", f"training.total_steps={few}"]

@@ -1,9 +1,9 @@
-"""Scenario 3 from nothing to mastery: wall time and use of the cores, median of three seeds.
+"""Training of scenario 3 until its stop rule holds: wall time and use of the cores, median of three seeds.
 
-    python benchmarks/training.py                 # some minutes a seed; not part of `make bench`
+    python benchmarks/training.py                 # minutes per seed; not part of `make bench`
     python benchmarks/training.py --seeds 0
 
-The runs go to a folder that is removed afterwards.
+The runs are written to a temporary folder.
 """
 
 from __future__ import annotations
@@ -22,7 +22,7 @@ import bench
 
 
 def train(seed: int, out: Path) -> dict[str, float | str]:
-    """Train scenario 3 once, and return what it took."""
+    """Train scenario 3 once, and return its duration and use of resources."""
     begin = time.perf_counter()
     command = [sys.executable, "-m", "dockctl", "train", "s3", "--seed", str(seed), "--out", str(out)]
     process = subprocess.Popen(command, stdout=subprocess.DEVNULL)

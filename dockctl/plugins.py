@@ -249,6 +249,7 @@ BUILTINS = (
     "dockctl.sim.lidar.spinning",
     "dockctl.sim.lidar.planar",
     "dockctl.sim.conditions.current",
+    "dockctl.agents.algorithms",
 )
 """Modules that register the package's own entries; add a line for a new one."""
 

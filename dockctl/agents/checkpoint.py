@@ -1,4 +1,4 @@
-"""Checkpoints: tensors as safetensors, everything else as JSON, no pickle."""
+"""Checkpoints: tensors as safetensors, everything else as JSON, nothing pickled."""
 
 from __future__ import annotations
 
@@ -6,12 +6,13 @@ import hashlib
 import json
 import os
 from collections.abc import Mapping
-from dataclasses import dataclass, fields, replace
+from dataclasses import dataclass, field, fields, replace
 from pathlib import Path
 from typing import Any, Self
 
 import numpy as np
 import torch
+from gymnasium.spaces import Box, Discrete, Space
 from numpy.typing import NDArray
 from pydantic import ValidationError
 from safetensors import SafetensorError
@@ -19,51 +20,92 @@ from safetensors.numpy import load as load_tensors
 from safetensors.numpy import save as save_tensors
 
 import dockctl
-from dockctl.agents.dqn.network import DuelingQNetwork
+from dockctl import plugins
+from dockctl.agents.algorithm import Tensors
+from dockctl.agents.policy import Policy
 from dockctl.errors import DockctlError, nearest
-from dockctl.runs.directory import RunDirectory, shipped
+from dockctl.plugins import ALGORITHMS, UnknownNameError
+from dockctl.runs.directory import BEST, LAST, RunDirectory, shipped
 from dockctl.runs.files import write_atomically
 from dockctl.scenarios.interface import PolicyInterface
 
 FORMAT = 1
 POLICY, LEARNER = "policy", "learner"
-Tensors = Mapping[str, NDArray[Any]]
 
 
 class CheckpointError(DockctlError):
-    """A checkpoint that is missing, damaged, or made for something else."""
+    """A checkpoint that is missing, damaged, or does not fit."""
+
+    code = "not_readable"
 
 
 @dataclass(frozen=True)
 class PolicyCard:
-    """What a policy is and where it comes from.
+    """What a policy is and how it was trained.
 
     Attributes:
-        interface: what it observes and does, wherever it sails; None in a card of an earlier version.
-        sha256: hash of its tensors' file; empty until it is stored.
+        scenario: name of the scenario that it was trained on.
+        observation_size: length of an observation.
+        actions: number of discrete actions, or length of a continuous one.
+        hidden_sizes: ``training.hidden_sizes``.
+        env_steps: environment steps of its training, all boats together.
+        seed: of its training.
+        interface: its observation and actions; None in cards of early versions.
+        algorithm: ``training.algorithm``, which rebuilds the policy.
+        action_bounds: lowest and highest continuous action; None for discrete ones.
+        sha256: hash of the file of its tensors; empty before it is saved.
     """
 
     scenario: str
-    observation_size: int
-    actions: int
-    hidden_sizes: tuple[int, ...]
-    env_steps: int
-    seed: int
+    observation_size: int = 0
+    actions: int = 0
+    hidden_sizes: tuple[int, ...] = ()
+    env_steps: int = 0
+    seed: int = 0
     interface: PolicyInterface | None = None
+    algorithm: Mapping[str, Any] = field(default_factory=lambda: {"kind": "dqn"})
+    action_bounds: tuple[tuple[float, ...], tuple[float, ...]] | None = None
     sha256: str = ""
 
+    @property
+    def observation_space(self) -> Box:
+        return Box(-np.inf, np.inf, (self.observation_size,), np.float32)
+
+    @property
+    def action_space(self) -> Box | Discrete:
+        if self.action_bounds is None:
+            return Discrete(self.actions)
+        low, high = self.action_bounds
+        return Box(np.array(low, np.float32), np.array(high, np.float32), dtype=np.float32)
+
+    def for_spaces(self, observation_space: Space[Any], action_space: Space[Any]) -> Self:
+        """Return the card of a policy for these spaces of one boat.
+
+        Raises:
+            CheckpointError: observations are not vectors, or actions neither numbered nor vectors.
+        """
+        if isinstance(observation_space, Box) and len(observation_space.shape) == 1:
+            size = observation_space.shape[0]
+            if isinstance(action_space, Discrete):
+                return replace(self, observation_size=size, actions=int(action_space.n), action_bounds=None)
+            if isinstance(action_space, Box) and len(action_space.shape) == 1:
+                low, high = (tuple(bound.tolist()) for bound in (action_space.low, action_space.high))
+                return replace(self, observation_size=size, actions=len(low), action_bounds=(low, high))
+        spaces = f"observations {observation_space} and actions {action_space}"
+        raise CheckpointError(f"checkpoints need vectors and numbered or continuous actions, not {spaces}")
+
     def facts(self) -> dict[str, Any]:
-        """The card as plain data, for JSON."""
+        """Return the card as plain data, for JSON."""
         interface = None if self.interface is None else self.interface.model_dump(mode="json")
         own = {field.name: getattr(self, field.name) for field in fields(self)}
         return {**own, "interface": interface}
 
     @classmethod
     def of(cls, facts: Mapping[str, Any]) -> Self:
-        """Read what `facts` gave.
+        """Read the result of `facts`.
 
         Raises:
-            KeyError, TypeError, ValueError: the facts are not those of a policy.
+            KeyError, TypeError, ValueError: these are not the facts of a policy.
         """
         for name in ("observation_size", "actions", "env_steps", "seed"):
             if type(facts[name]) is not int:
@@ -77,11 +119,13 @@ class PolicyCard:
                 place = ".".join(map(str, ("interface", *first["loc"])))
                 raise ValueError(f"{place}: {first['msg']}") from None
         card = cls(**{field.name: facts[field.name] for field in fields(cls) if field.name in facts})
-        return replace(card, hidden_sizes=tuple(card.hidden_sizes), interface=interface)
+        bounds = card.action_bounds and (tuple(card.action_bounds[0]), tuple(card.action_bounds[1]))
+        sizes = tuple(card.hidden_sizes)
+        return replace(card, hidden_sizes=sizes, interface=interface, action_bounds=bounds)
 
 
 def save_pair(folder: Path, name: str, tensors: Tensors, facts: Mapping[str, Any]) -> None:
-    """Write ``<name>.safetensors`` and ``<name>.json``, which holds the facts and the hash of the tensors."""
+    """Write ``<name>.safetensors``, and ``<name>.json`` with the facts and the hash of the tensors."""
     content = save_tensors({key: np.array(value, order="C") for key, value in tensors.items()})
     write_atomically(folder / f"{name}.safetensors", content)
     card = {
@@ -103,7 +147,8 @@ def load_pair(facts_file: Path) -> tuple[dict[str, NDArray[Any]], dict[str, Any]
     for file in (facts_file, tensors_file):
         if not os.path.isfile(file):
             raise CheckpointError(
-                f"{file}: no such file; a checkpoint is a .safetensors and a .json file of one name"
+                f"{file}: no such file; a checkpoint is a .safetensors and a .json file of one name",
+                code="not_found",
             )
     try:
         facts = json.loads(facts_file.read_text(encoding="utf-8"))
@@ -114,7 +159,7 @@ def load_pair(facts_file: Path) -> tuple[dict[str, NDArray[Any]], dict[str, Any]
         raise CheckpointError(f"{facts_file}: not a checkpoint of format {FORMAT}")
     if hashlib.sha256(content).hexdigest() != facts.get("sha256"):
         raise CheckpointError(
-            f"{tensors_file}: damaged or cut short: its hash is not the one in {facts_file.name}"
+            f"{tensors_file}: damaged or incomplete: its hash is not the one in {facts_file.name}"
         )
     try:
         return load_tensors(content), facts
@@ -122,46 +167,77 @@ def load_pair(facts_file: Path) -> tuple[dict[str, NDArray[Any]], dict[str, Any]
         raise CheckpointError(f"{tensors_file}: damaged: {error}") from None
 
 
-def save_policy(folder: Path, network: DuelingQNetwork, card: PolicyCard) -> None:
-    """Write the policy of `network` into `folder`."""
-    tensors = {name: parameter.detach().cpu().numpy() for name, parameter in network.named_parameters()}
+def save_policy(folder: Path, tensors: Tensors, card: PolicyCard) -> None:
+    """Write a policy's tensors and its card into `folder`."""
     save_pair(folder, POLICY, tensors, card.facts())
 
 
-def load_policy(path: str | Path) -> tuple[DuelingQNetwork, PolicyCard]:
+def load_policy(path: str | Path) -> tuple[Policy, PolicyCard]:
     """Load a policy from a run folder, a checkpoint folder or file, or by the name of a shipped checkpoint.
 
     Raises:
         CheckpointError: there is none, or it is damaged.
+        DockctlError: the library that it was trained with is missing.
     """
     file = find_policy(Path(path))
     tensors, facts = load_pair(file)
     try:
         card = PolicyCard.of(facts)
-        network = DuelingQNetwork(card.observation_size, card.actions, card.hidden_sizes)
-        load_parameters(network, tensors)
-    except (KeyError, TypeError, ValueError, RuntimeError) as error:
-        raise CheckpointError(f"{file}: does not describe a policy: {error}") from None
-    return network, card
+        plugins.discover()
+        spec = ALGORITHMS.get(str(card.algorithm["kind"])).value.model_validate(card.algorithm)
+        policy: Policy = spec.load_policy(
+            tensors, card.observation_space, card.action_space, card.hidden_sizes
+        )
+    except (UnknownNameError, KeyError, TypeError, ValueError, RuntimeError) as error:
+        reason = " ".join(str(error).split())
+        raise CheckpointError(f"{file}: does not describe a policy: {reason}") from None
+    return policy, card
 
 
-@torch.no_grad()
-def load_parameters(network: DuelingQNetwork, tensors: Tensors) -> None:
-    """Copy named tensors into the parameters of `network`.
+def numpy_tensors(tensors: Mapping[str, torch.Tensor]) -> dict[str, NDArray[Any]]:
+    """Copy named tensors into arrays."""
+    return {name: tensor.detach().cpu().numpy().copy() for name, tensor in tensors.items()}
+
+
+def load_parameters(network: torch.nn.Module, tensors: Tensors) -> None:
+    """Copy named arrays into the parameters of `network`.
 
     Raises:
-        KeyError, ValueError: a parameter is missing or has another shape.
+        RuntimeError: a parameter is missing, has another shape, or is not one of the network's.
     """
-    for name, parameter in network.named_parameters():
-        if tuple(tensors[name].shape) != tuple(parameter.shape):
-            raise ValueError(f"{name} has shape {tensors[name].shape}, not {tuple(parameter.shape)}")
-        parameter.copy_(torch.from_numpy(tensors[name]))
+    network.load_state_dict({name: torch.from_numpy(array) for name, array in tensors.items()})
+
+
+def optimizer_tensors(optimizer: torch.optim.Optimizer) -> dict[str, NDArray[Any]]:
+    """Return the optimizer's moments as arrays named ``<number of the parameter>.<moment>``."""
+    state = optimizer.state_dict()["state"]
+    named = {f"{i}.{key}": value for i, moments in state.items() for key, value in moments.items()}
+    return numpy_tensors(named)
+
+
+def load_optimizer(optimizer: torch.optim.Optimizer, tensors: Tensors) -> None:
+    """Continue with the moments that `optimizer_tensors` returned."""
+    state: dict[int, dict[str, torch.Tensor]] = {}
+    for name, array in tensors.items():
+        number, key = name.split(".")
+        state.setdefault(int(number), {})[key] = torch.from_numpy(array)
+    optimizer.load_state_dict({**optimizer.state_dict(), "state": state})
+
+
+def prefixed(prefix: str, tensors: Tensors) -> dict[str, NDArray[Any]]:
+    """Return the tensors with `prefix` before each name."""
+    return {prefix + name: array for name, array in tensors.items()}
+
+
+def without_prefix(prefix: str, tensors: Tensors) -> dict[str, NDArray[Any]]:
+    """Return the tensors whose names start with `prefix`, by the rest of their names."""
+    return {name.removeprefix(prefix): array for name, array in tensors.items() if name.startswith(prefix)}
 
 
 def find_policy(path: Path) -> Path:
-    """JSON file of the policy that `path` names: of a run folder the best one, else the last.
+    """Return the JSON file of the policy at `path`; in a run folder that of the best one, else of the last.
 
-    What exists on disk goes before a shipped checkpoint of the same name.
+    Existing files take precedence over a shipped checkpoint of the same name.
 
     Raises:
         CheckpointError: there is none.
@@ -179,26 +255,28 @@ def find_policy(path: Path) -> Path:
                 f"{path}: not a checkpoint: expected a folder, a .safetensors or a .json file"
             )
         return path.with_suffix(".json")
-    for folder in (path, *map(RunDirectory(path).checkpoint, ("best", "last"))):
+    for folder in (path, *map(RunDirectory(path).checkpoint, (BEST, LAST))):
         if any(os.path.isfile(folder / f"{POLICY}.{kind}") for kind in ("json", "safetensors")):
             return folder / f"{POLICY}.json"
     also = f"; the shipped '{path}' is in {names[str(path)]}" if str(path) in names else ""
-    raise CheckpointError(f"{path}: holds no checkpoint; a run has one from its first evaluation on{also}")
+    message = f"{path}: contains no checkpoint; a run has one after its first evaluation{also}"
+    raise CheckpointError(message, code="not_found")
 
 
-def require_shape(
-    card: PolicyCard, observation_size: int, actions: int, *, where: Path, scenario: str
+def require_spaces(
+    card: PolicyCard, observation_space: Space[Any], action_space: Space[Any], *, where: Path, scenario: str
 ) -> None:
-    """Check that a policy fits a scenario.
+    """Check that a policy fits the spaces of one boat of a scenario.
 
     Raises:
-        CheckpointError: it takes other observations or gives other actions.
+        CheckpointError: it takes observations of another length, or gives other actions.
     """
-    for what, has, needs in (
-        ("an observation of", card.observation_size, observation_size),
-        ("actions in the number of", card.actions, actions),
+    for what, trained, given in (
+        ("observations of length", card.observation_size, (observation_space.shape or (0,))[0]),
+        ("actions", card.action_space, action_space),
     ):
-        if has != needs:
+        if trained != given:
             raise CheckpointError(
-                f"{where}: trained on '{card.scenario}' with {what} {has}, but '{scenario}' has {needs}"
+                f"{where}: trained on '{card.scenario}' with {what} {trained}, but '{scenario}' has {given}",
+                code="mismatch",
             )

@@ -1,34 +1,45 @@
-"""How far a training is, and whether it has done what it is for."""
+"""Progress of a training: counters, the stop rule, and the rows of its tables."""
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass, field
+from typing import Any
 
+import numpy as np
+from numpy.typing import NDArray
+
+from dockctl.agents.algorithm import Metrics
+from dockctl.agents.autoreset import Info
 from dockctl.analysis.learning import RECENT
+from dockctl.runs.tables import Value
 from dockctl.scenarios.training import StopRule, Training
 
 REASONS = {
     "mastered": "The task is mastered",
-    "episodes": "The last episode is sailed",
-    "steps": "The last step is made",
+    "episodes": "The episode limit is reached",
+    "steps": "The step limit is reached",
     "interrupted": "Interrupted",
 }
-"""Why a training ends."""
+"""Why a training ended."""
 
 
 @dataclass
 class Progress:
-    """Counters of a training; everything here goes into its last checkpoint.
+    """Counters of a training; they are part of its last checkpoint.
 
     Attributes:
-        env_steps, updates, episodes: how many there were.
-        outcomes: finished training episodes by outcome.
-        recent: whether each of the latest training episodes docked, and whether it began at an initial pose.
-        best: episodes docked and mean return of the best greedy evaluation.
-        evaluated_at: environment steps at the latest greedy evaluation, 0 before the first.
-        evaluation_docked, evaluation_episodes: what that evaluation came to.
-        wall_s: seconds spent training.
-        epsilon, loss, learning_rate: latest values, for display.
+        env_steps: environment steps, all boats together.
+        updates: gradient steps.
+        episodes: finished training episodes.
+        outcomes: finished training episodes by outcome; environments that report none leave it empty.
+        recent: of each of the latest training episodes, whether it docked and whether it started at an
+            initial pose.
+        best: docked episodes and mean return of the best validation.
+        evaluated_at: environment steps at the latest validation, 0 before the first.
+        evaluation_docked, evaluation_episodes: result of that validation.
+        wall_s: seconds of training.
+        epsilon, loss: latest values, for display.
     """
 
     env_steps: int = 0
@@ -41,26 +52,26 @@ class Progress:
     evaluation_docked: int = 0
     evaluation_episodes: int = 0
     wall_s: float = 0.0
-    epsilon: float = 1.0
+    epsilon: float | None = None
     loss: float | None = None
-    learning_rate: float | None = None
 
-    def count_episode(self, outcome: str, from_initial_pose: bool, keep: int) -> None:
-        """Count a finished training episode; `keep` is how many of the latest are remembered."""
+    def count_episode(self, outcome: str, from_initial_pose: bool, window: int) -> None:
+        """Count a finished training episode, and keep the latest `window` for the stop rule."""
         self.episodes += 1
-        self.outcomes[outcome] = self.outcomes.get(outcome, 0) + 1
-        self.recent = [*self.recent[-(keep - 1) :], [outcome == "docked", from_initial_pose]][-keep:]
+        if outcome:
+            self.outcomes[outcome] = self.outcomes.get(outcome, 0) + 1
+        self.recent = [*self.recent, [outcome == "docked", from_initial_pose]][-window:]
 
     @property
     def recent_docked(self) -> int:
-        """Docked among the last 100 training episodes."""
+        """Number of docked episodes among the last `RECENT` training episodes."""
         return sum(docked for docked, _ in self.recent[-RECENT:])
 
     def mastered(self, rule: StopRule) -> bool:
-        """Whether the stop rule holds.
+        """Return whether the stop rule holds.
 
-        Enough of the last episodes docked, exploring ones and those from the initial poses taken apart as
-        well as together, and the greedy policy docked from every evaluation pose when last asked.
+        Enough of the last episodes docked, both of all of them and of those from the initial poses, and the
+        greedy policy docked from every start of the latest validation.
         """
         recent = self.recent[-rule.episodes :]
         own = [docked for docked, from_initial_pose in recent if from_initial_pose]
@@ -72,7 +83,7 @@ class Progress:
         )
 
     def reason_to_stop(self, training: Training) -> str | None:
-        """Why the training is over, a key of `REASONS`, or None while it is not."""
+        """Return why the training is over, a key of `REASONS`, or None while it is not."""
         if training.stop is not None and self.mastered(training.stop):
             return "mastered"
         if training.max_episodes is not None and self.episodes >= training.max_episodes:
@@ -80,3 +91,65 @@ class Progress:
         if self.env_steps >= training.total_steps:
             return "steps"
         return None
+
+
+class EpisodeRecorder:
+    """Sums the rewards and counts the steps of every boat until its episode ends."""
+
+    def __init__(self, boats: int) -> None:
+        self._boats = boats
+        self._steps = np.zeros(boats, np.int64)
+        self._return = np.zeros(boats)
+        self._terms: dict[str, NDArray[np.float64]] = {}
+
+    def add(self, reward: NDArray[Any], info: Info, done: NDArray[np.bool_]) -> list[dict[str, Value]]:
+        """Add one step of all boats, and return a row for each episode that ended.
+
+        Args:
+            reward: (n,).
+            info: after the step and before any reset; keys that the environment lacks give empty cells.
+            done: (n,).
+        """
+        self._steps += 1
+        self._return += reward
+        for name, value in info.get("reward_terms", {}).items():
+            if not name.startswith("_"):
+                self._terms.setdefault(name, np.zeros(self._boats))[:] += value
+        rows = [self._row(int(boat), info) for boat in np.flatnonzero(done)]
+        for sums in (self._steps, self._return, *self._terms.values()):
+            sums[done] = 0
+        return rows
+
+    def _row(self, boat: int, info: Info) -> dict[str, Value]:
+        row: dict[str, Value] = {
+            "boat": boat,
+            "return": float(self._return[boat]),
+            "steps": int(self._steps[boat]),
+        }
+        for name in ("start_kind", "outcome", "collided_with"):
+            row[name] = str(info[name][boat] or "") if name in info else ""
+        for name, number in (("start_index", int), ("phase", int), ("distance_m", float)):
+            if name in info:
+                row[name] = number(info[name][boat])
+        if "heading_error_rad" in info:
+            row["heading_error_deg"] = math.degrees(info["heading_error_rad"][boat])
+        if "velocity" in info:
+            row["speed_mps"] = math.hypot(*info["velocity"][boat][:2])
+        return row | {f"reward_{name}": float(total[boat]) for name, total in self._terms.items()}
+
+
+class UpdateRecorder:
+    """Averages the metrics of `stride` calls of `add` into a row."""
+
+    def __init__(self, stride: int) -> None:
+        self._stride = stride
+        self._metrics: list[Metrics] = []
+
+    def add(self, metrics: Metrics) -> dict[str, Value] | None:
+        """Add metrics, and return the means since the last row when a row is due."""
+        self._metrics.append(metrics)
+        if len(self._metrics) < self._stride:
+            return None
+        means = {name: float(np.mean([m[name] for m in self._metrics if name in m])) for name in metrics}
+        self._metrics.clear()
+        return dict(means)

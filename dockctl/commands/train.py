@@ -1,4 +1,4 @@
-"""``dockctl train``: teach a boat to dock."""
+"""``dockctl train``: train a policy."""
 
 from __future__ import annotations
 
@@ -17,48 +17,46 @@ def train(
     scenario: Annotated[
         str | None, typer.Argument(help=f"Scenario file or name; {DEFAULT_SCENARIO} if none is given.")
     ] = None,
-    seed: Annotated[int | None, typer.Option(min=0, help="Seed of everything random.")] = None,
+    seed: Annotated[int | None, typer.Option(min=0, help="Random seed.")] = None,
     out: Annotated[
         Path | None,
         typer.Option(help="Folder that gets <scenario>/<time>-seed<N>/.", show_default=str(RUNS)),
     ] = None,
     resume: Annotated[
         Path | None,
-        typer.Option(help="Run folder to take up where it was interrupted, or to extend by --steps."),
+        typer.Option(help="Run folder to continue after an interruption, or to extend to --steps."),
     ] = None,
     set_: Annotated[
         list[str] | None, typer.Option("--set", metavar="KEY=VALUE", help="Override a value of the scenario.")
     ] = None,
     steps: Annotated[
-        int | None, typer.Option(min=1, help="Environment steps at most, all boats together.")
+        int | None, typer.Option(min=1, help="Limit of environment steps, all boats together.")
     ] = None,
-    device: Annotated[str, typer.Option(help="Of the network: cpu, cuda, ...")] = "cpu",
+    device: Annotated[str, typer.Option(help="Torch device of the networks: cpu, cuda, ...")] = "cpu",
     plugin: Annotated[
-        list[Path] | None, typer.Option(help="Local .py file with reward terms or parts.")
+        list[Path] | None, typer.Option(help="Local .py file with registered extensions.")
     ] = None,
 ) -> None:
-    """Train a policy; the run folder gets its checkpoints, tables and trajectories.
+    """Train a policy, and write checkpoints, tables and trajectories to a run folder.
 
     Example: dockctl train scenarios/s3.yaml --seed 1 --set training.boats=8
     """
-    from dockctl.agents.device import device_named
-    from dockctl.experiments import training
+    from dockctl import experiments
 
-    device_named(device)
     if resume is None:
-        overrides = [*(set_ or ())]
-        overrides += [] if seed is None else [f"training.seed={seed}"]
-        overrides += [] if steps is None else [f"training.total_steps={steps}"]
-        source = DEFAULT_SCENARIO if scenario is None else scenario
-        ready = training.begin(source, overrides, plugin or [], RUNS if out is None else out)
+        run = experiments.train(
+            DEFAULT_SCENARIO if scenario is None else scenario,
+            seed=seed,
+            steps=steps,
+            overrides=set_ or (),
+            plugin_files=plugin or (),
+            out=RUNS if out is None else out,
+            device=device,
+        )
     else:
         given = {"SCENARIO": scenario, "--seed": seed, "--out": out, "--set": set_, "--plugin": plugin}
         if refused := [name for name, value in given.items() if value not in (None, [])]:
-            raise DockctlError(
-                f"{', '.join(refused)}: a run that is taken up keeps its own; leave it out with --resume"
-            )
-        ready = training.take_up(resume, steps)
-    with ready as session:
-        ending = training.carry_out(session, device)
-    if ending == "interrupted":
+            raise DockctlError(f"--resume continues the run with its own settings: omit {', '.join(refused)}")
+        run = experiments.resume(resume, steps=steps, device=device)
+    if run.reason == "interrupted":
         raise typer.Exit(INTERRUPTED)

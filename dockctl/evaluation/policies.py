@@ -29,9 +29,9 @@ from numpy.typing import NDArray
 
 from dockctl import plugins
 from dockctl.agents import checkpoint
-from dockctl.agents.checkpoint import PolicyCard, require_shape
-from dockctl.agents.dqn.network import DuelingQNetwork
-from dockctl.agents.policy import GreedyPolicy, Info, Policy
+from dockctl.agents.checkpoint import PolicyCard, require_spaces
+from dockctl.agents.dqn.network import DuelingQNetwork, GreedyPolicy
+from dockctl.agents.policy import Info, Policy
 from dockctl.envs.vector import DockingVectorEnv
 from dockctl.errors import DockctlError, nearest
 from dockctl.evaluation.libraries import PolicyError, onnx_policy, sb3_policy
@@ -108,19 +108,14 @@ class CheckpointPolicy(LoadedPolicy):
     """
 
     file: Path
-    network: DuelingQNetwork
+    policy: Policy
     card: PolicyCard
     own_scenario: str
 
     def make(self, env: DockingVectorEnv) -> Policy:
-        require_shape(
-            self.card,
-            len(env.observation_names),
-            flatdim(env.single_action_space),
-            where=self.file,
-            scenario=env.scenario.name,
-        )
-        return GreedyPolicy(self.network)
+        spaces = env.single_observation_space, env.single_action_space
+        require_spaces(self.card, *spaces, where=self.file, scenario=env.scenario.name)
+        return self.policy
 
     def facts(self) -> dict[str, Any]:
         return {"file": str(self.file), **self.card.facts()}
@@ -279,13 +274,13 @@ def load_checkpoint(path: Path | None = None) -> CheckpointPolicy:
     places = [file.parent, *([run.path] if run else [])]
     scenarios = [str(place / SCENARIO) for place in places if (place / SCENARIO).is_file()]
     try:
-        network, card = checkpoint.load_policy(path)
+        policy, card = checkpoint.load_policy(path)
     except checkpoint.CheckpointError:
         if not scenarios:
             raise
         with suppress(DockctlError):
-            load(scenarios[0])  # its local plugins may register the action type on the card
-        network, card = checkpoint.load_policy(path)
+            load(scenarios[0])  # its local plugins may register what the card names
+        policy, card = checkpoint.load_policy(path)
     return CheckpointPolicy(
         name=f"{card.scenario} seed {card.seed}" if path.exists() else str(path),
         long_name=path.resolve().name,
@@ -294,7 +289,7 @@ def load_checkpoint(path: Path | None = None) -> CheckpointPolicy:
         own_scenario=scenarios[0] if scenarios else card.scenario,
         run=run,
         file=file,
-        network=network,
+        policy=policy,
         card=card,
     )
 

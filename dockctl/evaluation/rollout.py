@@ -11,7 +11,7 @@ import numpy as np
 from gymnasium.vector import VectorEnv
 from numpy.typing import NDArray
 
-from dockctl.agents.autoreset import Info, settled_info
+from dockctl.agents.autoreset import Info, final_info
 from dockctl.agents.policy import Policy
 from dockctl.envs.vector import DockingVectorEnv
 from dockctl.runs.tables import TRAJECTORIES, Value, all_columns, to_csv
@@ -170,7 +170,7 @@ def play(
     while len(episodes) < len(starts):
         observation, reward, terminated, truncated, info = env.step(policy.act(observation, info))
         done = terminated | truncated
-        last = {key: np.array(value) for key, value in settled_info(info, done).items() if key in READ}
+        last = {key: np.array(value) for key, value in final_info(info, done).items() if key in READ}
         for boat in boats:
             recorders[boat].add(last, boat, float(reward[boat]))
         for boat in np.flatnonzero(done).tolist():

@@ -12,7 +12,7 @@ import numpy as np
 import pandas as pd
 from rich.console import Console
 
-from dockctl.agents.checkpoint import save_policy
+from dockctl.agents.checkpoint import load_pair, save_policy
 from dockctl.analysis.episodes import ending
 from dockctl.console import say
 from dockctl.errors import DockctlError
@@ -146,7 +146,7 @@ def write_checkpoint(
     scenario, card = loaded.scenario, best.policy.card
     card = replace(card, interface=card.interface or PolicyInterface.of(scenario))
     with new_folder(folder.resolve()) as new:
-        save_policy(new, best.policy.network, card)
+        save_policy(new, load_pair(best.policy.file)[0], card)
         checkpoint = RunDirectory(new)
         plugins = checkpoint.copy_files(PLUGINS, loaded.plugin_files)
         meshes = checkpoint.copy_files(MESHES, mesh_files(scenario))

@@ -1,4 +1,4 @@
-"""Long commands leave cleanly: Ctrl-C, and being told to end, ask them to save and go."""
+"""Ctrl-C and termination ask long commands to save and stop."""
 
 from __future__ import annotations
 
@@ -8,15 +8,15 @@ from contextlib import contextmanager
 from typing import Any
 
 INTERRUPTED = 130
-"""Exit status of a command that was left so."""
+"""Exit status of an interrupted command."""
 
 
 @contextmanager
-def on_interrupt(leave: Callable[[], None]) -> Iterator[None]:
-    """Call `leave` whenever Ctrl-C is pressed or the process is told to end."""
+def on_interrupt(stop: Callable[[], None]) -> Iterator[None]:
+    """Call `stop` on Ctrl-C and on SIGTERM."""
 
     def handle(signum: int, frame: Any) -> None:
-        leave()
+        stop()
 
     previous = [(number, signal.signal(number, handle)) for number in (signal.SIGINT, signal.SIGTERM)]
     try:
@@ -24,3 +24,18 @@ def on_interrupt(leave: Callable[[], None]) -> Iterator[None]:
     finally:
         for number, handler in previous:
             signal.signal(number, handler)
+
+
+@contextmanager
+def interruptible() -> Iterator[Callable[[], bool]]:
+    """Give a function that returns whether Ctrl-C was pressed; a second Ctrl-C stops at once."""
+    pressed = False
+
+    def stop() -> None:
+        nonlocal pressed
+        if pressed:
+            raise KeyboardInterrupt
+        pressed = True
+
+    with on_interrupt(stop):
+        yield lambda: pressed

@@ -1,4 +1,4 @@
-"""How a training is shown: live in a terminal, plain lines elsewhere."""
+"""Progress of a training: a live panel in a terminal, plain lines otherwise."""
 
 from __future__ import annotations
 
@@ -22,16 +22,16 @@ if TYPE_CHECKING:
 
 LIVE_SECONDS, PLAIN_SECONDS = 0.25, 8.0
 WINDOW_SECONDS = 15.0
-"""Over how long the speed is measured."""
+"""Window of the speed measurement."""
 
 
 class TrainingDisplay:
     """Shows the progress of a training; call it after every step.
 
     Args:
-        training: how far it may go.
+        training: its limits.
         title: of the panel.
-        console: a terminal gets a live panel, anything else plain lines.
+        console: a terminal shows a live panel, anything else plain lines.
     """
 
     def __init__(self, training: Training, title: str, console: Console) -> None:
@@ -65,83 +65,62 @@ class TrainingDisplay:
         if self._live:
             self._live.update(self._panel(progress), refresh=True)
         elif len(self._marks) > 1:
-            say(self._console, self._line(progress))
+            say(self._console, " | ".join(self._facts(progress).values()))
 
     def show_evaluation(self, progress: Progress) -> None:
-        """Print the latest greedy evaluation, unless it was printed before."""
+        """Print the latest validation, unless it was printed before."""
         if progress.evaluated_at > self._evaluated_at:
             self._evaluated_at = progress.evaluated_at
-            say(self._console, evaluation_line(progress))
+            result = f"{progress.evaluation_docked} of {progress.evaluation_episodes}"
+            line = (
+                f"{progress.evaluated_at:>9,} steps: the greedy policy docked {result}; best {best(progress)}"
+            )
+            say(self._console, line)
 
-    @property
-    def steps_per_second(self) -> float | None:
-        (began, first), (now, last) = self._marks[0], self._marks[-1]
-        return (last - first) / (now - began) if now > began else None
-
-    def _time_left(self, progress: Progress) -> str:
-        speed = self.steps_per_second
-        return clock((self._training.total_steps - progress.env_steps) / speed) if speed else "-"
-
-    def _line(self, progress: Progress) -> str:
-        return (
-            f"{progress.env_steps:>9,} of {self._training.total_steps:,} steps"
-            f" | {self.steps_per_second or 0:,.0f} steps/s | at most {self._time_left(progress)} left"
-            f" | docked {progress.recent_docked} of the last {min(RECENT, progress.episodes)}"
-            f" | {outcomes(progress)} | epsilon {progress.epsilon:.3f}"
-            f" | loss {_number(progress.loss)} | best {best(progress)}"
-        )
+    def _facts(self, progress: Progress) -> dict[str, str]:
+        """Return the facts to show, by name."""
+        (start, first), (now, last) = self._marks[0], self._marks[-1]
+        speed = (last - first) / (now - start) if now > start else 0.0
+        total = self._training.total_steps
+        left = clock((total - progress.env_steps) / speed) if speed else "-"
+        outcomes = ", ".join(f"{count:,} {kind}" for kind, count in sorted(progress.outcomes.items()))
+        facts = {
+            "steps": f"{progress.env_steps:,} of {total:,} steps",
+            "speed": f"{speed:,.0f} steps/s",
+            "time": f"{clock(progress.wall_s)}, at most {left} left",
+            "docked": f"{progress.recent_docked} of the last {min(RECENT, progress.episodes)} docked",
+            "episodes": f"{progress.episodes:,} episodes" + (f": {outcomes}" if outcomes else ""),
+        }
+        if progress.epsilon is not None:
+            facts["epsilon"] = f"epsilon {progress.epsilon:.3f}"
+        if progress.loss is not None:
+            facts["loss"] = f"loss {progress.loss:.4g} after {progress.updates:,} updates"
+        return {**facts, "best": f"best {best(progress)}"}
 
     def _panel(self, progress: Progress) -> Panel:
-        total = self._training.total_steps
-        facts = Table.grid(padding=(0, 2))
-        facts.add_column(style="dim")
-        facts.add_column()
-        facts.add_row("steps", ProgressBar(total=total, completed=progress.env_steps, width=40))
-        speed = self.steps_per_second
-        facts.add_row("", f"{progress.env_steps:,} of {total:,}, {f'{speed:,.0f}' if speed else '-'} steps/s")
-        facts.add_row("time", f"{clock(progress.wall_s)}, at most {self._time_left(progress)} left")
-        docked, of = progress.recent_docked, min(RECENT, progress.episodes)
-        color = "green" if of and docked >= 0.95 * of else "yellow" if docked else "white"
-        facts.add_row("docked", f"[bold {color}]{docked}[/] of the last {of} episodes")
-        facts.add_row("episodes", f"{progress.episodes:,}: {outcomes(progress)}")
-        facts.add_row("epsilon", f"{progress.epsilon:.3f}")
-        facts.add_row("loss", f"{_number(progress.loss)} after {progress.updates:,} updates")
-        facts.add_row("best", best(progress))
-        return Panel(
-            facts, title=self._title, subtitle="Ctrl-C saves and leaves", expand=False, padding=(1, 2)
+        table = Table.grid(padding=(0, 2))
+        table.add_column(style="dim")
+        table.add_column()
+        table.add_row(
+            "", ProgressBar(total=self._training.total_steps, completed=progress.env_steps, width=40)
         )
-
-
-def evaluation_line(progress: Progress) -> str:
-    """What the latest greedy evaluation came to."""
-    return (
-        f"{progress.evaluated_at:>9,} steps: the greedy policy docked {progress.evaluation_docked} of "
-        f"{progress.evaluation_episodes}; best {best(progress)}"
-    )
+        for name, text in self._facts(progress).items():
+            table.add_row(name, text.removeprefix(f"{name} "))
+        return Panel(
+            table, title=self._title, subtitle="Ctrl-C saves and stops", expand=False, padding=(1, 2)
+        )
 
 
 def best(progress: Progress) -> str:
-    """The best greedy evaluation so far."""
+    """Return the best validation so far, in words."""
     if progress.best is None:
         return "none yet"
     docked, mean_return = progress.best
     return f"{docked:.0f} of {progress.evaluation_episodes} docked, return {mean_return:,.0f}"
 
 
-def outcomes(progress: Progress) -> str:
-    """How the training episodes ended."""
-    return (
-        ", ".join(f"{count:,} {kind}" for kind, count in sorted(progress.outcomes.items()))
-        or "no episode yet"
-    )
-
-
 def clock(seconds: float) -> str:
-    """``m:ss``, or ``h:mm:ss``."""
+    """Return ``m:ss``, or ``h:mm:ss``."""
     minutes, rest = divmod(round(seconds), 60)
     hours, minutes = divmod(minutes, 60)
     return f"{hours}:{minutes:02d}:{rest:02d}" if hours else f"{minutes}:{rest:02d}"
-
-
-def _number(value: float | None) -> str:
-    return "-" if value is None else f"{value:.4g}"

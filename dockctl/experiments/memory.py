@@ -1,16 +1,15 @@
-"""How much memory a training will take at its peak, and whether the machine has it."""
+"""Peak memory of a training, estimated before it starts and compared with what is available."""
 
 from __future__ import annotations
 
-import os
-import resource
-import sys
 from collections.abc import Iterator, Sequence
+from contextlib import suppress
 from dataclasses import dataclass
 from itertools import pairwise
 from pathlib import Path
 from typing import NamedTuple
 
+import psutil
 from gymnasium.spaces import flatdim
 
 from dockctl.agents.dqn.replay import Replay
@@ -20,15 +19,15 @@ from dockctl.scenarios.schema import Scenario
 from dockctl.sim.world import World
 
 # Measured on the reference marina with full LiDARs.
-BOAT_BYTES = 20_000  # of state, observations, info and episode's sums, for each boat
-WORKING_BYTES = 80_000_000  # compiled kernels, threads' stacks, and what an evaluation and the tables hold
-COPIES_IN_SAVING = 3  # of all that a checkpoint holds: in rows, as bytes, and as the file's content
+BOAT_BYTES = 20_000  # state, observation, info and reward sums, per boat
+WORKING_BYTES = 80_000_000  # compiled kernels, thread stacks, buffers of evaluations and tables
+COPIES_IN_SAVING = 3  # of the tensors of a checkpoint: arrays, serialized, and the content of the file
 
 GB = 1e9
 
 
 class Part(NamedTuple):
-    """One use of memory: what for, [bytes], and the field of the scenario that decides on it."""
+    """One use of memory: its name, size [bytes], and the field of the scenario that decides it."""
 
     name: str
     size: int
@@ -37,37 +36,40 @@ class Part(NamedTuple):
 
 @dataclass(frozen=True)
 class Estimate:
-    """Peak memory of a training [bytes]: what the process holds already, and the parts to come."""
+    """Peak memory of a training [bytes]: resident size of the process now, and the parts to be allocated."""
 
-    held: int
+    resident: int
     parts: tuple[Part, ...]
 
     @property
-    def to_come(self) -> int:
+    def needed(self) -> int:
         return sum(part.size for part in self.parts)
 
     @property
     def peak(self) -> int:
-        return self.held + self.to_come
+        return self.resident + self.needed
 
     def __str__(self) -> str:
-        """In a line, for example ``0.9 GB at its peak (libraries and harbor 0.47, ...)``."""
-        shares = [("libraries and harbor", self.held), *((part.name, part.size) for part in self.parts)]
+        """Return one line, for example ``0.9 GB at its peak (libraries and harbor 0.47, ...)``."""
+        shares = [("libraries and harbor", self.resident), *((part.name, part.size) for part in self.parts)]
         listed = ", ".join(f"{name} {size / GB:,.2f}" for name, size in shares if size >= 0.01 * GB)
         return f"{self.peak / GB:,.1f} GB at its peak ({listed})"
 
 
 def estimate(scenario: Scenario, worlds: Sequence[World]) -> Estimate:
-    """Estimate the peak memory of training in worlds that are built, before their LiDARs' tables are."""
+    """Estimate the peak memory of a training with dqn; other algorithms need about as much.
+
+    Args:
+        worlds: built, with range sensors whose tables are not.
+    """
     training = scenario.training
     size = len(ObservationEncoder(scenario.observation, scenario.sensors.lidar.sectors).names)
     actions = flatdim(scenario.actions.space(scenario.vessel))
     parameters, outputs = network_size(size, actions, training.hidden_sizes)
     replay = Replay.bytes_needed(min(training.replay_capacity, training.total_steps), size)
-    # Online, target, two moments, and the gradient, for which torch has room of its own, too; the first four
-    # are saved.
+    # Online and target network, gradient, two moments, and the optimizer's temporaries; four are saved.
     networks = 4 * (6 + 4 * COPIES_IN_SAVING) * parameters
-    # Outputs of two observations, of the target and slopes, and about as much for what is on the way.
+    # Outputs of both networks for two observations, their gradients, and temporaries.
     batches = 4 * 6 * training.batch_size * (outputs + size)
     boats = training.boats * (BOAT_BYTES + 4 * training.n_step * size)
     parts = (
@@ -79,11 +81,11 @@ def estimate(scenario: Scenario, worlds: Sequence[World]) -> Estimate:
         Part("boats", boats, "training.boats"),
         Part("work", WORKING_BYTES, ""),
     )
-    return Estimate(held_bytes(), parts)
+    return Estimate(psutil.Process().memory_info().rss, parts)
 
 
 def network_size(observation_size: int, actions: int, hidden_sizes: Sequence[int]) -> tuple[int, int]:
-    """Number of parameters of the dueling network, and of outputs of its layers."""
+    """Return the numbers of parameters and of layer outputs of the dueling network."""
     width = hidden_sizes[-1]
     layers = [*pairwise((observation_size, *hidden_sizes))]
     layers += [(width, width), (width, 1), (width, actions), (actions, actions)]
@@ -91,52 +93,37 @@ def network_size(observation_size: int, actions: int, hidden_sizes: Sequence[int
 
 
 def require_memory(scenario: Scenario, worlds: Sequence[World]) -> Estimate:
-    """Estimate what a training takes, and check that it fits into the memory that is available.
+    """Estimate the memory of a training, and check that it is available.
 
     Raises:
-        DockctlError: it does not fit.
+        DockctlError: it is not; the message names the field that needs most.
     """
-    needed, available = estimate(scenario, worlds), available_bytes()
-    if needed.to_come > available:
-        largest = max(needed.parts, key=lambda part: part.size)
+    estimated, available = estimate(scenario, worlds), available_bytes()
+    if estimated.needed > available:
+        largest = max(estimated.parts, key=lambda part: part.size)
         raise DockctlError(
-            f"{largest.field}: this training takes {needed}; {needed.to_come / GB:,.1f} GB of that are still"
-            f" to come, and {available / GB:,.1f} GB are available here",
+            f"{largest.field}: this training needs {estimated}; {estimated.needed / GB:,.1f} GB of that are"
+            f" still to be allocated, and {available / GB:,.1f} GB are available",
             code="unavailable",
         )
-    return needed
-
-
-def held_bytes() -> int:
-    """Memory that this process holds [bytes]: at present where the system tells, else at its peak so far."""
-    try:
-        pages = int(Path("/proc/self/statm").read_text().split()[1])
-    except (OSError, IndexError, ValueError):
-        peak = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
-        return peak if sys.platform == "darwin" else 1024 * peak
-    return pages * resource.getpagesize()
+    return estimated
 
 
 def available_bytes(root: Path = Path("/")) -> int:
-    """Memory that this process can still take [bytes]: of the machine, and of its control groups if limited.
+    """Return the memory that this process can still allocate [bytes].
 
     Args:
-        root: of the file system that holds proc and sys.
+        root: of the file system with the control groups' files.
     """
-    return min([_machine_bytes(root), *_group_bytes(root)])
-
-
-def _machine_bytes(root: Path) -> int:
-    try:
-        lines = (root / "proc/meminfo").read_text().splitlines()
-    except OSError:  # not Linux: all that there is
-        return os.sysconf("SC_PHYS_PAGES") * os.sysconf("SC_PAGE_SIZE")
-    (free,) = [int(line.split()[1]) for line in lines if line.startswith("MemAvailable:")]
-    return 1024 * free
+    machine: int = psutil.virtual_memory().available
+    return min([machine, *_group_bytes(root)])
 
 
 def _group_bytes(root: Path) -> Iterator[int]:
-    """What each control group of this process has left, version 1 or 2, itself and those around it."""
+    """Return what each control group of this process has left, version 1 or 2, with its parents.
+
+    psutil reports the machine's memory; in a container or a batch job the limit of the group is what counts.
+    """
     try:
         lines = (root / "proc/self/cgroup").read_text().splitlines()
     except OSError:
@@ -146,24 +133,13 @@ def _group_bytes(root: Path) -> Iterator[int]:
         if not controllers:
             top, limit, usage = root / "sys/fs/cgroup", "memory.max", "memory.current"
         elif "memory" in controllers.split(","):
-            top, limit, usage = (
-                root / "sys/fs/cgroup/memory",
-                "memory.limit_in_bytes",
-                "memory.usage_in_bytes",
-            )
+            top = root / "sys/fs/cgroup/memory"
+            limit, usage = "memory.limit_in_bytes", "memory.usage_in_bytes"
         else:
             continue
         inner = top / group.lstrip("/")
         for folder in (inner, *(parent for parent in inner.parents if parent.is_relative_to(top))):
-            yield from _left(folder / limit, folder / usage, folder / "memory.stat")
-
-
-def _left(limit: Path, usage: Path, statistics: Path) -> Iterator[int]:
-    """What a group may still take; files that it has cached make room when it is needed."""
-    try:
-        most, used = int(limit.read_text()), int(usage.read_text())
-        lines = [line.split() for line in statistics.read_text().splitlines()]
-        cached = sum(int(line[1]) for line in lines if line[0] == "inactive_file")
-    except (OSError, ValueError):  # no such file, or "max": no limit
-        return
-    yield most - used + cached
+            with suppress(OSError, ValueError):  # no such file, or "max": no limit
+                statistics = dict(line.split() for line in (folder / "memory.stat").read_text().splitlines())
+                cache = int(statistics["inactive_file"])  # is freed when memory is needed
+                yield int((folder / limit).read_text()) - int((folder / usage).read_text()) + cache

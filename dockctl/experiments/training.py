@@ -1,30 +1,44 @@
-"""A training from the scenario to the run folder: begin or take up, carry out, tell."""
+"""Training a scenario into a run folder: start, resume, run."""
 
 from __future__ import annotations
 
 import sys
-from collections.abc import Callable, Iterator, Sequence
-from contextlib import contextmanager
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
+from gymnasium.vector import VectorEnv
 from rich.console import Console
 
-from dockctl.agents.checkpoint import LEARNER, load_pair, load_policy
-from dockctl.agents.policy import GreedyPolicy
+from dockctl.agents.algorithm import Algorithm, torch_device
+from dockctl.agents.algorithms import AlgorithmError, AlgorithmSpec
+from dockctl.agents.checkpoint import LEARNER, POLICY, PolicyCard, load_pair, load_policy
+from dockctl.agents.policy import Policy
 from dockctl.agents.progress import REASONS, Progress
-from dockctl.agents.trainer import Trainer
+from dockctl.agents.trainer import Trainer, Validation
 from dockctl.analysis.learning import RECENT
 from dockctl.console import say
 from dockctl.envs.vector import DockingVectorEnv
-from dockctl.errors import DockctlError
-from dockctl.evaluation.rollout import Rollout, trajectories_csv
+from dockctl.errors import DockctlError, InputError
+from dockctl.evaluation.rollout import Rollout, score, trajectories_csv
 from dockctl.evaluation.starts import trajectory_starts, validation_starts
-from dockctl.experiments.interrupt import on_interrupt
+from dockctl.experiments.interrupt import interruptible
 from dockctl.experiments.live import TrainingDisplay, best, clock
 from dockctl.experiments.memory import Estimate, require_memory
 from dockctl.runs import provenance
-from dockctl.runs.directory import PROVENANCE, SCENARIO, RunDirectory, require_writable
+from dockctl.runs.directory import (
+    BEST,
+    LAST,
+    MESHES,
+    PLUGINS,
+    PROVENANCE,
+    SCENARIO,
+    SCENE,
+    TRAJECTORIES_CSV,
+    RunDirectory,
+    require_writable,
+)
 from dockctl.runs.lock import exclusive_lock
 from dockctl.scenarios.content import mesh_files, with_paths
 from dockctl.scenarios.interface import PolicyInterface
@@ -35,98 +49,170 @@ from dockctl.sim.world import World, build_worlds
 
 
 @dataclass(frozen=True, eq=False)
-class Session:
-    """A training that is ready to start, in a run folder that no other process works in."""
+class TrainedRun:
+    """A training that ended or was interrupted.
+
+    Attributes:
+        path: the run folder, which the other functions and commands take.
+        reason: why it ended, a key of `REASONS`.
+        progress: its counters.
+    """
+
+    path: Path
+    reason: str
+    progress: Progress
+
+
+def train(
+    scenario: str | Path,
+    *,
+    seed: int | None = None,
+    steps: int | None = None,
+    overrides: Sequence[str] = (),
+    plugin_files: Sequence[Path] = (),
+    out: Path = Path("runs"),
+    device: str = "cpu",
+    console: Console | None = None,
+) -> TrainedRun:
+    """Train a policy into a new run folder.
+
+    Args:
+        scenario: name or file of the scenario.
+        seed: ``training.seed``.
+        steps: ``training.total_steps``.
+        overrides: values of the scenario to change, ``key=value``.
+        plugin_files: local ``.py`` files to load.
+        out: parent of ``<scenario>/<time>-seed<N>/``.
+        device: torch device of the networks.
+        console: shows the progress; standard output by default.
+
+    Raises:
+        DockctlError: the scenario is invalid, `out` is not writable, or device or memory are not available;
+            nothing has been written then.
+    """
+    torch_device(device)
+    changes = {"training.seed": seed, "training.total_steps": steps}
+    given = [f"{key}={value}" for key, value in changes.items() if value is not None]
+    loaded = load_checked(scenario, overrides=[*overrides, *given], plugin_files=plugin_files)
+    require_writable(out)
+    session = _prepare(loaded, device)
+    run = RunDirectory.create(out, loaded.scenario.name, loaded.scenario.training.seed)
+    with exclusive_lock(run.path):
+        facts = provenance.collect(loaded.scenario.training.seed, sys.argv)
+        facts["plugins"] = run.copy_files(PLUGINS, loaded.plugin_files)
+        facts["meshes"] = run.copy_files(MESHES, mesh_files(loaded.scenario))
+        run.write_text(SCENARIO, dump(with_paths(loaded.scenario, facts["plugins"], facts["meshes"])))
+        run.write_json(SCENE, session.worlds[own_site(loaded.scenario).harbor].scene().to_json())
+        run.write_json(PROVENANCE, facts)
+        return _run(session, run, console or Console(), resumed=False)
+
+
+def resume(
+    path: Path, *, steps: int | None = None, device: str = "cpu", console: Console | None = None
+) -> TrainedRun:
+    """Continue an interrupted training, or extend a finished one to `steps`, without its stop rule.
+
+    Raises:
+        DockctlError: `path` is not a run, has no intact checkpoint, is finished, or is in use, or device or
+            memory are not available; nothing has been written then.
+    """
+    torch_device(device)
+    run = RunDirectory.open(path)
+    with exclusive_lock(run.path):
+        facts = run.read_json(PROVENANCE)
+        _, card = load_pair(run.checkpoint(LAST) / f"{POLICY}.json")
+        load_pair(run.checkpoint(LAST) / f"{LEARNER}.json")
+        overrides = _extension(run, facts, card["env_steps"], steps)
+        loaded = load_checked(run.path / SCENARIO, overrides=overrides)
+        session = _prepare(loaded, device)
+        if overrides:
+            plugins = map(run.inside, loaded.scenario.plugins)
+            meshes = [run.inside(str(path)) for path in mesh_files(loaded.scenario)]
+            run.write_text(SCENARIO, dump(with_paths(loaded.scenario, plugins, meshes)))
+        again = {"at": provenance.now(), "env_steps": card["env_steps"], "command": sys.argv}
+        facts |= {"finished": None, "stop_reason": None, "resumed": [*facts.get("resumed", []), again]}
+        run.write_json(PROVENANCE, facts)
+        return _run(session, run, console or Console(), resumed=True)
+
+
+def _extension(run: RunDirectory, facts: Mapping[str, Any], env_steps: int, steps: int | None) -> list[str]:
+    """Return the overrides with which the run continues.
+
+    Raises:
+        DockctlError: it is finished, and `steps` does not extend it.
+    """
+    overrides = [] if steps is None else [f"training.total_steps={steps}"]
+    if not {"finished", "stop_reason"} <= facts.keys():
+        message = f"{run.path / PROVENANCE}: 'finished' or 'stop_reason' is missing"
+        raise DockctlError(message, code="missing_key")
+    if not facts["finished"]:
+        return overrides
+    if steps is None or steps <= env_steps:
+        reason = REASONS.get(facts["stop_reason"], "finished").lower()
+        raise DockctlError(
+            f"{run.path}: this training is finished: {reason} after {env_steps:,} steps;"
+            " to extend it, give a larger number with --steps"
+        )
+    return [*overrides, "training.stop=null", "training.max_episodes=null"]
+
+
+@dataclass(frozen=True, eq=False)
+class _Session:
+    """Everything that a training needs before its run folder is written."""
 
     loaded: LoadedScenario
     worlds: Sequence[World]
-    run: RunDirectory
     memory: Estimate
-    taken_up: bool
+    environment: VectorEnv[Any, Any, Any]
+    algorithm: Algorithm
 
 
-@contextmanager
-def begin(source: str, overrides: list[str], plugin_files: list[Path], out: Path) -> Iterator[Session]:
-    """Load the scenario, build its world and make the run folder; nothing is written before all is right.
-
-    Raises:
-        DockctlError: the scenario is wrong, `out` cannot be written to, or there is not the memory.
-    """
-    loaded = load_checked(source, overrides=overrides, plugin_files=plugin_files)
-    require_writable(out)
-    worlds = build_worlds(loaded.scenario, loaded.base_dir)
-    memory = require_memory(loaded.scenario, worlds)
-    seed = loaded.scenario.training.seed
-    run = RunDirectory.create(out, loaded.scenario.name, seed)
-    with exclusive_lock(run.path):
-        facts = provenance.collect(seed, sys.argv)
-        facts["plugins"] = run.copy_files("plugins", loaded.plugin_files)
-        facts["meshes"] = run.copy_files("meshes", mesh_files(loaded.scenario))
-        run.write_text(SCENARIO, dump(with_paths(loaded.scenario, facts["plugins"], facts["meshes"])))
-        run.write_json("scene.json", worlds[own_site(loaded.scenario).harbor].scene().to_json())
-        run.write_json(PROVENANCE, facts)
-        yield Session(loaded, worlds, run, memory, taken_up=False)
-
-
-@contextmanager
-def take_up(path: Path, steps: int | None) -> Iterator[Session]:
-    """Open a run to go on with it; a finished one only when `steps` reaches past its end, without stop rule.
+def _prepare(loaded: LoadedScenario, device: str) -> _Session:
+    """Build worlds, environment and algorithm.
 
     Raises:
-        DockctlError: `path` is no run, has no checkpoint, is finished, or another process works in it, or
-            there is not the memory.
+        DockctlError: the algorithm does not fit the scenario, or device or memory are not available.
     """
-    run = RunDirectory.open(path)
-    with exclusive_lock(run.path):
-        yield _taken_up(run, steps)
-
-
-def _taken_up(run: RunDirectory, steps: int | None) -> Session:
-    facts = run.read_json(PROVENANCE)
-    _, card = load_pair(run.checkpoint("last") / "policy.json")
-    load_pair(run.checkpoint("last") / f"{LEARNER}.json")  # before anything is written
-    overrides = [] if steps is None else [f"training.total_steps={steps}"]
-    if not {"finished", "stop_reason"} <= facts.keys():
-        raise DockctlError(f"{run.path / PROVENANCE}: does not tell whether the run is finished")
-    if facts["finished"]:
-        done = card["env_steps"]
-        if steps is None or steps <= done:
-            reason = REASONS.get(facts["stop_reason"], "finished").lower()
-            raise DockctlError(
-                f"{run.path}: this training is over: {reason} at {done:,} steps;"
-                " to go on give --steps above that"
-            )
-        overrides += ["training.stop=null", "training.max_episodes=null"]
-    loaded = load_checked(run.path / SCENARIO, overrides=overrides)
+    training = loaded.scenario.training
     worlds = build_worlds(loaded.scenario, loaded.base_dir)
     memory = require_memory(loaded.scenario, worlds)
-    if overrides:
-        plugins = map(run.inside, loaded.scenario.plugins)
-        meshes = [run.inside(str(path)) for path in mesh_files(loaded.scenario)]
-        run.write_text(SCENARIO, dump(with_paths(loaded.scenario, plugins, meshes)))
-    again = {"at": provenance.now(), "env_steps": card["env_steps"], "command": sys.argv}
-    facts |= {"finished": None, "stop_reason": None, "taken_up": [*facts.get("taken_up", []), again]}
-    run.write_json(PROVENANCE, facts)
-    return Session(loaded, worlds, run, memory, taken_up=True)
+    environment = DockingVectorEnv(loaded, training.boats, exploring=True, worlds=worlds)
+    spec = training.algorithm
+    assert isinstance(spec, AlgorithmSpec)
+    spaces = environment.single_observation_space, environment.single_action_space
+    try:
+        algorithm = spec.build(*spaces, training, device)
+    except AlgorithmError as error:
+        raise InputError([loaded.problem(error.field, str(error), error.code)]) from None
+    return _Session(loaded, worlds, memory, environment, algorithm)
 
 
-def carry_out(session: Session, device: str) -> str:
-    """Train, record the best policy's trajectories, tell what came of it; return the reason for the end."""
-    loaded, run, console = session.loaded, session.run, Console()
-    scenario, training = loaded.scenario, loaded.scenario.training
-    env = DockingVectorEnv(loaded, training.boats, exploring=True, worlds=session.worlds)
-    rollout = Rollout(loaded, session.worlds)
-    starts = validation_starts(scenario, session.worlds)
+def _run(session: _Session, run: RunDirectory, console: Console, *, resumed: bool) -> TrainedRun:
+    """Train, write the trajectories of the best policy, and report."""
+    loaded, scenario, training = session.loaded, session.loaded.scenario, session.loaded.scenario.training
     title = f"{scenario.name}, seed {training.seed}"
     boats = f"{training.boats} boat{'s' * (training.boats > 1)}"
     say(console, f"{title}: {boats}; memory: {session.memory}")
     say(console, f"run folder: {run.path}")
-    with asked_to_leave() as asked, TrainingDisplay(training, title, console) as display:
+    card = PolicyCard(
+        scenario=scenario.name,
+        hidden_sizes=training.hidden_sizes,
+        seed=training.seed,
+        interface=PolicyInterface.of(scenario),
+        algorithm=training.algorithm.model_dump(mode="json"),
+    )
+    rollout, starts = Rollout(loaded, session.worlds), validation_starts(scenario, session.worlds)
+
+    def validate(policy: Policy) -> Validation:
+        episodes = rollout.play(policy, starts)
+        return Validation(*score(episodes), [episode.row() for episode in episodes])
+
+    with interruptible() as interrupted, TrainingDisplay(training, title, console) as display:
         trainer = Trainer(
-            training, scenario.name, env, lambda policy: rollout.play(policy, starts), run,
-            interface=PolicyInterface.of(scenario), device=device, on_progress=display, interrupted=asked,
+            session.algorithm, training, session.environment, run, card, validate,
+            on_progress=display, interrupted=interrupted,
         )  # fmt: skip
-        if session.taken_up:
+        if resumed:
             trainer.restore()
         reason = trainer.run()
         display.show_evaluation(trainer.progress)
@@ -134,39 +220,26 @@ def carry_out(session: Session, device: str) -> str:
     facts |= {"finished": None if reason == "interrupted" else provenance.now(), "stop_reason": reason}
     run.write_json(PROVENANCE, facts)
     if trainer.progress.best is not None:
-        network, _ = load_policy(run.checkpoint("best"))
-        shown = rollout.play(GreedyPolicy(network), trajectory_starts(scenario, session.worlds))
+        policy, _ = load_policy(run.checkpoint(BEST))
+        shown = rollout.play(policy, trajectory_starts(scenario, session.worlds))
         text = trajectories_csv(shown, scenario.vessel.control_period_s)
-        run.write_text("trajectories.csv", text)
-    tell(console, run, trainer.progress, reason)
-    return reason
+        run.write_text(TRAJECTORIES_CSV, text)
+    result = TrainedRun(run.path, reason, trainer.progress)
+    _report(console, result)
+    return result
 
 
-def tell(console: Console, run: RunDirectory, progress: Progress, reason: str) -> None:
+def _report(console: Console, run: TrainedRun) -> None:
     """Print how the training ended and what to do next."""
-    made = f"{progress.env_steps:,} steps, {progress.episodes:,} episodes, {clock(progress.wall_s)}"
+    progress = run.progress
+    counts = f"{progress.env_steps:,} steps, {progress.episodes:,} episodes, {clock(progress.wall_s)}"
     lines = [
-        f"{REASONS[reason]}: {made}.",
-        f"Training: docked {progress.recent_docked} of the last {min(RECENT, progress.episodes)} episodes.",
-        f"Greedy: best {best(progress)}.",
+        f"{REASONS[run.reason]}: {counts}.",
+        f"Training: {progress.recent_docked} of the last {min(RECENT, progress.episodes)} episodes docked.",
+        f"Greedy policy: best {best(progress)}.",
     ]
-    if reason == "interrupted":
-        lines += ["Saved. To go on:", f"  dockctl train --resume {run.path}"]
+    if run.reason == "interrupted":
+        lines += ["Saved. To continue:", f"  dockctl train --resume {run.path}"]
     else:
         lines += ["Next:", f"  dockctl evaluate --ckpt {run.path}", f"  dockctl plot {run.path}"]
     say(console, "\n".join(lines))
-
-
-@contextmanager
-def asked_to_leave() -> Iterator[Callable[[], bool]]:
-    """Give a function that tells whether Ctrl-C was pressed; a second one leaves at once."""
-    asked = False
-
-    def remember() -> None:
-        nonlocal asked
-        if asked:
-            raise KeyboardInterrupt
-        asked = True
-
-    with on_interrupt(remember):
-        yield lambda: asked

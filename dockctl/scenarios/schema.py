@@ -136,7 +136,7 @@ class Scenario(Model):
     observation: tuple[ObservationPart, ...] = Field(min_length=1)
     task: Task
     reward: Reward
-    training: Training = Training()
+    training: Training = Field(default_factory=Training)
     evaluation: Evaluation = Evaluation()
 
     @field_validator("conditions", mode="before")

@@ -1,4 +1,4 @@
-"""How a policy is trained and evaluated, as data (thesis sections 3.2.4-3.2.6)."""
+"""Training and evaluation of a policy, as data (thesis sections 3.2.4-3.2.6)."""
 
 from __future__ import annotations
 
@@ -7,9 +7,17 @@ from typing import Annotated, Any, Literal, Self
 
 from pydantic import Field, model_validator
 
+from dockctl.plugins import ALGORITHMS
 from dockctl.scenarios.base import Count, FieldError, Fraction, Model, NonNegative, Pose, Positive
+from dockctl.scenarios.kinds import Kind, Kinds
 
+ALGORITHM = Kinds(ALGORITHMS, default="dqn")
 Layer = Annotated[Count, Field(le=8192)]
+
+
+def _linear(start: float, end: float, fraction: float) -> float:
+    """Interpolate from `start` at 0 to `end` at 1, constant after it."""
+    return start + (end - start) * min(fraction, 1.0)
 
 
 class Epsilon(Model):
@@ -19,9 +27,13 @@ class Epsilon(Model):
     end: Fraction = 0.03
     decay_steps: Count = 150_000
 
+    def at(self, env_steps: float) -> float:
+        """Return the probability after `env_steps`."""
+        return _linear(self.start, self.end, env_steps / self.decay_steps)
+
 
 class ExploringStarts(Model):
-    """Training episodes that begin at random on the way, between two successive poses of the task."""
+    """Training episodes that start at random between two successive poses of the task."""
 
     fraction: Fraction = 0.5
     position_noise_m: tuple[NonNegative, NonNegative] = (0.3, 2.3)
@@ -31,7 +43,7 @@ class ExploringStarts(Model):
 
 
 class StopRule(Model):
-    """Training ends when `docked` of the last `episodes` episodes docked and the greedy policy docks."""
+    """Training ends when `docked` of the last `episodes` episodes docked and all validation episodes do."""
 
     docked: Count = 95
     episodes: Count = 100
@@ -68,20 +80,21 @@ PRESETS: dict[str, dict[str, Any]] = {"default": {}, "thesis": THESIS}
 
 
 class Training(Model):
-    """Dueling double DQN (sections 3.2.4-3.2.6). The defaults of the fields are the preset `default`."""
+    """The algorithm and its numbers (sections 3.2.4-3.2.6); the defaults are the preset `default`."""
 
     preset: Literal["default", "thesis"] = "default"
     seed: int = Field(default=0, ge=0, strict=True)
+    algorithm: Annotated[Kind, ALGORITHM] = Field(default_factory=ALGORITHM.make_default)
     total_steps: Count = Field(default=500_000, description="environment steps, all boats together")
     max_episodes: Count | None = None
-    boats: Count = Field(default=16, le=4096, description="boats stepped side by side")
+    boats: Count = Field(default=16, le=4096, description="boats in parallel")
     hidden_sizes: tuple[Layer, ...] = Field(default=(256, 128, 64), min_length=1, max_length=16)
     gamma: Fraction = 0.99
     n_step: Count = Field(default=5, le=1000)
     replay_capacity: Count = Field(default=500_000, le=1_000_000_000)
     warmup_steps: Count = Field(default=5_000, description="environment steps before the first update")
     batch_size: Count = Field(default=256, le=65_536)
-    steps_per_update: Count = Field(default=16, description="environment steps for each update")
+    steps_per_update: Count = Field(default=16, description="environment steps per update")
     target_update_interval: Count = Field(default=100, description="updates between target copies")
     optimizer: Literal["adam", "rmsprop"] = "adam"
     learning_rate: Positive = 5e-4
@@ -90,7 +103,7 @@ class Training(Model):
     gradient_clip: Positive | None = Field(default=10.0, description="largest L2 norm; null for none")
     reward_scale: Positive = 1e-3
     largest_return: Positive | None = Field(
-        default=None, description="no target is above it, for a return has no more to gain; null for no bound"
+        default=None, description="upper bound of the TD targets; null for none"
     )
     epsilon: Epsilon = Epsilon()
     exploring_starts: ExploringStarts | None = ExploringStarts()
@@ -99,8 +112,17 @@ class Training(Model):
 
     @property
     def largest_target(self) -> float:
-        """`largest_return` on the scale of the rewards that are learned from; infinite without one."""
+        """Upper bound of the TD targets of scaled rewards; infinite without `largest_return`."""
         return math.inf if self.largest_return is None else self.largest_return * self.reward_scale
+
+    def learning_rate_at(self, env_steps: float) -> float:
+        """Return the learning rate after `env_steps`."""
+        return _linear(self.learning_rate, self.final_learning_rate, env_steps / self.total_steps)
+
+    def updates_due(self, env_steps: int) -> int:
+        """Return the number of updates after `env_steps`; the first one is due when the warm-up ends."""
+        after_warmup = env_steps - self.warmup_steps
+        return after_warmup // self.steps_per_update + 1 if after_warmup >= 0 else 0
 
     @model_validator(mode="before")
     @classmethod
@@ -111,7 +133,7 @@ class Training(Model):
 
 
 class RandomStarts(Model):
-    """Evaluation starts drawn uniformly around the initial poses, at held-out berths where there are any."""
+    """Test starts drawn uniformly around the initial poses, at the held-out berths where there are any."""
 
     episodes: int = Field(default=100, ge=0, le=100_000, strict=True)
     seed: int = Field(default=12345, ge=0, strict=True)
@@ -120,10 +142,10 @@ class RandomStarts(Model):
 
 
 class Evaluation(Model):
-    """Which greedy episodes judge a policy."""
+    """The greedy episodes that validate and test a policy."""
 
     poses: tuple[Pose, ...] = Field(default=(), description="test poses; the initial poses where empty")
     random_starts: RandomStarts = RandomStarts()
     trained_berths: Count = Field(
-        default=64, description="random starts at trained berths, which judge the policy during training"
+        default=64, description="random starts at trained berths, which validate the policy during training"
     )

@@ -1,4 +1,4 @@
-"""The training loop on a task that is learned in seconds: it learns, repeats, and can be taken up again."""
+"""The training loop on tasks that are learned in seconds: it learns, repeats, and resumes."""
 
 from __future__ import annotations
 
@@ -7,16 +7,18 @@ from pathlib import Path
 from threading import Barrier
 from typing import Any
 
+import gymnasium
 import numpy as np
 import pytest
+from gymnasium.vector import AutoresetMode
 
-from dockctl.agents.checkpoint import CheckpointError, load_policy
-from dockctl.agents.dqn.schedules import updates_due
-from dockctl.agents.policy import GreedyPolicy
+from dockctl.agents.checkpoint import CheckpointError, PolicyCard, load_policy
+from dockctl.agents.dqn.algorithm import DQN
+from dockctl.agents.policy import Policy
 from dockctl.agents.progress import Progress
-from dockctl.agents.trainer import Trainer
+from dockctl.agents.trainer import Trainer, Validation
 from dockctl.compute.threads import usable_cores, workers
-from dockctl.evaluation.rollout import play
+from dockctl.evaluation.rollout import play, score
 from dockctl.runs.directory import RunDirectory
 from dockctl.scenarios.training import StopRule, Training
 from tests.agents.toy import ToyDocking, starts_at
@@ -42,11 +44,22 @@ def trainer(root: Path, **changes: Any) -> Trainer:
 
 
 def trainer_in(run: RunDirectory, training: Training, **options: Any) -> Trainer:
-    judge = ToyDocking(2)
-    starts = starts_at(-1.0, -0.9)
-    return Trainer(
-        training, "toy", ToyDocking(training.boats), lambda p: play(judge, p, starts), run, **options
+    validation, starts = ToyDocking(2), starts_at(-1.0, -0.9)
+
+    def validate(policy: Policy) -> Validation:
+        episodes = play(validation, policy, starts)
+        return Validation(*score(episodes), [episode.row() for episode in episodes])
+
+    environment = ToyDocking(training.boats)
+    algorithm = training.algorithm.build(
+        environment.single_observation_space, environment.single_action_space, training, "cpu"
     )
+    return Trainer(algorithm, training, environment, run, card_of(training), validate, **options)
+
+
+def card_of(training: Training) -> PolicyCard:
+    algorithm = training.algorithm.model_dump(mode="json")
+    return PolicyCard("toy", hidden_sizes=training.hidden_sizes, seed=training.seed, algorithm=algorithm)
 
 
 def test_it_learns_and_stops_when_the_task_is_mastered(tmp_path: Path) -> None:
@@ -55,7 +68,7 @@ def test_it_learns_and_stops_when_the_task_is_mastered(tmp_path: Path) -> None:
     best, card = load_policy(learner.run_directory.path)
     assert card.env_steps <= learner.progress.env_steps
     starts = starts_at(*np.linspace(-1.1, -0.9, 9))
-    assert all(episode.docked for episode in play(ToyDocking(4), GreedyPolicy(best), starts))
+    assert all(episode.docked for episode in play(ToyDocking(4), best, starts))
     rows = read_table(learner.run_directory.path / "episodes.csv")
     assert [int(row["episode"]) for row in rows] == list(range(1, len(rows) + 1))
     assert sum(row["outcome"] == "docked" for row in rows[-100:]) >= 95
@@ -81,7 +94,7 @@ def test_the_same_seed_gives_the_same_bytes_and_another_seed_does_not(tmp_path: 
         assert first != other, name
 
 
-def test_interrupted_and_taken_up_again(tmp_path: Path) -> None:
+def test_an_interrupted_training_resumes(tmp_path: Path) -> None:
     def interrupt_at(steps: int) -> Trainer:
         run = RunDirectory.create(tmp_path, "toy", 0)
         training = Training(**{**SETTINGS, "total_steps": 4_000, "stop": None})
@@ -89,30 +102,30 @@ def test_interrupted_and_taken_up_again(tmp_path: Path) -> None:
         assert learner.run() == "interrupted"
         return learner
 
-    def take_up(run: RunDirectory, total_steps: int) -> Trainer:
+    def resume(run: RunDirectory, total_steps: int) -> Trainer:
         learner = trainer_in(run, Training(**{**SETTINGS, "total_steps": total_steps, "stop": None}))
         learner.restore()
         return learner
 
     first, second = interrupt_at(1_600), interrupt_at(1_600)
-    resumed = take_up(first.run_directory, 4_000)
+    resumed = resume(first.run_directory, 4_000)
     assert resumed.progress == first.progress
-    for (name, kept), (_, restored) in zip(
-        first.learner.online.named_parameters(), resumed.learner.online.named_parameters(), strict=True
-    ):
-        assert (kept == restored).all(), name
-    same_batch = [t.replay.sample(64) for t in (first, resumed)]
-    np.testing.assert_array_equal(same_batch[0].observation, same_batch[1].observation)
-    same_update = [t.learner.update(same_batch[0], 1e-3) for t in (first, resumed)]
-    assert same_update[0] == same_update[1]
-    assert (first.learner.online.flat == resumed.learner.online.flat).all()
+    old, new = first.algorithm, resumed.algorithm
+    assert isinstance(old, DQN) and isinstance(new, DQN)
+    for _ in range(60):  # past a target copy
+        batches = [dqn.replay.sample(64) for dqn in (old, new)]
+        np.testing.assert_array_equal(batches[0].observation, batches[1].observation)
+        metrics = [dqn.learner.update(batches[0], 1e-3) for dqn in (old, new)]
+        assert metrics[0] == metrics[1]
+    for name, tensor in old.policy_tensors().items():
+        np.testing.assert_array_equal(tensor, new.policy_tensors()[name], err_msg=name)
 
     results = []
     for run in (first.run_directory, second.run_directory):
-        learner = take_up(run, 4_000)
+        learner = resume(run, 4_000)
         assert learner.run() == "steps"
         assert learner.progress.env_steps == 4_000
-        assert learner.progress.updates == updates_due(learner.training, 4_000 - 8)
+        assert learner.progress.updates == learner.training.updates_due(4_000 - 8)
         results.append([(run.path / table).read_bytes() for table in TABLES])
     assert results[0] == results[1]
     steps = [int(row["env_steps"]) for row in read_table(first.run_directory.path / "evaluations.csv")]
@@ -121,24 +134,24 @@ def test_interrupted_and_taken_up_again(tmp_path: Path) -> None:
 
 
 def test_nothing_is_learned_after_a_step_that_failed(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    """Hundreds of updates are due when the boats sink; at most the one under way is made."""
+    """Hundreds of updates are due when the step fails; at most the current one is made."""
     made = trainer(tmp_path, steps_per_update=1, warmup_steps=200, boats=200)
 
     def step(action: Any) -> Any:
-        if made.learner.updates:
-            raise RuntimeError("the boats sank")
-        return sail(action)
+        if made.algorithm.updates:
+            raise RuntimeError("the step failed")
+        return original(action)
 
-    sail = made.environment.step
+    original = made.environment.step
     monkeypatch.setattr(made.environment, "step", step)
-    with pytest.raises(RuntimeError, match="sank"):
+    with pytest.raises(RuntimeError, match="the step failed"):
         made.run()
-    updates, together = made.learner.updates, Barrier(usable_cores())
-    list(workers().map(lambda _: together.wait(), range(usable_cores())))  # every thread has come to its end
-    assert 0 < made.learner.updates == updates
+    updates, together = made.algorithm.updates, Barrier(usable_cores())
+    list(workers().map(lambda _: together.wait(), range(usable_cores())))  # every thread is idle
+    assert 0 < made.algorithm.updates == updates
 
 
-def test_rows_past_the_checkpoint_are_dropped_when_a_killed_run_is_taken_up(tmp_path: Path) -> None:
+def test_rows_past_the_checkpoint_are_dropped_when_a_killed_run_is_resumed(tmp_path: Path) -> None:
     learner = trainer(tmp_path, total_steps=1_000, stop=None)
     learner.run()
     path = learner.run_directory.path / "episodes.csv"
@@ -152,8 +165,17 @@ def test_rows_past_the_checkpoint_are_dropped_when_a_killed_run_is_taken_up(tmp_
 
 
 def test_restoring_without_a_checkpoint_is_an_error(tmp_path: Path) -> None:
-    with pytest.raises(CheckpointError, match="no such file"):
+    with pytest.raises(CheckpointError) as caught:
         trainer(tmp_path).restore()
+    assert caught.value.code == "not_found"
+
+
+def test_a_checkpoint_of_another_network_is_not_resumed(tmp_path: Path) -> None:
+    learner = trainer(tmp_path, total_steps=400)
+    learner.run()
+    other = trainer_in(learner.run_directory, Training(**{**SETTINGS, "hidden_sizes": (16,)}))
+    with pytest.raises(CheckpointError):
+        other.restore()
 
 
 def test_the_thesis_preset_makes_one_update_a_step(tmp_path: Path) -> None:
@@ -168,7 +190,7 @@ def test_the_thesis_preset_makes_one_update_a_step(tmp_path: Path) -> None:
 def progress(docked: list[bool], own: list[bool], evaluation: tuple[int, int]) -> Progress:
     state = Progress(evaluation_docked=evaluation[0], evaluation_episodes=evaluation[1])
     for d, o in zip(docked, own, strict=True):
-        state.count_episode("docked" if d else "timeout", o, keep=100)
+        state.count_episode("docked" if d else "timeout", o, window=100)
     return state
 
 
@@ -177,9 +199,9 @@ def progress(docked: list[bool], own: list[bool], evaluation: tuple[int, int]) -
     [
         ([True] * 10, [True] * 10, (1, 1), True),
         ([True] * 9, [True] * 9, (1, 1), False),  # too few episodes
-        ([True] * 10, [True] * 10, (4, 5), False),  # the greedy policy misses a pose
+        ([True] * 10, [True] * 10, (4, 5), False),  # the greedy policy fails from one start
         ([True] * 10, [True] * 10, (0, 0), False),  # no evaluation yet
-        ([True] * 9 + [False], [False] * 10, (1, 1), True),  # 9 of 10 are asked for
+        ([True] * 9 + [False], [False] * 10, (1, 1), True),  # 9 of 10 are enough
         ([True] * 8 + [False] * 2, [False] * 10, (1, 1), False),
         ([True] * 9 + [False], [False] * 5 + [True] * 5, (1, 1), False),  # 4 of its own 5
         ([False] * 5 + [True] * 10, [True] * 15, (1, 1), True),  # long ago
@@ -193,3 +215,40 @@ def test_episode_limit(tmp_path: Path) -> None:
     learner = trainer(tmp_path, max_episodes=5, stop=None)
     assert learner.run() == "episodes"
     assert learner.progress.episodes >= 5
+
+
+def test_a_foreign_environment_without_infos(tmp_path: Path) -> None:
+    """CartPole: +1 per step while the pole stands; a random policy lasts about 22 steps."""
+    training = Training(
+        boats=4, hidden_sizes=(64, 64), total_steps=8_000, warmup_steps=500, batch_size=64,
+        steps_per_update=4, learning_rate=2e-3, final_learning_rate=5e-4, reward_scale=0.1, n_step=3,
+        replay_capacity=8_000, epsilon={"decay_steps": 4_000, "end": 0.05}, evaluate_every_steps=4_000,
+        stop=None,
+    )  # fmt: skip
+    environment = gymnasium.make_vec(
+        "CartPole-v1",
+        num_envs=training.boats,
+        vectorization_mode="sync",
+        vector_kwargs={"autoreset_mode": AutoresetMode.SAME_STEP},
+    )
+    run = RunDirectory.create(tmp_path, "cartpole", 0)
+    spaces = environment.single_observation_space, environment.single_action_space
+    algorithm = training.algorithm.build(*spaces, training, "cpu")
+    learner = Trainer(algorithm, training, environment, run, card_of(training))
+    assert learner.run() == "steps"
+    rows = read_table(run.path / "episodes.csv")
+    assert [row["return"] for row in rows] == [row["steps"] for row in rows]
+    assert {row["outcome"] for row in rows} == {""}
+    lengths = [int(row["steps"]) for row in rows]
+    assert np.mean(lengths[:50]) < 35
+    assert np.mean(lengths[-20:]) > 100
+    assert not (run.path / "checkpoints" / "best").exists()
+    policy, card = load_policy(run.path)
+    assert card.env_steps == 8_000
+    env = gymnasium.make("CartPole-v1")
+    observation, _ = env.reset(seed=1)
+    steps, over = 0, False
+    while not over:
+        observation, _, terminated, truncated, _ = env.step(policy.act(observation[None], {})[0])
+        steps, over = steps + 1, terminated or truncated
+    assert steps > 100

@@ -68,9 +68,10 @@ def test_best_policy_that_docks_from_its_training_poses_is_exported(runs: MakeRu
     outcome = dockctl("ship", *given, "--name", "mine", "--out", tmp_path / "out")
     assert outcome.code == 0, outcome.err
     assert f"{given[2]}: from its training pose 20, 2" in outcome.err
-    network, card = load_policy(tmp_path / "out" / "mine")
+    _, card = load_policy(tmp_path / "out" / "mine")
     assert (card.seed, card.interface is not None) == (1, True)
-    assert (network.flat == load_policy(given[1])[0].flat).all()
+    shipped = (tmp_path / "out" / "mine" / "policy.safetensors").read_bytes()
+    assert shipped == (given[1] / "checkpoints" / "best" / "policy.safetensors").read_bytes()
     text = (tmp_path / "out" / "mine" / "card.md").read_text()
     assert "| `s1` | training poses | 1 of 1 | 100.0% |" in text
     assert "| `s1` | random starts | 2 of 3 | 66.7% |" in text

@@ -1,4 +1,4 @@
-"""`dockctl train`: the run folder, interruption and resumption, refusals."""
+"""`dockctl train`: the run folder, interrupting and resuming, errors."""
 
 from __future__ import annotations
 
@@ -16,7 +16,6 @@ from rich.console import Console
 
 from dockctl.agents.progress import Progress
 from dockctl.drawing.scene import Scene
-from dockctl.experiments import training
 from dockctl.experiments.live import TrainingDisplay
 from dockctl.runs.lock import exclusive_lock
 from dockctl.runs.tables import EPISODES, EVALUATIONS, TRAJECTORIES, UPDATES
@@ -32,7 +31,7 @@ def rows(path: Path) -> list[dict[str, str]]:
     return list(csv.DictReader(path.read_text().splitlines()))
 
 
-def test_the_run_folder_tells_everything(trained: Trained) -> None:
+def test_the_run_folder_is_complete(trained: Trained) -> None:
     run, outcome = trained
     assert outcome.code == 0
     assert {path.name for path in run.iterdir()} >= {
@@ -62,7 +61,7 @@ def test_the_columns_are_the_documented_ones(trained: Trained) -> None:
         assert list(rows(run / name)[0]) == columns, name
 
 
-def test_rewards_by_term_add_up_and_trajectories_begin_at_the_test_pose(trained: Trained) -> None:
+def test_rewards_by_term_add_up_and_trajectories_start_at_the_test_pose(trained: Trained) -> None:
     run, _ = trained
     for row in rows(run / "episodes.csv"):
         total = sum(float(value) for name, value in row.items() if name.startswith("reward_"))
@@ -72,9 +71,9 @@ def test_rewards_by_term_add_up_and_trajectories_begin_at_the_test_pose(trained:
     assert float(others[0]["time_s"]) == 0.5
 
 
-def test_it_tells_what_came_of_it_and_what_to_do_next(trained: Trained) -> None:
+def test_it_reports_the_result_and_the_next_command(trained: Trained) -> None:
     run, outcome = trained
-    assert "The last step is made: 300 steps" in outcome.out
+    assert "300 steps" in outcome.out
     assert f"dockctl evaluate --ckpt {run}" in outcome.out
     assert "\x1b" not in outcome.out
 
@@ -102,14 +101,15 @@ def test_interrupted_resumed_finished_and_extended(tmp_path: Path, monkeypatch: 
 
     resumed = dockctl("train", "--resume", run)
     assert resumed.code == 0
-    assert "The last step is made: 200 steps" in resumed.out
+    assert "200 steps" in resumed.out
     facts = json.loads((run / "provenance.json").read_text())
-    assert [again["env_steps"] for again in facts["taken_up"]] == [150]
+    assert [again["env_steps"] for again in facts["resumed"]] == [150]
 
     for arguments in ((), ("--steps", 200)):
         refused = dockctl("train", "--resume", run, *arguments)
         assert refused.code == 2
-        assert "this training is over: the last step is made at 200 steps" in refused.err
+        assert f"{run}: " in refused.err
+        assert "200 steps" in refused.err
     extended = dockctl("train", "--resume", run, "--steps", 240)
     assert extended.code == 0
     assert [int(row["env_steps"]) for row in rows(run / "evaluations.csv")] == [100, 200, 240]
@@ -121,15 +121,30 @@ def test_interrupted_resumed_finished_and_extended(tmp_path: Path, monkeypatch: 
         (["s1", "--set", "training.boat=3"], "did you mean 'boats'"),
         (["s1", "--steps", "100", "--set", "training.batch_size=-1"], "training.batch_size"),
         (["s9"], "s9"),
-        (["s1", "--device", "abacus"], "device 'abacus' cannot be used here"),
-        (["s1", "--device", "meta"], "device 'meta' cannot be used here"),
-        (["s1", "--set", "training.replay_capacity=1000000000", "--steps", "1000000000"], "replay 136.00"),
+        (["s1", "--device", "abacus"], "'abacus'"),
+        (["s1", "--device", "meta"], "'meta'"),
+        (["s1", "--set", "actions={kind: continuous}"], "--set actions"),
+        (["s1", "--set", "training.algorithm.kind=dqm"], "did you mean 'dqn'"),
+        (["s1", "--set", "training.algorithm={kind: sb3, model: SAC}"], "training.algorithm"),
+        (["s1", "--set", "training.algorithm={kind: sb3, model: DQNN}"], "training.algorithm.model"),
+        (["s1", "--set", "training.algorithm={kind: sb3, model: PPO}"], "training.algorithm.model"),
+        (["s1", "--set", "training.algorithm={kind: sb3, policy: MlpPolice}"], "did you mean 'MlpPolicy'"),
+        (["s1", "--set", "training.algorithm={kind: sb3, hyperparameters: {tao: 1}}"], "did you mean 'tau'"),
+        (["s1", "--set", "training.algorithm={kind: sb3, hyperparameters: {gamma: 1}}"], "training.gamma"),
+        (
+            ["s1", "--set", "training.algorithm={kind: sb3, hyperparameters: {tau: [1]}}"],
+            "training.algorithm",
+        ),
+        (
+            ["s1", "--set", "training.replay_capacity=1000000000", "--steps", "1000000000"],
+            "training.replay_capacity",
+        ),
         ([""], "is a directory"),
-        (["--resume", "nowhere"], "no such run folder"),
-        (["--resume", "."], "not a run folder"),
+        (["--resume", "nowhere"], "nowhere"),
+        (["--resume", "."], "."),
     ],
 )
-def test_what_is_wrong_is_told_and_nothing_is_written(
+def test_bad_input_gives_one_error_and_nothing_is_written(
     arguments: list[str], message: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.chdir(tmp_path)
@@ -144,26 +159,27 @@ def test_an_output_that_cannot_be_written(tmp_path: Path) -> None:
     (tmp_path / "file").touch()
     outcome = quick_train(tmp_path / "file", "s1")
     assert outcome.code == 2
-    assert "cannot write here" in outcome.err
+    assert str(tmp_path / "file") in outcome.err
 
 
-def test_a_run_at_work_is_not_taken_up(trained: Trained) -> None:
+def test_a_run_in_use_is_not_resumed(trained: Trained) -> None:
     with exclusive_lock(trained[0]):
         outcome = dockctl("train", "--resume", trained[0], "--steps", 400)
     assert outcome.code == 2
-    assert f"{trained[0]}: another process is at work on this" in outcome.err
+    assert outcome.err.startswith(f"error: {trained[0]}:")
 
 
-def test_a_training_keeps_its_run_to_itself(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_training_locks_its_run(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     refused: list[Outcome] = []
 
-    def take_up(*_: object) -> str:
-        refused.append(dockctl("train", "--resume", only_run(tmp_path)))
-        return "steps"
+    def resume(*_: object) -> None:
+        if not refused:
+            refused.append(dockctl("train", "--resume", only_run(tmp_path)))
 
-    monkeypatch.setattr(training, "carry_out", take_up)
-    assert quick_train(tmp_path, "s1").code == 0
-    assert "another process is at work on this" in refused[0].err
+    monkeypatch.setattr(TrainingDisplay, "__call__", resume)
+    assert quick_train(tmp_path, "s1", "--steps", 20).code == 0
+    assert refused[0].code == 2
+    assert refused[0].err.startswith(f"error: {only_run(tmp_path)}:")
 
 
 @pytest.mark.parametrize(
@@ -177,7 +193,7 @@ def test_a_training_keeps_its_run_to_itself(tmp_path: Path, monkeypatch: pytest.
         ("train", "s1", "--steps", "1", "--out"),
     ],
 )
-def test_a_name_that_is_too_long_is_told(
+def test_a_name_that_is_too_long_is_an_error(
     arguments: tuple[str, ...], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.chdir(tmp_path)
@@ -193,7 +209,7 @@ def test_a_resumed_run_keeps_its_own_settings(trained: Trained) -> None:
 
 
 @pytest.mark.parametrize("broken", ["policy.json", "learner.safetensors"])
-def test_a_damaged_checkpoint_is_not_taken_up(trained: Trained, tmp_path: Path, broken: str) -> None:
+def test_a_damaged_checkpoint_is_not_resumed(trained: Trained, tmp_path: Path, broken: str) -> None:
     run = tmp_path / "run"
     shutil.copytree(trained[0], run)
     file = run / "checkpoints" / "last" / broken
@@ -266,7 +282,7 @@ def test_a_terminal_gets_a_panel() -> None:
         assert words in text, words
 
 
-def test_elsewhere_there_are_plain_lines(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_without_a_terminal_there_are_plain_lines(monkeypatch: pytest.MonkeyPatch) -> None:
     seconds = iter(range(0, 100, 10))
     monkeypatch.setattr("dockctl.experiments.live.time.monotonic", lambda: next(seconds))
     console = Console(file=io.StringIO(), width=80)
@@ -277,4 +293,4 @@ def test_elsewhere_there_are_plain_lines(monkeypatch: pytest.MonkeyPatch) -> Non
         display(first)
     assert isinstance(console.file, io.StringIO)
     (line,) = console.file.getvalue().splitlines()
-    assert "7,000 of 500,000 steps | 200 steps/s | at most 41:05 left | docked 0 of the last 2" in line
+    assert "7,000 of 500,000 steps | 200 steps/s | 0:00, at most 41:05 left | 0 of the last 2 docked" in line

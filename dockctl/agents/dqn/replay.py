@@ -1,4 +1,4 @@
-"""Experience replay with n-step returns for boats that are stepped side by side."""
+"""Experience replay with n-step returns, for a vector environment."""
 
 from __future__ import annotations
 
@@ -30,10 +30,10 @@ class Transitions:
 
 
 class NStep:
-    """Turns the single steps of `boats` boats into n-step transitions.
+    """Turns the steps of `boats` boats into n-step transitions.
 
-    A transition is ready when n rewards have followed it, or when its episode ends: then with fewer
-    rewards, bootstrapped where the episode was truncated and not where it terminated.
+    A transition is ready when n rewards have followed it, or when its episode ends: then with fewer rewards,
+    and bootstrapped where the episode was truncated but not where it terminated.
     """
 
     def __init__(self, boats: int, n: int, gamma: float, observation_size: int) -> None:
@@ -54,7 +54,7 @@ class NStep:
         terminated: NDArray[np.bool_],
         truncated: NDArray[np.bool_],
     ) -> Transitions:
-        """Take one step of all boats and return the transitions that became ready, any number of them.
+        """Add one step of all boats, and return the transitions that became ready, any number of them.
 
         `next_observation` is the one before any reset: the final observation where an episode ended.
         """
@@ -79,7 +79,7 @@ class NStep:
 class Replay:
     """The latest `capacity` transitions, sampled uniformly with replacement.
 
-    A transition is one record, so that fetching it touches one place in memory.
+    A transition is one record, so that reading one needs one access to memory.
     """
 
     def __init__(self, capacity: int, observation_size: int, rng: np.random.Generator) -> None:
@@ -92,11 +92,11 @@ class Replay:
 
     @staticmethod
     def bytes_needed(capacity: int, observation_size: int) -> int:
-        """Memory that a replay of this capacity takes [bytes]."""
+        """Return the memory of a replay of this capacity [bytes]."""
         return capacity * record(observation_size).itemsize
 
     def add(self, transitions: Transitions) -> None:
-        """Store a batch, over the oldest transitions where the memory is full."""
+        """Store a batch; in a full memory it overwrites the oldest transitions."""
         slots = (self._added + np.arange(len(transitions.action))) % len(self._records)
         for name, values in vars(transitions).items():
             self._records[name][slots] = values
@@ -108,12 +108,12 @@ class Replay:
         return Transitions(**{name: drawn[name] for name in drawn.dtype.names or ()})
 
     def state(self) -> dict[str, NDArray[Any]]:
-        """The stored transitions and how many were ever added, for a checkpoint."""
-        held = self._records[: len(self)]
-        return {**{name: held[name] for name in held.dtype.names or ()}, "added": np.array([self._added])}
+        """Return the stored transitions and how many were ever added."""
+        stored = self._records[: len(self)]
+        return {**{name: stored[name] for name in stored.dtype.names or ()}, "added": np.array([self._added])}
 
     def load(self, state: dict[str, NDArray[Any]]) -> None:
-        """Take over what `state` returned.
+        """Continue with what `state` returned.
 
         Raises:
             ValueError: the state holds more transitions than fit, or has other shapes.
@@ -124,7 +124,7 @@ class Replay:
 
 
 def record(observation_size: int) -> np.dtype[np.void]:
-    """Layout of one stored transition; the fields are those of `Transitions`."""
+    """Return the layout of one stored transition; its fields are those of `Transitions`."""
     row = (np.float32, (observation_size,))
     return np.dtype(
         [

@@ -1,4 +1,4 @@
-"""The dueling network: size, aggregation, and parameters that are views of one vector."""
+"""The dueling network, its greedy policy, and exploration."""
 
 from __future__ import annotations
 
@@ -6,7 +6,9 @@ import numpy as np
 import pytest
 import torch
 
-from dockctl.agents.dqn.network import DuelingQNetwork
+from dockctl.agents.dqn.algorithm import DQN
+from dockctl.agents.dqn.network import DuelingQNetwork, GreedyPolicy
+from dockctl.scenarios.training import Training
 
 HAND_COUNTED = {
     # shared 256-128-64; value 64 -> 64 -> 1; advantage 64 -> 77 -> 77; each layer with its biases
@@ -18,7 +20,7 @@ HAND_COUNTED = {
 @pytest.mark.parametrize(("observation_size", "parameters"), HAND_COUNTED.items())
 def test_parameter_count(observation_size: int, parameters: int) -> None:
     network = DuelingQNetwork(observation_size, 77)
-    assert sum(parameter.numel() for parameter in network.parameters()) == parameters == len(network.flat)
+    assert sum(parameter.numel() for parameter in network.parameters()) == parameters
 
 
 def test_the_mean_over_the_actions_is_the_value() -> None:
@@ -41,49 +43,35 @@ def test_glorot_uniform_weights_and_zero_biases() -> None:
 
 def test_the_generator_decides_the_weights() -> None:
     first, same, other = (
-        DuelingQNetwork(4, 3, (8,), generator=torch.Generator().manual_seed(seed)).flat for seed in (1, 1, 2)
+        DuelingQNetwork(4, 3, (8,), generator=torch.Generator().manual_seed(seed)).value[0].weight
+        for seed in (1, 1, 2)
     )
     assert (first == same).all()
     assert (first != other).any()
 
 
-def test_parameters_and_gradients_are_views_of_one_vector() -> None:
-    network = DuelingQNetwork(4, 3, (8,))
-    network(torch.ones(2, 4)).sum().backward()
-    assert network.flat.grad is not None
-    assert network.flat.grad.abs().sum() > 0
-    for parameter in network.parameters():
-        assert parameter.grad is not None
-        for part, whole in ((parameter, network.flat), (parameter.grad, network.flat.grad)):
-            assert part.untyped_storage().data_ptr() == whole.untyped_storage().data_ptr()
-    assert sum(parameter.numel() for parameter in network.parameters()) == len(network.flat)
-    network.flat.zero_()
-    assert (network(torch.ones(1, 4)) == 0).all()
+@pytest.mark.parametrize("shape", [(5,), (2, 4), (2, 6), (1, 1, 5)])
+def test_observations_of_another_shape_are_refused(shape: tuple[int, ...]) -> None:
+    with pytest.raises(ValueError, match="shape"):
+        GreedyPolicy(DuelingQNetwork(5, 3, (8,))).act(np.zeros(shape, np.float32), {})
 
 
-def test_layers_are_the_parameters_with_the_streams_side_by_side() -> None:
-    network = DuelingQNetwork(5, 3, (8, 6), torch.Generator().manual_seed(0))
-    network.flat += torch.arange(len(network.flat)) / 100
-    layers = network.layers(network.flat.numpy())
-    first, second, streams = layers.hidden
-    pairs = [
-        (network.shared[0], first.weight, first.bias),
-        (network.shared[2], second.weight, second.bias),
-        (network.value[0], streams.weight[:6], streams.bias[:6]),
-        (network.advantage[0], streams.weight[6:], streams.bias[6:]),
-        (network.value[2], layers.value.weight, layers.value.bias),
-        (network.advantage[2], layers.advantage.weight, layers.advantage.bias),
-    ]
-    for module, weight, bias in pairs:
-        np.testing.assert_array_equal(module.weight.detach().numpy(), weight)
-        np.testing.assert_array_equal(module.bias.detach().numpy(), bias)
-    assert layers.split == 6
+def test_the_greedy_policy_follows_the_network_as_it_learns() -> None:
+    network, other = (DuelingQNetwork(5, 7, (24, 12), torch.Generator().manual_seed(i)) for i in (0, 1))
+    policy, observation = GreedyPolicy(network), np.random.default_rng(0).normal(size=(50, 5))
+    network.load_state_dict(other.state_dict())
+    with torch.no_grad():
+        best = other(torch.from_numpy(observation).float()).argmax(dim=1).numpy()
+    chosen = policy.act(observation, {})
+    np.testing.assert_array_equal(chosen, best)
+    assert chosen.dtype == np.int64
 
 
-def test_a_copy_has_parameters_of_its_own() -> None:
-    network = DuelingQNetwork(5, 3, (8, 6), torch.Generator().manual_seed(0))
-    copy, observation = network.copy_on(torch.device("cpu")), torch.ones(1, 5)
-    torch.testing.assert_close(copy(observation), network(observation))
-    copy.flat.zero_()
-    assert (copy(observation) == 0).all()
-    assert (network(observation) != 0).any()
+@pytest.mark.parametrize("epsilon", [0.0, 0.3, 1.0])
+def test_exploration_is_as_frequent_as_epsilon(epsilon: float) -> None:
+    rule = {"start": epsilon, "end": epsilon}
+    dqn = DQN(5, 50, Training(hidden_sizes=(8,), replay_capacity=10, epsilon=rule), torch.device("cpu"))
+    observation = np.ones((4000, 5), np.float32)
+    explored = dqn.act(observation, 0) != dqn.policy.act(observation, {})
+    assert explored.mean() == pytest.approx(epsilon * 49 / 50, abs=0.03)
+    assert dqn.epsilon == epsilon

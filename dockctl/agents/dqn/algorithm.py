@@ -1,0 +1,109 @@
+"""Dueling double DQN with n-step returns as an `Algorithm` (thesis sections 3.2.4 to 3.2.6)."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping
+from typing import Any
+
+import numpy as np
+import torch
+from numpy.typing import NDArray
+
+from dockctl.agents.algorithm import Metrics, Step, Tensors
+from dockctl.agents.checkpoint import (
+    load_optimizer,
+    load_parameters,
+    numpy_tensors,
+    optimizer_tensors,
+    prefixed,
+    without_prefix,
+)
+from dockctl.agents.dqn.network import DuelingQNetwork, GreedyPolicy
+from dockctl.agents.dqn.replay import NStep, Replay
+from dockctl.agents.dqn.update import DoubleDQN
+from dockctl.scenarios.training import Training
+
+
+class DQN:
+    """Epsilon-greedy exploration, replay of n-step transitions, and the updates of double DQN.
+
+    Args:
+        observation_size: length of an observation.
+        actions: number of discrete actions.
+        training: every number of the algorithm.
+        device: of the networks; the replay stays in main memory.
+    """
+
+    def __init__(self, observation_size: int, actions: int, training: Training, device: torch.device) -> None:
+        self.training, self.actions = training, actions
+        generator = torch.Generator().manual_seed(training.seed)
+        network = DuelingQNetwork(observation_size, actions, training.hidden_sizes, generator).to(device)
+        self.policy, self.learner = GreedyPolicy(network), DoubleDQN(network, training)
+        self.exploration = np.random.default_rng((training.seed, 1))
+        self.n_step = NStep(training.boats, training.n_step, training.gamma, observation_size)
+        sampling = np.random.default_rng((training.seed, 2))
+        self.replay = Replay(training.replay_capacity, observation_size, sampling)
+        self.epsilon: float | None = training.epsilon.start
+
+    @property
+    def updates(self) -> int:
+        return self.learner.updates
+
+    def act(self, observation: NDArray[Any], env_steps: int) -> NDArray[np.int64]:
+        """Return a random action with probability epsilon, otherwise the greedy one; see `Algorithm`."""
+        self.epsilon = self.training.epsilon.at(env_steps)
+        explore = self.exploration.random(len(observation)) < self.epsilon
+        random_action = self.exploration.integers(self.actions, size=len(observation))
+        return np.where(explore, random_action, self.policy.act(observation, {}))
+
+    def store(self, step: Step) -> None:
+        """Store the n-step transitions that `step` completes; see `Algorithm`."""
+        self.replay.add(
+            self.n_step.add(
+                step.observation,
+                step.action,
+                step.reward * self.training.reward_scale,
+                step.next_observation,
+                step.terminated,
+                step.truncated,
+            )
+        )
+
+    def learn(self, env_steps: int) -> Iterator[Metrics]:
+        """Make the updates due after `env_steps`, one at a time; see `Algorithm`."""
+        learning_rate = self.training.learning_rate_at(env_steps)
+        # The moments of unused units decay to denormal numbers, which are about ten times slower. The mode is
+        # the thread's, so it is set back for what the thread computes next.
+        torch.set_flush_denormal(True)
+        try:
+            while len(self.replay) and self.updates < self.training.updates_due(env_steps):
+                transitions = self.replay.sample(self.training.batch_size)
+                metrics = self.learner.update(transitions, learning_rate)
+                yield {**metrics, "learning_rate": learning_rate}
+        finally:
+            torch.set_flush_denormal(False)
+
+    def policy_tensors(self) -> Tensors:
+        """Return the parameters of the online network; see `Algorithm`."""
+        return numpy_tensors(self.policy.network.state_dict())
+
+    def state(self) -> tuple[Tensors, dict[str, Any]]:
+        """Return target network, optimizer, replay and random generators; see `Algorithm`."""
+        tensors = {
+            **prefixed("target.", numpy_tensors(self.learner.target.state_dict())),
+            **prefixed("optimizer.", optimizer_tensors(self.learner.optimizer)),
+            **prefixed("replay.", self.replay.state()),
+        }
+        generators = {"exploration": self.exploration, "sampling": self.replay.rng}
+        states = {name: generator.bit_generator.state for name, generator in generators.items()}
+        return tensors, {"updates": self.updates, **states}
+
+    def restore(self, policy: Tensors, tensors: Tensors, facts: Mapping[str, Any]) -> None:
+        """Continue from a saved state; the n-step windows start empty; see `Algorithm`."""
+        load_parameters(self.learner.online, policy)
+        load_parameters(self.learner.target, without_prefix("target.", tensors))
+        load_optimizer(self.learner.optimizer, without_prefix("optimizer.", tensors))
+        self.replay.load(without_prefix("replay.", tensors))
+        self.learner.updates = facts["updates"]
+        self.exploration.bit_generator.state = facts["exploration"]
+        self.replay.rng.bit_generator.state = facts["sampling"]

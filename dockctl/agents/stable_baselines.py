@@ -1,0 +1,277 @@
+"""Off-policy algorithms of Stable-Baselines3 as an `Algorithm`, driven step by step."""
+
+from __future__ import annotations
+
+import importlib
+import inspect
+from collections.abc import Iterator, Mapping
+from functools import partial
+from operator import attrgetter
+from typing import Any
+
+import gymnasium
+import numpy as np
+import stable_baselines3
+import torch
+from gymnasium.spaces import Box, Space
+from numpy.typing import NDArray
+from pydantic import ConfigDict, TypeAdapter, ValidationError
+from stable_baselines3.common.logger import configure
+from stable_baselines3.common.noise import NormalActionNoise
+from stable_baselines3.common.off_policy_algorithm import OffPolicyAlgorithm
+from stable_baselines3.common.policies import BasePolicy
+from stable_baselines3.common.vec_env import DummyVecEnv
+
+from dockctl.agents.algorithm import Metrics, Step, Tensors
+from dockctl.agents.algorithms import AlgorithmError, StableBaselines3
+from dockctl.agents.checkpoint import (
+    load_optimizer,
+    load_parameters,
+    numpy_tensors,
+    optimizer_tensors,
+    prefixed,
+    without_prefix,
+)
+from dockctl.agents.policy import Info
+from dockctl.errors import nearest
+from dockctl.scenarios.training import Training
+
+
+class Spaces(gymnasium.Env[Any, Any]):
+    """The spaces of one boat; the constructors of Stable-Baselines3 take them from an environment."""
+
+    def __init__(self, observation_space: Space[Any], action_space: Space[Any]) -> None:
+        self.observation_space, self.action_space = observation_space, action_space
+
+
+def make_model(
+    spec: StableBaselines3,
+    observation_space: Space[Any],
+    action_space: Space[Any],
+    hidden_sizes: tuple[int, ...],
+    boats: int = 1,
+    **arguments: Any,
+) -> OffPolicyAlgorithm:
+    """Construct a model without a usable environment.
+
+    Args:
+        arguments: of the constructor; those that the class does not take are left out.
+
+    Raises:
+        AlgorithmError: class, policy, hyperparameters or spaces do not fit.
+    """
+    model_class = _model_class(spec.model)
+    known = inspect.signature(model_class).parameters
+    settings = {name: value for name, value in arguments.items() if name in known}
+    for name, value in spec.hyperparameters.items():
+        field = f"training.algorithm.hyperparameters.{name}"
+        if name not in known:
+            raise AlgorithmError(
+                f"{spec.model} has no such parameter", field, "unknown_key", nearest(name, known)
+            )
+        if name in SHARED:
+            raise AlgorithmError(f"is set by {SHARED[name]}", field)
+        try:
+            _type_of(known[name]).validate_python(value, strict=True)
+        except ValidationError as error:
+            raise AlgorithmError(error.errors()[0]["msg"], field, "wrong_type") from None
+    network = {"net_arch": list(hidden_sizes), **spec.hyperparameters.get("policy_kwargs", {})}
+    if spec.policy not in model_class.policy_aliases:
+        names = sorted(model_class.policy_aliases)
+        raise AlgorithmError(
+            f"{spec.model} has no policy '{spec.policy}' (known: {', '.join(names)})",
+            "training.algorithm.policy", "unknown_name", nearest(spec.policy, names),
+        )  # fmt: skip
+    environment = DummyVecEnv([partial(Spaces, observation_space, action_space)] * boats)
+    try:
+        model: OffPolicyAlgorithm = model_class(
+            spec.policy, environment, **{**settings, **spec.hyperparameters, "policy_kwargs": network}
+        )
+    except (AssertionError, TypeError, ValueError) as error:
+        reason = " ".join(str(error).split())
+        raise AlgorithmError(f"{spec.model} cannot be built: {reason}", code="mismatch") from None
+    return model
+
+
+SHARED = {
+    "env": "the scenario",
+    "seed": "training.seed",
+    "device": "--device",
+    "learning_rate": "training.learning_rate and final_learning_rate",
+    "buffer_size": "training.replay_capacity",
+    "learning_starts": "training.warmup_steps",
+    "batch_size": "training.batch_size",
+    "gamma": "training.gamma",
+    "n_steps": "training.n_step",
+    "train_freq": "training.steps_per_update",
+    "gradient_steps": "training.steps_per_update",
+    "action_noise": "training.algorithm.action_noise",
+    "exploration_initial_eps": "training.epsilon.start",
+    "exploration_final_eps": "training.epsilon.end",
+    "exploration_fraction": "training.epsilon.decay_steps",
+    "policy": "training.algorithm.policy",
+}
+"""Parameters of the constructors that other keys of the scenario decide."""
+
+
+def _model_class(name: str) -> Any:
+    module, _, attribute = name.rpartition(":")
+    try:
+        found = getattr(importlib.import_module(module) if module else stable_baselines3, attribute)
+    except (ImportError, AttributeError):
+        known = sorted(n for n, value in vars(stable_baselines3).items() if _is_off_policy(value))
+        message = f"no algorithm '{name}': expected {', '.join(known)}, or package:Class"
+        raise AlgorithmError(
+            message, "training.algorithm.model", "unknown_name", nearest(name, known)
+        ) from None
+    if not _is_off_policy(found):
+        message = f"'{name}' is not an off-policy algorithm of Stable-Baselines3"
+        raise AlgorithmError(message, "training.algorithm.model")
+    return found
+
+
+def _type_of(parameter: inspect.Parameter) -> TypeAdapter[Any]:
+    """Return the validator of a parameter's type; anything is valid where it is unknown."""
+    annotation = parameter.annotation
+    known = annotation is not inspect.Parameter.empty and not isinstance(annotation, str)
+    return TypeAdapter(annotation if known else Any, config=ConfigDict(arbitrary_types_allowed=True))
+
+
+def _is_off_policy(value: object) -> bool:
+    return inspect.isclass(value) and issubclass(value, OffPolicyAlgorithm)
+
+
+class GreedyPolicy:
+    """The deterministic actions of a Stable-Baselines3 policy; a `Policy`."""
+
+    def __init__(self, policy: BasePolicy) -> None:
+        torch.set_num_threads(1)  # the matrices are small, and the simulator uses the other cores
+        self.policy = policy
+
+    def reset(self, rows: NDArray[np.int64], info: Info) -> None:
+        """Do nothing: the policy has no state."""
+
+    def act(self, observation: NDArray[Any], info: Info) -> NDArray[Any]:
+        """Return an action for each boat; see `Policy`."""
+        return np.asarray(self.policy.predict(observation, deterministic=True)[0])
+
+
+class StableBaselines:
+    """Drives a model: its own exploration, replay buffer and gradient steps, at the trainer's pace.
+
+    Args:
+        spec: class, policy, hyperparameters and action noise.
+        observation_space, action_space: of one boat.
+        training: the numbers that all algorithms share.
+        device: of the networks.
+    """
+
+    def __init__(
+        self,
+        spec: StableBaselines3,
+        observation_space: Space[Any],
+        action_space: Space[Any],
+        training: Training,
+        device: torch.device,
+    ) -> None:
+        epsilon, boats = training.epsilon, training.boats
+        noise = None
+        if spec.action_noise and isinstance(action_space, Box):
+            shape = (boats, *action_space.shape)
+            noise = NormalActionNoise(np.zeros(shape), np.full(shape, spec.action_noise))
+        self.training = training
+        self.model = make_model(
+            spec, observation_space, action_space, training.hidden_sizes, boats,
+            seed=training.seed,
+            device=device,
+            learning_rate=lambda remaining: training.learning_rate_at((1 - remaining) * training.total_steps),
+            buffer_size=training.replay_capacity,
+            batch_size=training.batch_size,
+            gamma=training.gamma,
+            n_steps=training.n_step,
+            action_noise=noise,
+            exploration_initial_eps=epsilon.start,
+            exploration_final_eps=epsilon.end,
+            exploration_fraction=min(1.0, epsilon.decay_steps / training.total_steps),
+        )  # fmt: skip
+        self.model.set_logger(configure(None, []))
+        self.policy = GreedyPolicy(self.model.policy)
+
+    @property
+    def updates(self) -> int:
+        return self.model._n_updates
+
+    @property
+    def epsilon(self) -> float | None:
+        rate: float | None = getattr(self.model, "exploration_rate", None)
+        return rate
+
+    def act(self, observation: NDArray[Any], env_steps: int) -> NDArray[Any]:
+        """Return the model's exploring actions; see `Algorithm`."""
+        model = self.model
+        model.num_timesteps, model._last_obs = env_steps, observation
+        model._update_current_progress_remaining(env_steps, self.training.total_steps)
+        model._on_step()  # exploration rate, and target network of DQN
+        action, self._buffer_action = model._sample_action(
+            self.training.warmup_steps, model.action_noise, self.training.boats
+        )
+        return action
+
+    def store(self, step: Step) -> None:
+        """Store a step with its scaled reward; see `Algorithm`."""
+        timeouts = step.truncated & ~step.terminated
+        assert self.model.replay_buffer is not None
+        self.model.replay_buffer.add(
+            step.observation,
+            step.next_observation,
+            self._buffer_action,
+            step.reward * self.training.reward_scale,
+            step.terminated | step.truncated,
+            [{"TimeLimit.truncated": bool(timeout)} for timeout in timeouts],
+        )
+
+    def learn(self, env_steps: int) -> Iterator[Metrics]:
+        """Make the updates due after `env_steps`, one at a time; see `Algorithm`.
+
+        After a resume the replay is empty: the model learns again when `warmup_steps` steps are stored.
+        """
+        training, model, replay = self.training, self.model, self.model.replay_buffer
+        assert replay is not None
+        if replay.size() * training.boats < min(training.warmup_steps, replay.buffer_size * training.boats):
+            return
+        before = training.updates_due(env_steps - training.boats)
+        for _ in range(training.updates_due(env_steps) - before):
+            model.train(1, training.batch_size)
+            logged = model.logger.name_to_value
+            metrics = {name.removeprefix("train/"): float(value) for name, value in logged.items()}
+            model.logger.dump()
+            del metrics["n_updates"]
+            yield {"loss": metrics.get("critic_loss", np.nan), **metrics}
+
+    def policy_tensors(self) -> Tensors:
+        """Return the state of the model's policy; see `Algorithm`."""
+        return numpy_tensors(self.model.policy.state_dict())
+
+    def state(self) -> tuple[Tensors, dict[str, Any]]:
+        """Return optimizers and other variables, but not the replay; see `Algorithm`."""
+        tensors: dict[str, NDArray[Any]] = {}
+        modules, variables = self.model._get_torch_save_params()
+        for name in modules:
+            if name.endswith("optimizer"):
+                tensors |= prefixed(f"{name}/", optimizer_tensors(attrgetter(name)(self.model)))
+        tensors |= numpy_tensors({name: getattr(self.model, name) for name in variables})
+        return tensors, {"updates": self.updates, "calls": getattr(self.model, "_n_calls", 0)}
+
+    def restore(self, policy: Tensors, tensors: Tensors, facts: Mapping[str, Any]) -> None:
+        """Continue with an empty replay and new random numbers; see `Algorithm`."""
+        load_parameters(self.model.policy, policy)
+        modules, variables = self.model._get_torch_save_params()
+        for name in modules:
+            if name.endswith("optimizer"):
+                load_optimizer(attrgetter(name)(self.model), without_prefix(f"{name}/", tensors))
+        for name in variables:
+            getattr(self.model, name).data.copy_(torch.from_numpy(tensors[name]))
+        self.model._n_updates = facts["updates"]
+        setattr(self.model, "_n_calls", facts["calls"])  # noqa: B010  # only DQN has it
+        seed = np.random.SeedSequence((self.training.seed, self.updates)).generate_state(1)
+        self.model.set_random_seed(int(seed[0]))
