@@ -24,9 +24,8 @@ from numpy.typing import NDArray
 
 from dockctl.agents.policy import Policy
 from dockctl.drawing.scene import Scene
-from dockctl.envs.observation import Columns, View
+from dockctl.envs.observation import Columns, ObservationEncoder, View
 from dockctl.envs.single import DockingEnv
-from dockctl.envs.spaces import ObservationEncoder
 from dockctl.envs.vector import DockingVectorEnv
 from dockctl.plugins import ACTIONS, CONDITIONS, OBSERVATION_PARTS, RANGE_SENSORS, REWARD_TERMS, Registry
 from dockctl.rewards.terms import Kind as RewardKind

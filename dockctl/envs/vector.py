@@ -12,8 +12,7 @@ from gymnasium.vector import AutoresetMode, VectorEnv
 from gymnasium.vector.utils import batch_space
 from numpy.typing import NDArray
 
-from dockctl.envs.observation import View
-from dockctl.envs.spaces import ObservationEncoder
+from dockctl.envs.observation import ObservationEncoder, View
 from dockctl.errors import DockctlError, nearest
 from dockctl.rewards.compose import RewardFunction
 from dockctl.scenarios.loader import LoadedScenario

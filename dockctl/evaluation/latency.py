@@ -12,8 +12,7 @@ import pandas as pd
 
 from dockctl.agents.policy import Policy
 from dockctl.analysis.latency import PARTS, THESIS_FORWARD_MS, summarize
-from dockctl.envs.observation import View
-from dockctl.envs.spaces import ObservationEncoder
+from dockctl.envs.observation import ObservationEncoder, View
 from dockctl.envs.vector import DockingVectorEnv
 from dockctl.evaluation.policies import LoadedPolicy, load_policy
 from dockctl.evaluation.rollout import Rollout

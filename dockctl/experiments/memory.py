@@ -13,7 +13,7 @@ import psutil
 from gymnasium.spaces import flatdim
 
 from dockctl.agents.dqn.replay import Replay
-from dockctl.envs.spaces import ObservationEncoder
+from dockctl.envs.observation import ObservationEncoder
 from dockctl.errors import DockctlError
 from dockctl.scenarios.schema import Scenario
 from dockctl.sim.world import World

@@ -1,4 +1,4 @@
-"""What a vector environment says in the step in which an episode ends, held to Gymnasium's own."""
+"""The step in which an episode ends: autoreset modes, compared with Gymnasium's own vector environment."""
 
 from __future__ import annotations
 
@@ -39,7 +39,7 @@ def test_same_step_is_declared() -> None:
     assert boats(2).metadata["autoreset_mode"] == AutoresetMode.SAME_STEP
 
 
-def test_a_collision_ends_one_boat_and_no_other() -> None:
+def test_a_collision_ends_the_episode_of_one_boat_only() -> None:
     env = boats(3, wall=25.0)
     placed(env, AWAY, (24.99, 0, 0), AWAY)
     for _ in range(10):
@@ -59,7 +59,7 @@ def test_a_collision_ends_one_boat_and_no_other() -> None:
     assert info["final_obs"][1] in env.single_observation_space
 
 
-def test_the_row_of_an_ended_episode_is_the_next_ones_first() -> None:
+def test_after_an_end_the_row_is_the_first_of_the_next_episode() -> None:
     env = boats(2, steps=3)
     first, _ = env.reset(seed=0)
     for _ in range(3):
@@ -80,7 +80,7 @@ def test_steps_without_an_end_have_no_final_entries() -> None:
     assert not {"final_obs", "final_info"} & set(env.step(np.full(2, STOP))[4])
 
 
-def test_docking_terminates_and_beats_the_clock() -> None:
+def test_docking_on_the_last_step_is_not_a_timeout() -> None:
     env = boats(1, steps=2)
     placed(env, (18, 3, 150))
     assert env.step(np.array([STOP]))[1].tolist() == [30_000]
@@ -92,7 +92,7 @@ def test_docking_terminates_and_beats_the_clock() -> None:
     assert info["phase"].tolist() == [0]
 
 
-def test_a_collision_on_the_last_step_is_no_timeout() -> None:
+def test_a_collision_on_the_last_step_is_not_a_timeout() -> None:
     env = boats(1, steps=1, wall=25.0)
     env.reset(seed=0)
     env.simulator.eta[0, 0] = 30
@@ -101,7 +101,7 @@ def test_a_collision_on_the_last_step_is_no_timeout() -> None:
     assert info["final_info"]["outcome"][0] == "collision"
 
 
-def test_disabled_waits_for_the_reset_of_the_ended_rows() -> None:
+def test_disabled_requires_a_reset_of_the_ended_rows() -> None:
     env = boats(2, wall=25.0, autoreset_mode=AutoresetMode.DISABLED)
     placed(env, AWAY, (24.999, 0, 0))
     ended = np.zeros(2, bool)
@@ -117,8 +117,8 @@ def test_disabled_waits_for_the_reset_of_the_ended_rows() -> None:
     env.step(np.full(2, AHEAD))
 
 
-def test_same_as_gymnasiums_synchronous_vector_of_single_boats() -> None:
-    """Step for step, key for key, through several ends of episodes; the initial pose is the same for all."""
+def test_equals_gymnasiums_synchronous_vector_of_single_boats() -> None:
+    """Step by step and key by key, over several episodes; all have the same initial pose."""
     worlds = [walled(23.3)]
     ours = DockingVectorEnv(scenario(7), 3, worlds=worlds)
     theirs = SyncVectorEnv(
@@ -136,7 +136,7 @@ def test_same_as_gymnasiums_synchronous_vector_of_single_boats() -> None:
 
 
 def assert_same(mine: Any, peer: Any) -> None:
-    """Equal where Gymnasium's masks hold; what they leave out is undefined."""
+    """Compare where Gymnasium's masks are true; the other values are undefined."""
     for one, other in zip(mine[:-1], peer[:-1], strict=True):
         assert np.array_equal(one, other)
     assert_same_info(mine[-1], peer[-1])

@@ -1,4 +1,4 @@
-"""The environments by their names, under Gymnasium's and Stable-Baselines3's checkers; no warning passes."""
+"""The registered environments under the checkers of Gymnasium and Stable-Baselines3; warnings are errors."""
 
 from __future__ import annotations
 
@@ -28,14 +28,14 @@ def _warnings_are_errors() -> Iterator[None]:
 
 
 @pytest.mark.parametrize("name", IDS)
-def test_gymnasium_is_content(name: str) -> None:
+def test_gymnasium_checker(name: str) -> None:
     env = gymnasium.make(f"dockctl.envs:{name}")
     check_env(env.unwrapped)
     assert env.observation_space.shape == (IDS[name],)
     assert env.action_space == gymnasium.spaces.Discrete(77)
 
 
-def test_stable_baselines_is_content() -> None:
+def test_stable_baselines_checker() -> None:
     checker = pytest.importorskip("stable_baselines3.common.env_checker")
     checker.check_env(gymnasium.make("dockctl/S3-v0").unwrapped)
 
@@ -62,7 +62,7 @@ def test_the_native_vector_environment() -> None:
     assert isinstance(default, DockingVectorEnv)
 
 
-def test_one_boat_is_row_zero_of_a_batch_of_one() -> None:
+def test_the_single_environment_is_row_0_of_the_vector() -> None:
     single, batch = gymnasium.make("dockctl/S3-v0"), gymnasium.make_vec("dockctl/S3-v0", num_envs=1)
     one, info = single.reset(seed=4)
     many, infos = batch.reset(seed=4)
@@ -76,7 +76,7 @@ def test_one_boat_is_row_zero_of_a_batch_of_one() -> None:
         assert info["reward_terms"] == {name: value[0] for name, value in infos["reward_terms"].items()}
 
 
-def test_a_picture_from_above() -> None:
+def test_rgb_array_rendering() -> None:
     env = gymnasium.make("dockctl/S3-v0", render_mode="rgb_array")
     env.reset(seed=0)
     env.step(73)
@@ -88,7 +88,7 @@ def test_a_picture_from_above() -> None:
     check_env(env.unwrapped)
 
 
-def test_the_names_are_known_without_loading_the_simulator() -> None:
+def test_registration_does_not_import_the_simulator() -> None:
     code = (
         "import sys, gymnasium, dockctl.envs; gymnasium.spec('dockctl/S3-v0');"
         "print(sorted({'numba', 'trimesh', 'fcl', 'torch'} & set(sys.modules)))"

@@ -12,8 +12,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from dockctl.envs.observation import Columns, View, observation_part
-from dockctl.envs.spaces import ObservationEncoder
+from dockctl.envs.observation import Columns, ObservationEncoder, View, observation_part
 from dockctl.errors import DockctlError
 from dockctl.scenarios.loader import load
 from dockctl.scenarios.schema import ObservationPart
@@ -37,7 +36,7 @@ def encoder(*parts: Any) -> ObservationEncoder:
     return ObservationEncoder([ObservationPart.model_validate(part) for part in parts], sectors=8)
 
 
-def test_scenario_three_sees_sixteen_numbers_in_the_order_of_equation_3_12() -> None:
+def test_scenario_3_observes_16_numbers_in_the_order_of_equation_3_12() -> None:
     encode = ObservationEncoder(S3.observation, sectors=8)
     observation = encode(VIEW)
     assert observation.dtype == np.float32
@@ -46,20 +45,20 @@ def test_scenario_three_sees_sixteen_numbers_in_the_order_of_equation_3_12() -> 
     assert encode.names[8:] == tuple(f"range_{k}" for k in range(1, 9))
 
 
-def test_scenario_one_sees_fifteen() -> None:
+def test_scenario_1_observes_15() -> None:
     encode = ObservationEncoder(S1.observation, sectors=8)
     assert encode.names[0] == "distance"
     assert encode.space.shape == (15,)
 
 
-def test_bounds_are_finite_and_those_of_the_data_sheet() -> None:
+def test_bounds_are_those_of_the_data_sheet() -> None:
     space = ObservationEncoder(S3.observation, sectors=8).space
     pi = np.float32(math.pi)
     assert space.low.tolist() == [0, 0, -pi, -5, -5, -5, -1, -1] + [0] * 8
     assert space.high.tolist() == [1, 10, pi, 5, 5, 5, 1, 1] + [2] * 8
 
 
-def test_the_order_is_the_scenarios() -> None:
+def test_the_scenario_determines_the_order() -> None:
     assert encoder("lidar", "phase").names == (*(f"range_{k}" for k in range(1, 9)), "phase")
 
 
@@ -70,8 +69,8 @@ def test_parameters_scale_and_cap() -> None:
     assert observation[0].tolist() == [2, 2, 2, 2, 2, 0.5, 1, 1.5, 0.5]
 
 
-def test_the_bearing_points_to_the_goal_in_the_body_frame() -> None:
-    """Heading north, goal in the east: to starboard."""
+def test_the_bearing_is_in_the_body_frame() -> None:
+    """Heading 90 degrees, goal at 0 degrees: to starboard."""
     assert encoder("bearing")(VIEW)[0] == pytest.approx([-1, 0], abs=1e-7)
     assert encoder("bearing")(replace(VIEW, eta=np.array([[20.0, 2.0, 0.0]])))[0] == pytest.approx([0, 1])
 
@@ -80,7 +79,7 @@ numbers = st.floats(-1e6, 1e6)
 
 
 @given(st.lists(numbers, min_size=15, max_size=15), st.sampled_from([0, 1]))
-def test_no_view_leaves_the_bounds(values: Sequence[float], phase: int) -> None:
+def test_every_view_is_within_the_bounds(values: Sequence[float], phase: int) -> None:
     x = np.array([values])
     view = View(
         phase=np.array([phase]),

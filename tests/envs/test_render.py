@@ -1,4 +1,4 @@
-"""Frames of the environment."""
+"""Rendered frames."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ def color_at(frame: np.ndarray, x: float, y: float) -> tuple[int, ...]:
     return tuple(int(value) for value in frame[row, column])
 
 
-def test_a_frame_shows_water_boat_and_quay_where_they_are() -> None:
+def test_a_frame_shows_water_boat_and_quay_at_their_positions() -> None:
     frame = draw_frame(SCENE, ETA, GOAL, TRAIL)
     assert frame.dtype == np.uint8
     assert frame.shape[2] == 3
@@ -41,7 +41,7 @@ def test_sides_are_even_for_video_encoders() -> None:
         assert abs(height - longest) <= 1
 
 
-def test_frames_repeat_and_leave_the_harbor_alone() -> None:
+def test_frames_do_not_change_the_cached_harbor() -> None:
     first = draw_frame(SCENE, ETA, GOAL, TRAIL)
     draw_frame(SCENE, GOAL, GOAL, TRAIL)
     assert np.array_equal(first, draw_frame(SCENE, ETA, GOAL, TRAIL))
@@ -53,12 +53,12 @@ def test_trails_may_hold_headings_or_one_pose() -> None:
     draw_frame(SCENE, ETA, GOAL, ETA[None])
 
 
-def test_a_boat_off_the_picture_is_left_out() -> None:
+def test_a_boat_outside_the_image_is_not_drawn() -> None:
     far = np.array([500.0, 500.0, 0.0])
     bare = draw_frame(SCENE, far, far, far[None])
     assert color_at(bare, *ETA[:2]) == ImageColor.getrgb(palette.WATER)
 
 
-def test_a_harbor_without_quays_is_drawn_with_sea_around_it() -> None:
+def test_a_harbor_without_quays_has_water_around_it() -> None:
     bare = replace(SCENE, polygons=tuple(p for p in SCENE.polygons if p.kind != "quay"))
     assert Canvas.of(bare, 900).left < Canvas.of(SCENE, 900).left

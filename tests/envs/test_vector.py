@@ -1,4 +1,4 @@
-"""The vector environment: seeds, independence of the number of boats, options, and what it refuses."""
+"""The vector environment: seeds, independence of the number of boats, options, errors."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ def env(boats: int, *, exploring: bool = True, source: Any = S3, wall: float = 2
 
 
 def record(vector: DockingVectorEnv, seed: Any, actions: np.ndarray) -> list[np.ndarray]:
-    """Observations, rewards and poses of every step, through many ends of episodes."""
+    """Return observations, rewards and poses of every step, over many episodes."""
     first, info = vector.reset(seed=seed)
     steps = [first, info["pose"]]
     for action in actions:
@@ -43,7 +43,7 @@ def test_the_same_seed_gives_the_same_bits(actions: np.ndarray) -> None:
     assert not np.array_equal(one[1], record(env(8), 12, actions[:1])[1])
 
 
-def test_a_boat_does_not_depend_on_how_many_there_are(actions: np.ndarray) -> None:
+def test_a_boat_does_not_depend_on_the_number_of_boats(actions: np.ndarray) -> None:
     eight, three = record(env(8), 11, actions), record(env(3), 11, actions[:, :3])
     assert all(np.array_equal(a[:3], b) for a, b in zip(eight, three, strict=True))
     assert sum(steps.sum() for steps in (*three[4::6], *three[5::6])) > 20  # terminated, truncated
@@ -60,7 +60,7 @@ def test_a_row_seeded_alone_is_the_same_boat(actions: np.ndarray) -> None:
             assert all(np.array_equal(a[[row]], b) for a, b in zip(eight, alone, strict=True))
 
 
-def test_a_reset_without_seed_goes_on_with_the_generators() -> None:
+def test_a_reset_without_seed_keeps_the_generators() -> None:
     vector = env(8)
     first = vector.reset(seed=0)[1]["pose"]
     second = vector.reset()[1]["pose"]
@@ -75,7 +75,7 @@ def test_scenario_two_begins_at_all_its_poses() -> None:
     assert set(info["start_kind"]) == {"pose"}
 
 
-def test_info_tells_everything_and_belongs_to_the_reader() -> None:
+def test_info_is_complete_and_copied() -> None:
     vector = env(2, exploring=False)
     vector.reset(seed=0)
     _, reward, _, _, info = vector.step(np.array([73, 0]))
@@ -84,12 +84,12 @@ def test_info_tells_everything_and_belongs_to_the_reader() -> None:
     assert info["sector_ranges_m"].shape == (2, 8)
     assert info["distance_m"] == pytest.approx(np.hypot(info["pose"][:, 0] - 18, info["pose"][:, 1] - 3))
     assert sum(info["reward_terms"].values()) == pytest.approx(reward)
-    kept = {key: np.copy(value) for key, value in info.items() if not isinstance(value, dict)}
+    copies = {key: np.copy(value) for key, value in info.items() if not isinstance(value, dict)}
     vector.step(np.array([73, 0]))
-    assert all(np.array_equal(kept[key], info[key]) for key in kept)
+    assert all(np.array_equal(copies[key], info[key]) for key in copies)
 
 
-def test_poses_put_the_boats_where_they_are_asked_to_be() -> None:
+def test_poses_set_the_start_poses() -> None:
     vector = env(2)
     poses = np.array([[20.0, 3.0, 2.5], [19.0, -1.0, 3.0]])
     observations, info = vector.reset(options={"poses": poses})

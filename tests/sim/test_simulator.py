@@ -1,4 +1,4 @@
-"""A control step: what it changes, in which order, and for whom."""
+"""A control step: what it changes, in which order, and for which boats."""
 
 from __future__ import annotations
 
@@ -29,7 +29,7 @@ def simulator(*starts: Start, wall: float = math.inf) -> Simulator:
     return sim
 
 
-def test_a_step_moves_the_boat_as_the_vessel_says_and_scans_from_where_it_ends() -> None:
+def test_a_step_integrates_the_vessel_and_scans_from_the_new_pose() -> None:
     sim, command = simulator(start_at(23, -10, 90)), np.array([[50.0, 0.2]])
     eta, nu = VesselModel(S3.vessel).step(sim.eta, sim.nu, command)
     status = sim.step(command)
@@ -44,7 +44,7 @@ def test_a_step_moves_the_boat_as_the_vessel_says_and_scans_from_where_it_ends()
     assert sim.step(IDLE).previous_command.tolist() == [[50.0, 0.2]]
 
 
-def test_the_intermediate_pose_turns_the_goal_over_after_the_step() -> None:
+def test_after_the_intermediate_pose_the_goal_is_the_final_pose() -> None:
     sim = simulator(start_at(18, 3, 150))
     status = sim.step(IDLE)
     assert status.reached_intermediate.tolist() == [True]
@@ -59,17 +59,17 @@ def test_the_intermediate_pose_turns_the_goal_over_after_the_step() -> None:
     assert not after.reached_intermediate.any()
 
 
-def test_the_final_pose_counts_in_the_second_phase_only() -> None:
+def test_the_final_pose_is_reached_in_the_second_phase_only() -> None:
     sim = simulator(start_at(36, 0, 180), start_at(36, 0, 180, phase=1))
     assert sim.step(np.zeros((2, 2))).reached_final.tolist() == [False, True]
 
 
-def test_a_boat_too_fast_has_not_arrived() -> None:
+def test_a_boat_above_the_speed_tolerance_has_not_reached_the_pose() -> None:
     sim = simulator(start_at(36, 0, 180, phase=1, surge=0.3), start_at(36, 0, 180, phase=1, surge=0.11))
     assert sim.step(np.zeros((2, 2))).reached_final.tolist() == [False, True]
 
 
-def test_a_collision_beats_the_poses_reached_in_the_same_step() -> None:
+def test_a_collision_takes_precedence_over_poses_reached_in_the_same_step() -> None:
     sim = simulator(start_at(18, 3, 150), start_at(36, 0, 180, phase=1), wall=17.0)
     status = sim.step(np.zeros((2, 2)))
     assert status.collided.tolist() == [True, True]
@@ -77,7 +77,7 @@ def test_a_collision_beats_the_poses_reached_in_the_same_step() -> None:
     assert sim.phase.tolist() == [0, 1]
 
 
-def test_reset_touches_its_rows_only() -> None:
+def test_reset_changes_its_rows_only() -> None:
     sim = simulator(start_at(23, -10, 90), start_at(23, -10, 90), start_at(23, -10, 90))
     for _ in range(3):
         sim.step(np.tile([50.0, 0.1], (3, 1)))
@@ -88,11 +88,11 @@ def test_reset_touches_its_rows_only() -> None:
     assert sim.command.tolist() == [[50.0, 0.1], [0.0, 0.0], [50.0, 0.1]]
     assert not sim.nu[1].any()
     assert sim.distance_m[1] == pytest.approx(math.hypot(6, 1))
-    for kept, now in zip(before, (sim.eta, sim.nu, sim.sector_ranges_m), strict=True):
-        assert np.array_equal(kept[[0, 2]], now[[0, 2]])
+    for old, now in zip(before, (sim.eta, sim.nu, sim.sector_ranges_m), strict=True):
+        assert np.array_equal(old[[0, 2]], now[[0, 2]])
 
 
-def test_a_reset_scans_the_boats_that_begin_and_no_others() -> None:
+def test_a_reset_scans_its_rows_only() -> None:
     sim = simulator(*[start_at(23, -10, 90)] * 5)
     lidar = sim.worlds[0].lidar
     assert isinstance(lidar, Rings)
@@ -101,17 +101,17 @@ def test_a_reset_scans_the_boats_that_begin_and_no_others() -> None:
     assert lidar.scanned == 1
 
 
-def test_a_status_stays_as_it_was_when_the_boats_move_on() -> None:
+def test_a_status_does_not_change_in_later_steps() -> None:
     sim = simulator(start_at(23, -10, 90))
     status = sim.step(np.array([[50.0, 0.1]]))
-    kept = status.nu.copy(), status.sector_ranges_m.copy(), status.distance_m.copy(), status.phase.copy()
+    copies = status.nu.copy(), status.sector_ranges_m.copy(), status.distance_m.copy(), status.phase.copy()
     sim.reset(np.array([0]), [start_at(30, 1, 170, phase=1)])
     sim.step(IDLE)
     now = status.nu, status.sector_ranges_m, status.distance_m, status.phase
-    assert all(np.array_equal(a, b) for a, b in zip(kept, now, strict=True))
+    assert all(np.array_equal(a, b) for a, b in zip(copies, now, strict=True))
 
 
-def test_boats_may_have_berths_of_their_own() -> None:
+def test_each_boat_may_have_its_own_berth() -> None:
     west = replace(start_at(20, 0, 0, phase=1), goals=np.array([[25, 0, 0.9], [7, -2, 0.0]]))
     sim = simulator(start_at(20, 0, 180, phase=1), west)
     assert sim.distance_m == pytest.approx([16, math.hypot(13, 2)])
@@ -123,8 +123,8 @@ def test_without_an_intermediate_pose_there_is_one_phase() -> None:
     assert sim.step(IDLE).reached_final.tolist() == [True]
 
 
-def test_each_boat_sees_and_meets_its_own_harbor() -> None:
-    """Three boats at the same place in open water, before a wall and in open water again, in mixed order."""
+def test_each_boat_scans_and_collides_in_its_own_harbor() -> None:
+    """Four boats at the same pose, two in open water and two in front of a wall, in mixed order."""
     starts = [replace(start_at(20, 0, 180), harbor=harbor) for harbor in (1, 0, 1, 0)]
     open_water, before_a_wall = walled(), walled(19.0)
     sim = Simulator(S3, [open_water, before_a_wall], 4)
