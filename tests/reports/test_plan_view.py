@@ -1,4 +1,4 @@
-"""The harbor from above."""
+"""Plan view: harbor, views, paths and poses."""
 
 from __future__ import annotations
 
@@ -35,22 +35,17 @@ def timed(seconds: float) -> Track:
     return Track("", "red", pd.DataFrame({"time_s": [0.0, seconds]}))
 
 
-def test_a_boat_is_turned_and_moved() -> None:
-    outline = place_outline(np.array([[1.5, 0.0], [0.0, 0.5]]), np.array([20.0, 2.0, math.pi / 2]))
-    assert outline == pytest.approx(np.array([[20.0, 3.5], [19.5, 2.0]]))
-
-
-def test_shadows_lie_under_everything() -> None:
+def test_shadows_are_drawn_first() -> None:
     drawn = list(strokes(PLAN))
     solids = [polygon for polygon in PLAN.polygons if polygon.kind in ("quay", "finger", "hull")]
     assert all(stroke.edge is None for stroke in drawn[: len(solids)])
     assert np.array_equal(drawn[len(solids)].xy, PLAN.polygons[0].xy)
     planks = [stroke for stroke in drawn if stroke.fill is None]
-    assert len(planks) == 7 * 15  # 8 m piers, a line every half metre
+    assert len(planks) == 7 * 15  # 8 m piers, a line every half meter
     assert all(np.ptp(plank.xy[:, 0]) == 0 and np.ptp(plank.xy[:, 1]) == 1 for plank in planks)
 
 
-def test_a_harbor_without_quays_lies_in_the_sea() -> None:
+def test_open_water_around_a_harbor_without_quays() -> None:
     assert water(PLAN) == PLAN.bounds
     bare = replace(PLAN, polygons=tuple(p for p in PLAN.polygons if p.kind != "quay"))
     assert water(bare)[0] == PLAN.bounds[0] - OPEN_WATER_M
@@ -60,7 +55,7 @@ def test_a_harbor_without_quays_lies_in_the_sea() -> None:
     st.lists(st.tuples(st.floats(5, 38), st.floats(-39, 39)), min_size=1, max_size=5),
     st.sampled_from([(0.85, 1.75), (1.0, 1.0), (1.3, 1.3)]),
 )
-def test_a_view_holds_its_points_within_the_harbor(
+def test_a_view_contains_its_points_and_is_inside_the_harbor(
     points: list[tuple[float, float]], aspect: tuple[float, float]
 ) -> None:
     x0, y0, x1, y1 = plan_view.close_view(PLAN, np.array(points), aspect=aspect)
@@ -72,14 +67,10 @@ def test_a_view_holds_its_points_within_the_harbor(
     assert y1 <= high_y + 1e-9
 
 
-def test_water_reaches_poses_outside() -> None:
+def test_bounds_are_extended_to_poses_outside() -> None:
     assert plan_view.extended(PLAN, np.array([[20.0, 0.0]])) is PLAN
-    assert plan_view.extended(PLAN, np.array([[20.0, 0.0], [60.0, -50.0]])).bounds == (
-        4.5,
-        -50.0,
-        60.0,
-        40.0,
-    )
+    extended = plan_view.extended(PLAN, np.array([[20.0, 0.0], [60.0, -50.0]]))
+    assert extended.bounds == (4.5, -50.0, 60.0, 40.0)
 
 
 @pytest.mark.parametrize(
@@ -89,7 +80,7 @@ def test_outlines_are_at_round_intervals(seconds: float, interval: float) -> Non
     assert plan_view.outline_interval([timed(1.0), timed(seconds)]) == interval
 
 
-def test_paths_and_outlines_follow_the_table() -> None:
+def test_paths_and_outlines_are_those_of_the_table() -> None:
     with house_style():
         _, ax = titled_axes("", "")
         tracks = tracks_of(synthetic.track(0, (23.0, -10.0, 90.0), intermediate=True))
@@ -104,10 +95,10 @@ def test_paths_and_outlines_follow_the_table() -> None:
         if hasattr(patch, "get_xy") and np.ndim(patch.get_xy()) == 2
     ]
     assert any(xy[:-1] == pytest.approx(starts) for xy in outlines)
-    every = table[np.isclose(table["time_s"] % 10, 0)]
-    for _, row in every.iterrows():
-        place = np.array([row["x_m"], row["y_m"], math.radians(row["heading_deg"])])
-        assert any(xy[:-1] == pytest.approx(place_outline(PLAN.hull, place)) for xy in outlines)
+    shown = table[np.isclose(table["time_s"] % 10, 0)]
+    for _, row in shown.iterrows():
+        pose = np.array([row["x_m"], row["y_m"], math.radians(row["heading_deg"])])
+        assert any(xy[:-1] == pytest.approx(place_outline(PLAN.hull, pose)) for xy in outlines)
 
 
 def test_tolerances_are_circles_around_the_goals() -> None:
@@ -131,10 +122,10 @@ def test_the_harbor_is_drawn_to_scale() -> None:
     assert len(ax.collections[0].get_paths()) == len(list(strokes(PLAN)))
 
 
-def test_outlines_are_sorted_in_time() -> None:
+def test_intervals_are_sorted() -> None:
     assert all(a < b for a, b in pairwise(plan_view.INTERVALS_S))
 
 
-def test_a_scene_survives_json() -> None:
+def test_scene_json_round_trip() -> None:
     again = Scene.from_json(PLAN.to_json())
     assert len(list(strokes(again))) == len(list(strokes(PLAN)))

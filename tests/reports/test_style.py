@@ -1,4 +1,4 @@
-"""The look of the figures, and files that repeat byte for byte."""
+"""Figure style, and reproducible files."""
 
 from __future__ import annotations
 
@@ -20,34 +20,34 @@ def draw(folder: Path) -> list[Path]:
         return save({"figure": figure}, folder)
 
 
-def test_the_same_figure_gives_the_same_bytes(tmp_path: Path) -> None:
+def test_files_are_reproducible(tmp_path: Path) -> None:
     first, second = draw(tmp_path / "a"), draw(tmp_path / "b")
     assert [path.name for path in first] == ["figure.png", "figure.svg"]
     for one, other in zip(first, second, strict=True):
         assert one.read_bytes() == other.read_bytes()
 
 
-def test_pictures_have_200_dots_an_inch(tmp_path: Path) -> None:
+def test_resolution(tmp_path: Path) -> None:
     from PIL import Image
 
     png, _ = draw(tmp_path)
     assert Image.open(png).size == (round(7.6 * 200), round(4.3 * 200))
 
 
-def test_the_style_ends_with_the_block() -> None:
+def test_settings_are_restored() -> None:
     before = dict(mpl.rcParams)
     with house_style():
         assert mpl.rcParams["svg.hashsalt"] == "dockctl"
     assert dict(mpl.rcParams) == before
 
 
-def test_a_folder_that_cannot_be_made_is_told(tmp_path: Path) -> None:
+def test_an_output_folder_that_cannot_be_created(tmp_path: Path) -> None:
     (tmp_path / "file").write_text("")
     with pytest.raises(DockctlError, check=lambda error: error.code == "not_writable"):
         draw(tmp_path / "file" / "figures")
 
 
-def test_large_numbers_are_grouped_and_minus_is_a_minus() -> None:
+def test_thousands() -> None:
     with house_style():
         _, ax = titled_axes("", "")
         thousands(ax, "y")
