@@ -8,6 +8,7 @@ from collections.abc import Collection, Iterable
 from pathlib import Path
 from typing import Any
 
+from dockctl.scenarios.harbor import Fleet, Marina, is_model_file
 from dockctl.scenarios.schema import Scenario
 
 LABELS = {"title", "description", "plugins"}
@@ -15,15 +16,24 @@ LABELS = {"title", "description", "plugins"}
 
 
 def mesh_files(scenario: Scenario) -> tuple[Path, ...]:
-    """Return the mesh files of the harbor."""
-    return tuple(Path(mesh.path) for mesh in scenario.harbor.meshes)
+    """Return the mesh files of the harbor and of its fleet."""
+    return tuple(map(Path, [*(mesh.path for mesh in scenario.harbor.meshes), *_model_files(scenario)]))
+
+
+def _model_files(scenario: Scenario) -> list[str]:
+    fleet = scenario.harbor.fleet if isinstance(scenario.harbor, Marina) else Fleet()
+    return [model for model in fleet.models if is_model_file(model)]
 
 
 def with_paths(scenario: Scenario, plugins: Iterable[str], meshes: Iterable[str]) -> Scenario:
-    """Return `scenario` with other paths for its plugins and, in their order, for its meshes."""
-    harbor, pairs = scenario.harbor, zip(scenario.harbor.meshes, meshes, strict=True)
-    moved = tuple(mesh.model_copy(update={"path": path}) for mesh, path in pairs)
-    changed = {"plugins": tuple(plugins), "harbor": harbor.model_copy(update={"meshes": moved})}
+    """Return `scenario` with other paths for its plugins and, ordered as in `mesh_files`, its meshes."""
+    harbor, paths = scenario.harbor, iter(meshes)
+    moved = tuple(mesh.model_copy(update={"path": next(paths)}) for mesh in harbor.meshes)
+    changes: dict[str, Any] = {"meshes": moved}
+    if isinstance(harbor, Marina):
+        models = (next(paths) if is_model_file(model) else model for model in harbor.fleet.models)
+        changes["fleet"] = harbor.fleet.model_copy(update={"models": tuple(models)})
+    changed = {"plugins": tuple(plugins), "harbor": harbor.model_copy(update=changes)}
     return scenario.model_copy(update=changed)
 
 

@@ -99,8 +99,16 @@ class EndRow(_Row):
 PierRow = Annotated[SideRow | EndRow, Field(discriminator="side")]
 
 
+def is_model_file(model: str) -> bool:
+    """Return whether a vessel model is given as a path, and not by name."""
+    return model.endswith(".obj")
+
+
 class Fleet(Model):
-    """The moored vessels: drawn from `models` with a fixed seed, every model once before any is repeated."""
+    """The moored vessels: drawn from `models` with a fixed seed, every model once before any is repeated.
+
+    A model is the name of a packaged one or the path of an OBJ file.
+    """
 
     seed: int = Field(default=0, ge=0, strict=True)
     stern_gap_m: Positive = 0.7
@@ -110,8 +118,8 @@ class Fleet(Model):
     def _models_exist(self) -> Self:
         known = sorted(file.stem for file in VESSEL_MODELS.glob("*.obj"))
         for index, name in enumerate(self.models):
-            if name not in known:
-                message = f"unknown vessel model '{name}' (known: {', '.join(known)})"
+            if name not in known and not is_model_file(name):
+                message = f"unknown vessel model '{name}' (an OBJ file, or one of: {', '.join(known)})"
                 raise FieldError(f"models.{index}", message, "unknown_name", nearest(name, known))
         return self
 

@@ -17,7 +17,7 @@ from dockctl.errors import Code, DockctlError, InputError, Problem
 from dockctl.plugins import HARBORS, SCENARIOS, VESSELS, Registry
 from dockctl.scenarios import catalog, translate
 from dockctl.scenarios.base import Model
-from dockctl.scenarios.harbor import HarborSpec
+from dockctl.scenarios.harbor import HarborSpec, is_model_file
 from dockctl.scenarios.parameters import function_problems
 from dockctl.scenarios.schema import Scenario
 from dockctl.scenarios.vessel import Vessel
@@ -217,7 +217,19 @@ def _expanded(tree: Node, directory: Path) -> Node:
         tree = tree.replaced("harbor", _expanded(harbor, directory))
     if (meshes := tree.get("meshes")) is not None:  # in a harbor file, and in the `harbor` of a scenario
         tree = tree.replaced("meshes", _absolute(meshes, directory))
+    if (fleet := tree.get("fleet")) is not None and (models := fleet.get("models")) is not None:
+        tree = tree.replaced("fleet", fleet.replaced("models", _absolute_models(models, directory)))
     return tree
+
+
+def _absolute_models(models: Node, directory: Path) -> Node:
+    if not isinstance(models.value, list):
+        return models
+    files = (isinstance(item.value, str) and is_model_file(item.value) for item in models.value)
+    items = [
+        _absolute(item, directory) if file else item for item, file in zip(models.value, files, strict=True)
+    ]
+    return Node(items, models.location)
 
 
 def _absolute(node: Node, directory: Path) -> Node:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator, Sequence
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -39,7 +40,7 @@ def load_checked(
     try:
         problems = [loaded.problem(*found) for found in check_poses(loaded.scenario, loaded.base_dir)]
     except InputError as error:  # of a mesh file: the field is known, but not its line
-        problems = [loaded.problem(p.field, f"{p.file}: {p.message}", p.code) for p in error.problems]
+        problems = [loaded.problem(p.field, str(replace(p, field="")), p.code) for p in error.problems]
     if problems:
         raise InputError(problems)
     return loaded

@@ -5,7 +5,7 @@ from __future__ import annotations
 import hashlib
 import math
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property, lru_cache
 from pathlib import Path
 from typing import Literal
@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 from dockctl.drawing.scene import Polygon, Scene
 from dockctl.errors import DockctlError, InputError, Problem
 from dockctl.scenarios.berths import BerthPlace
-from dockctl.scenarios.harbor import Basin, EndRow, HarborSpec, Marina, Side, SideRow
+from dockctl.scenarios.harbor import Basin, EndRow, Fleet, HarborSpec, Marina, Side, SideRow
 from dockctl.scenarios.vessel import Hull
 from dockctl.sim.harbor.fleet import MooredModel, moored_model
 from dockctl.sim.harbor.mesh_files import load_bodies
@@ -121,6 +121,7 @@ def _build(spec: HarborSpec, base_dir: Path) -> Harbor:
     parts: list[Part] = []
     berths: list[Berth] = []
     basin = None
+    problems: list[Problem] = []
     if isinstance(spec, Marina):
         water = spec.basin
         basin = (water.x_min_m, water.y_min_m, water.x_max_m, water.y_max_m)
@@ -128,8 +129,9 @@ def _build(spec: HarborSpec, base_dir: Path) -> Harbor:
         for row in spec.rows:
             parts += _fingers(row, water)
         berths = list(_berths(spec))
-        parts += _moored(spec, berths)
-    problems: list[Problem] = []
+        problems += _model_problems(spec.fleet)
+        if not problems:
+            parts += _moored(spec, berths)
     for index, file in enumerate(spec.meshes):
         try:
             bodies = load_bodies(file, base_dir, f"harbor.meshes.{index}.path")
@@ -254,6 +256,15 @@ def _moored(spec: Marina, berths: Sequence[Berth]) -> Iterator[Part]:
         frame = QuayFrame.of(row.side, spec.basin, at, gap=spec.fleet.stern_gap_m)
         name = f"moored {model.vessel_class}, {berth.name}"
         yield Part(name, "vessel", tuple(map(frame.to_world, model.solids)))
+
+
+def _model_problems(fleet: Fleet) -> Iterator[Problem]:
+    """Yield the problems of the files of the fleet's models."""
+    for index, name in enumerate(fleet.models):
+        try:
+            moored_model(name)
+        except InputError as error:
+            yield from (replace(problem, field=f"harbor.fleet.models.{index}") for problem in error.problems)
 
 
 def _draw(

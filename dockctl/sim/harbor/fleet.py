@@ -17,9 +17,8 @@ from pathlib import Path
 import numpy as np
 import trimesh
 
-from dockctl.errors import InputError, Problem
-from dockctl.runs.files import reading
-from dockctl.scenarios.harbor import VESSEL_MODELS
+from dockctl.errors import Code, InputError, Problem
+from dockctl.scenarios.harbor import VESSEL_MODELS, is_model_file
 from dockctl.sim.harbor.solids import Solid, joined
 
 
@@ -48,24 +47,26 @@ class MooredModel:
 
 @cache
 def moored_model(name: str) -> MooredModel:
-    """Return the model `name`, read from its file.
+    """Return the model `name`, or that of the OBJ file `name`.
 
     Raises:
-        InputError: the file is damaged.
-        DockctlError: the file cannot be read.
+        InputError: the file is missing or damaged.
     """
-    return read_model(VESSEL_MODELS / f"{name}.obj")
+    return read_model(Path(name) if is_model_file(name) else VESSEL_MODELS / f"{name}.obj")
 
 
 def read_model(path: Path) -> MooredModel:
     """Read a vessel from an OBJ file; the coordinates are the file's numbers as float64, shifted to x >= 0.
 
     Raises:
-        InputError: a line is not valid, an object has no triangles, or there are no objects.
-        DockctlError: the file cannot be read.
+        InputError: the file cannot be read, a line is not valid, or there is no object with triangles.
     """
-    with reading(path):
+    try:
         lines = path.read_text(encoding="utf-8").splitlines()
+    except (OSError, UnicodeDecodeError) as error:
+        reason = f"cannot be read: {getattr(error, 'strerror', None) or error}"
+        code: Code = "not_found" if isinstance(error, FileNotFoundError) else "not_readable"
+        raise InputError([Problem(str(path), 0, 0, "", reason, code)]) from None
     vertices: list[list[float]] = []
     objects: dict[str, list[list[int]]] = {}
     faces: list[list[int]] = []

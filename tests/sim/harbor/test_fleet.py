@@ -11,8 +11,11 @@ import pytest
 
 from dockctl.drawing.scene import KINDS
 from dockctl.errors import InputError
+from dockctl.scenarios.content import first_difference, mesh_files, with_paths
 from dockctl.scenarios.harbor import DEFAULT_MODELS, VESSEL_MODELS
-from dockctl.scenarios.loader import load
+from dockctl.scenarios.loader import dump, load
+from dockctl.sim.checks import load_checked
+from dockctl.sim.harbor.build import build_harbor
 from dockctl.sim.harbor.fleet import MooredModel, moored_model, read_model
 
 ROOT = Path(__file__).parents[3]
@@ -138,6 +141,43 @@ def test_a_file_in_the_folder_is_a_model(tmp_path: Path, monkeypatch: pytest.Mon
     (tmp_path / "barge.obj").write_text(BOX)
     load("s1", overrides=["harbor.fleet.models=[barge]"])
     assert moored_model("barge").vessel_class == "barge"
+
+
+def test_a_fleet_of_a_local_file_is_self_contained(tmp_path: Path) -> None:
+    """The file is found relative to the scenario, listed for copying, and compared by its content."""
+    (tmp_path / "barge.obj").write_text(BOX)
+    (tmp_path / "mine.yaml").write_text("extends: s1\nharbor: {fleet: {models: [./barge.obj, skiff]}}\n")
+    loaded = load_checked(tmp_path / "mine.yaml")
+    assert mesh_files(loaded.scenario) == (tmp_path / "barge.obj",)
+    harbor = build_harbor(loaded.scenario.harbor, loaded.base_dir)
+    assert {part.name.split(",")[0] for part in harbor.parts if part.kind == "vessel"} == {
+        "moored barge",
+        "moored open boat",
+    }
+    (tmp_path / "copy").mkdir()
+    (tmp_path / "copy" / "00-barge.obj").write_text(BOX)
+    (tmp_path / "copy.yaml").write_text(dump(with_paths(loaded.scenario, (), ["copy/00-barge.obj"])))
+    copied = load(tmp_path / "copy.yaml").scenario
+    assert mesh_files(copied) == (tmp_path / "copy" / "00-barge.obj",)
+    assert first_difference(loaded.scenario, copied) is None
+    (tmp_path / "copy" / "00-barge.obj").write_text(BOX.replace("v 2 0 1", "v 2 0 2"))
+    assert first_difference(loaded.scenario, copied) is not None
+
+
+@pytest.mark.parametrize(
+    ("text", "code"), [(None, "not_found"), (BOX.replace("f 1 2 5", "f 1 2 6"), "not_readable")]
+)
+def test_a_local_file_that_cannot_be_read_is_reported_in_its_place(
+    tmp_path: Path, text: str | None, code: str
+) -> None:
+    if text is not None:
+        (tmp_path / f"{code}.obj").write_text(text)
+    file = tmp_path / "mine.yaml"
+    file.write_text(f"extends: s1\nharbor:\n  fleet:\n    models: [skiff, ./{code}.obj]\n")
+    with pytest.raises(InputError) as error:
+        load_checked(file)
+    (problem,) = error.value.problems
+    assert (problem.line, problem.field, problem.code) == (4, "harbor.fleet.models.1", code)
 
 
 def test_an_unknown_model_is_reported_in_its_place() -> None:
