@@ -1,4 +1,4 @@
-"""What all tests share."""
+"""Fixtures of all tests."""
 
 from __future__ import annotations
 
@@ -13,22 +13,24 @@ from dockctl.scenarios import catalog
 
 os.environ.setdefault("MPLBACKEND", "Agg")
 
-# The same examples everywhere. No deadline: the first call of a compiled function pays for its compilation.
+# The same examples on every machine. No deadline: the first call of a compiled function includes compilation.
 settings.register_profile("dockctl", deadline=None, derandomize=True)
 settings.load_profile("dockctl")
 
 
 @pytest.fixture(scope="session", autouse=True)
 def _own_cache(tmp_path_factory: pytest.TempPathFactory) -> Iterator[None]:
-    """Keep the tests' tables out of the user's cache."""
+    """Use a cache folder of the session instead of the user's; the workers of pytest-xdist share it."""
+    base = tmp_path_factory.getbasetemp()
+    session = base.parent if "PYTEST_XDIST_WORKER" in os.environ else base
     with pytest.MonkeyPatch.context() as patch:
-        patch.setenv("XDG_CACHE_HOME", str(tmp_path_factory.mktemp("cache")))
+        patch.setenv("XDG_CACHE_HOME", str(session / "cache"))
         yield
 
 
 @pytest.fixture(autouse=True)
 def _own_registries(monkeypatch: pytest.MonkeyPatch) -> Iterator[None]:
-    """Let each test load plugins, and forget them after it."""
+    """Undo what a test registers."""
     catalog.fill()
     monkeypatch.setattr(plugins, "_loaded", {})
     saved = [(registry, registry.save()) for registry in plugins.GROUPS.values()]
