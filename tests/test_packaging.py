@@ -20,7 +20,7 @@ from pydantic import BaseModel
 import dockctl
 from dockctl import plugins
 from dockctl.cli import app
-from dockctl.plugins import ACTIONS, CONDITIONS, RANGE_SENSORS
+from dockctl.plugins import ACTIONS, ALGORITHMS, CONDITIONS, RANGE_SENSORS
 from dockctl.runs.directory import SHIPPED
 from dockctl.scenarios.harbor import DEFAULT_MODELS
 from dockctl.scenarios.schema import Scenario
@@ -143,8 +143,9 @@ def models(root: type[BaseModel]) -> set[type[BaseModel]]:
 
 
 plugins.load_builtins()
+KINDS = (ACTIONS, ALGORITHMS, CONDITIONS, RANGE_SENSORS)
 MODELS = sorted(
-    models(Scenario) | {kind.value for registry in (ACTIONS, CONDITIONS, RANGE_SENSORS) for kind in registry},
+    models(Scenario) | {kind.value for registry in KINDS for kind in registry},
     key=str,
 )
 

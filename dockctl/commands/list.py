@@ -89,11 +89,16 @@ def _checkpoints() -> Iterator[tuple[str, ...]]:
 def _describe(entry: Entry[Any]) -> tuple[str, str, str]:
     """Return kind, source and parameters of a function or a model."""
     parameters = [
-        name if default is inspect.Parameter.empty else f"{name}={default}"
+        name if default is inspect.Parameter.empty else f"{name}={_short(default)}"
         for name, default in entry.parameters.items()
         if name != "kind"
     ]
     return entry.kind, entry.source, ", ".join(parameters)
+
+
+def _short(default: Any) -> str:
+    text = str(default)
+    return f"({len(default)} values)" if isinstance(default, tuple) and len(text) > 40 else text
 
 
 def _describe_file(path: Path, listing: Listing) -> tuple[str, str, str]:

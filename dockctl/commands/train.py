@@ -7,7 +7,7 @@ from typing import Annotated
 
 import typer
 
-from dockctl.commands.options import DEFAULT_SCENARIO
+from dockctl.commands.options import DEFAULT_SCENARIO, Overrides, Plugins
 from dockctl.errors import DockctlError
 from dockctl.experiments.interrupt import INTERRUPTED
 from dockctl.runs.directory import RUNS
@@ -15,27 +15,23 @@ from dockctl.runs.directory import RUNS
 
 def train(
     scenario: Annotated[
-        str | None, typer.Argument(help=f"Scenario file or name; {DEFAULT_SCENARIO} if none is given.")
+        str | None, typer.Argument(help=f"Scenario file or name; {DEFAULT_SCENARIO} by default.")
     ] = None,
     seed: Annotated[int | None, typer.Option(min=0, help="Random seed.")] = None,
     out: Annotated[
         Path | None,
-        typer.Option(help="Folder that gets <scenario>/<time>-seed<N>/.", show_default=str(RUNS)),
+        typer.Option(help="Output folder, for <scenario>/<time>-seed<N>/.", show_default=str(RUNS)),
     ] = None,
     resume: Annotated[
         Path | None,
         typer.Option(help="Run folder to continue after an interruption, or to extend to --steps."),
     ] = None,
-    set_: Annotated[
-        list[str] | None, typer.Option("--set", metavar="KEY=VALUE", help="Override a value of the scenario.")
-    ] = None,
+    set_: Overrides = None,
     steps: Annotated[
         int | None, typer.Option(min=1, help="Limit of environment steps, all boats together.")
     ] = None,
     device: Annotated[str, typer.Option(help="Torch device of the networks: cpu, cuda, ...")] = "cpu",
-    plugin: Annotated[
-        list[Path] | None, typer.Option(help="Local .py file with registered extensions.")
-    ] = None,
+    plugin: Plugins = None,
 ) -> None:
     """Train a policy, and write checkpoints, tables and trajectories to a run folder.
 
