@@ -44,7 +44,7 @@ def figures(run: Run) -> Iterator[tuple[str, Figure]]:
     """Yield name and figure for everything that the tables of a run contain."""
     if run.episodes is not None:
         yield from training_figures(run, run.episodes)
-    if run.updates is not None and (columns := [c for c in learning.UPDATE_COLUMNS if c in run.updates]):
+    if run.updates is not None and (columns := learning.update_columns(run.updates)):
         yield "training-updates", updates_figure(run, run.updates, columns)
     if run.evaluations is not None:
         yield "training-evaluations", evaluation_figure(run, run.evaluations)

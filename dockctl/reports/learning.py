@@ -140,6 +140,11 @@ def draw_evaluations(ax: Axes, evaluations: pd.DataFrame, names: Sequence[str]) 
     legend_above(ax, list(palette.OUTCOMES.items()))
 
 
+def update_columns(updates: pd.DataFrame) -> list[str]:
+    """Those of `UPDATE_COLUMNS` that the algorithm recorded."""
+    return [name for name in UPDATE_COLUMNS if name in updates and updates[name].notna().any()]
+
+
 def draw_updates(axes: Iterable[Axes], updates: pd.DataFrame, columns: Sequence[str]) -> None:
     """Draw diagnostics of the updates over the environment steps, with their moving average.
 
@@ -153,7 +158,7 @@ def draw_updates(axes: Iterable[Axes], updates: pd.DataFrame, columns: Sequence[
         ax.plot(updates["env_steps"], updates[column], color=palette.RAW, lw=0.8, label=column)
         mean = moving_average(updates[column], window)
         ax.plot(updates["env_steps"], mean, color=palette.MEAN, lw=1.5, label=f"{column}, mean of {window}")
-        if column != "q_mean" and (updates[column] > 0).all():
+        if column != "q_mean" and (updates[column].dropna() > 0).all():
             ax.set_yscale("log")
         ax.set_xlim(0, max(updates["env_steps"].max(), 1))
         ax.set_title(UPDATE_COLUMNS[column], loc="left", fontsize=9, fontweight="bold")

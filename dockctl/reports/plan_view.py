@@ -23,7 +23,7 @@ from dockctl.scenarios.schema import Task
 Floats = NDArray[np.float64]
 Bounds = tuple[float, float, float, float]
 
-INTERVALS_S = (1.0, 2.0, 5.0, 10.0, 20.0, 50.0, 100.0)
+INTERVALS_S = (1.0, 2.0, 5.0, 10.0, 20.0, 50.0, 100.0)  # between outlines
 MOST_OUTLINES = 12  # along the longest path
 QUAY_M = 3.0  # width of the strip of land around the water
 SCALE_BARS_M = (1.0, 2.0, 5.0, 10.0, 20.0, 50.0)
