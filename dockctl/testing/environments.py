@@ -1,0 +1,162 @@
+"""Contract tests of what runs as a whole: scenarios with their environments, and policies."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from gymnasium.vector import AutoresetMode
+from numpy.typing import NDArray
+
+from dockctl.agents.policy import Policy
+from dockctl.drawing.scene import Scene
+from dockctl.envs.single import DockingEnv
+from dockctl.envs.vector import DockingVectorEnv
+from dockctl.scenarios.loader import dump
+from dockctl.scenarios.schema import Scenario
+from dockctl.sim.checks import load_checked
+from dockctl.sim.status import Bools, Floats
+from dockctl.sim.world import World, build_worlds
+
+SECTORS = 8  # of `open_water`
+
+Rows = dict[str, NDArray[Any]]
+
+
+def check_scenario(source: str | Path, *, steps: int = 40) -> None:
+    """Check that a scenario loads, survives a round trip through YAML, and gives a sound environment.
+
+    The environment is deterministic under a seed; a boat does not depend on the number of boats; a single
+    boat equals a row of the vector; observations are in their space; rewards are finite sums of their terms;
+    returned arrays are the caller's own.
+    """
+    loaded = load_checked(source)
+    scenario = loaded.scenario
+    assert scenario.model_validate(scenario.model_dump(mode="json")) == scenario, "the dump differs"
+    assert "name:" in dump(scenario), "the scenario has no name"
+    check_environment(scenario, build_worlds(scenario, loaded.base_dir), steps=steps)
+
+
+def check_policy(policy: Policy, env: DockingVectorEnv, *, steps: int = 40) -> None:
+    """Check a policy: valid actions, no state left after a reset, inputs unchanged, row by row.
+
+    Args:
+        policy: works for any number of boats.
+        env: several boats, same-step autoreset.
+        steps: control steps of the check.
+    """
+    what, boats = f"policy {type(policy).__name__}", env.num_envs
+    single = DockingVectorEnv(env.scenario, 1, worlds=env.worlds)
+
+    def actions(env: DockingVectorEnv) -> list[NDArray[Any]]:
+        observation, info = env.reset(seed=5)
+        policy.reset(np.arange(env.num_envs), info)
+        chosen = []
+        for step in range(steps):
+            before = {key: value.copy() for key, value in _arrays((observation, info)).items()}
+            action = np.asarray(policy.act(observation, info))
+            for key, value in _arrays((observation, info)).items():
+                assert np.array_equal(before[key], value), f"{what}, step {step}: act changes {key}"
+            space = env.single_action_space
+            assert action.shape == env.action_space.shape, (
+                f"{what}: actions of shape {action.shape}, expected {env.action_space.shape}"
+            )
+            typed = action.astype(space.dtype)
+            assert np.array_equal(typed, action) or typed.dtype.kind == "f", f"{what}: actions {action}"
+            assert all(map(space.contains, typed)), f"{what}, step {step}: actions {action} not in {space}"
+            chosen.append(action.copy())
+            observation, _, terminated, truncated, info = env.step(action)
+            if (terminated | truncated).any():
+                policy.reset(np.flatnonzero(terminated | truncated), info)
+        return chosen
+
+    first, again, alone = actions(env), actions(env), actions(single)
+    for step in range(steps):
+        assert np.array_equal(first[step], again[step]), f"{what}, step {step}: state left after reset"
+        assert np.array_equal(first[step][:1], alone[step]), (
+            f"{what}, step {step}: the action of a boat depends on the other {boats - 1} boats"
+        )
+
+
+def open_water() -> World:
+    """Return a world without obstacles in which all ranges are 100 m."""
+    scene = Scene("open water", (), np.zeros((4, 2)), (0.0, 0.0, 50.0, 50.0))
+    return World(_NoObstacles(), _NoReturns(), lambda: scene)
+
+
+class _NoObstacles:
+    def collides(self, eta: Floats) -> Bools:
+        return np.zeros(len(eta), bool)
+
+    blocked = collides
+
+    def collided_part(self, eta: Floats) -> str | None:
+        return None
+
+    def clearance(self, eta: Floats) -> Floats:
+        return np.full(len(eta), 100.0)
+
+
+@dataclass(frozen=True)
+class _NoReturns:
+    table_bytes: int = 0
+
+    def sector_ranges(self, eta: Floats) -> Floats:
+        return np.full((len(eta), SECTORS), 100.0)
+
+    def points(self, pose: Floats) -> Floats:
+        return np.empty((0, 3))
+
+
+def check_environment(scenario: Scenario, worlds: Sequence[World], steps: int) -> None:
+    """Check the vector environment of a scenario, and the single one against it."""
+    what, boats, seed = f"scenario '{scenario.name}'", 3, 5
+
+    def make(number: int) -> DockingVectorEnv:
+        return DockingVectorEnv(
+            scenario, number, worlds=worlds, exploring=True, autoreset_mode=AutoresetMode.DISABLED
+        )
+
+    env, same, fewer, single = (
+        make(boats),
+        make(boats),
+        make(2),
+        DockingEnv(scenario, worlds=worlds, exploring=True),
+    )
+    env.action_space.seed(0)
+    first = env.reset(seed=seed)
+    returned = [_arrays(first), _arrays(same.reset(seed=seed)), _arrays(fewer.reset(seed=seed))]
+    alone = _arrays(single.reset(seed=seed))
+    for step in range(steps):
+        many, equal, few = returned
+        where = f"{what}, step {step}"
+        for key, value in many.items():
+            assert np.array_equal(value, equal[key]), f"{where}: {key} differs under the same seed"
+            assert np.array_equal(value[:2], few[key]), f"{where}: {key} depends on the number of boats"
+            assert np.array_equal(value[0], alone[key]), f"{where}: {key} of a single boat differs"
+            assert value.dtype == object or np.isfinite(value).all(), f"{where}: {key} is not finite"
+        assert many["observation"] in env.observation_space, f"{where}: observation out of bounds"
+        for value in equal.values():  # the caller may do what it likes with them
+            if value.dtype != object:
+                value[:] = 0
+        action = env.action_space.sample()
+        results = [env.step(action), same.step(action), fewer.step(action[:2])]
+        lone = single.step(action[0])
+        terms = sum(results[0][4]["reward_terms"].values())
+        assert np.allclose(results[0][1], terms), f"{where}: the reward is not the sum of its terms"
+        returned, alone = [_arrays(result) for result in results], _arrays(lone)
+        if (results[0][2] | results[0][3]).any():
+            returned = [_arrays(each.reset()) for each in (env, same, fewer)]
+            alone = _arrays(single.reset())
+
+
+def _arrays(result: tuple[Any, ...]) -> Rows:
+    """Return everything that `reset` or `step` returned as arrays by name."""
+    names = {2: ("observation",), 5: ("observation", "reward", "terminated", "truncated")}[len(result)]
+    values = dict(zip(names, result, strict=False))
+    for key, value in result[-1].items():
+        values |= {f"{key}.{k}": v for k, v in value.items()} if isinstance(value, dict) else {key: value}
+    return {key: np.asarray(value) for key, value in values.items()}
