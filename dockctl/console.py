@@ -9,7 +9,7 @@ MIN_WIDTH = 80
 """Columns that the tables need. On a narrower terminal lines wrap, and no number is truncated."""
 
 
-def say(console: Console, text: str, style: str = "") -> None:
+def print_text(console: Console, text: str, style: str = "") -> None:
     """Print `text` literally: without markup, highlighting or wrapping, so that paths stay intact."""
     console.print(Text(text, style=style), soft_wrap=True)
 

@@ -14,7 +14,7 @@ from rich.text import Text
 
 from dockctl.commands.options import Episodes, StartSeed
 from dockctl.commands.outputs import require_writable_file, save_figure
-from dockctl.console import say, table_console
+from dockctl.console import print_text, table_console
 from dockctl.runs.directory import require_writable
 from dockctl.runs.files import write_atomically
 from dockctl.runs.tables import EVALUATION, START_KINDS, to_csv
@@ -78,7 +78,7 @@ def _print(result: Comparison) -> None:
             if one.kind == kind:
                 console.print(_difference_table(one))
                 counts = f"{one.only_first} by {one.first}, {one.only_second} by {one.second}"
-                say(console, f"Docked by one alone: {counts}; exact McNemar p = {one.p:.2g}.\n", "dim")
+                print_text(console, f"Docked by one alone: {counts}; exact McNemar p = {one.p:.2g}.\n", "dim")
 
 
 def _endings_table(result: Comparison, kind: str) -> Table:

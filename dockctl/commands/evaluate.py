@@ -24,7 +24,7 @@ from dockctl.commands.options import (
     policy_of,
 )
 from dockctl.commands.outputs import require_writable_file
-from dockctl.console import say, table_console
+from dockctl.console import print_text, table_console
 from dockctl.runs.files import write_atomically
 from dockctl.runs.tables import EVALUATION, START_KINDS, to_csv
 
@@ -84,12 +84,12 @@ def evaluate(
         files += [(Path(f"{stem}.csv"), as_csv), (Path(f"{stem}.json"), as_json)]
     elif given.run:
         note = f"note: {given.run.path} is read-only, the result is not stored in it"
-        say(Console(stderr=True), note)
+        print_text(Console(stderr=True), note)
     for file, content in files:
         write_atomically(file, content)
     console = table_console()
     changes = "".join(f", {change}" for change in result.overrides)
-    say(console, f"Policy {given.description} on scenario '{result.scenario.name}'{changes}")
+    print_text(console, f"Policy {given.description} on scenario '{result.scenario.name}'{changes}")
     if "pose" in result.groups:
         console.print(_episode_table(result))
     console.print(_summary_table(result))

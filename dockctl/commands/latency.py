@@ -13,7 +13,7 @@ from rich.table import Table
 
 from dockctl.commands.options import DEFAULT_SCENARIO, Ckpt, PolicyOption, policy_of
 from dockctl.commands.outputs import Outputs, save_figure
-from dockctl.console import say, table_console
+from dockctl.console import print_text, table_console
 from dockctl.errors import DockctlError
 from dockctl.runs.directory import RUNS, RunDirectory
 from dockctl.runs.files import write_atomically
@@ -53,13 +53,13 @@ def latency(
     with Console(stderr=True).status("timing decisions"):
         result = run(given, scenario, decisions)
     console, subtitle = table_console(), f"{result.subject}; {len(result.samples):,} decisions"
-    say(console, f"Timed: {subtitle}")
+    print_text(console, f"Timed: {subtitle}")
     console.print(_table(result.summary))
-    say(console, verdict(result.summary, result.control_period_ms))
+    print_text(console, verdict(result.summary, result.control_period_ms))
     save_figure(stem, lambda: latency_figure(result.samples, subtitle, result.control_period_ms), folder)
     csv = result.samples.to_csv(index_label="decision", float_format="%.6g", lineterminator="\n")
     for end, text in ((".csv", csv), (".json", json.dumps(result.as_json(), indent=2) + "\n")):
-        say(console, str(write_atomically(folder / f"{stem}{end}", text.encode())))
+        print_text(console, str(write_atomically(folder / f"{stem}{end}", text.encode())))
 
 
 def verdict(summary: dict[str, dict[str, float]], control_period_ms: float) -> str:

@@ -12,7 +12,7 @@ from rich.table import Table
 
 from dockctl.commands.options import Ckpt, PolicyOption, ScenarioOption, finite, policy_of
 from dockctl.commands.outputs import Outputs
-from dockctl.console import say, table_console
+from dockctl.console import print_text, table_console
 from dockctl.errors import DockctlError
 from dockctl.runs.directory import MAP
 
@@ -85,7 +85,7 @@ def _print(result: SuccessMap) -> None:
 
     console, rows, limit = table_console(), result.table, analysis.SMALL_OFFSET_DEG
     free, reach_m = analysis.free_starts(rows), analysis.half_width(rows)
-    say(
+    print_text(
         console,
         f"Policy {result.policy.description} on scenario '{result.scenario.name}': {len(free):,} free starts"
         f" within ±{reach_m:g} m, {len(rows) - len(free):,} blocked",
@@ -113,4 +113,4 @@ def _print(result: SuccessMap) -> None:
             analysis.format_radius(analysis.success_radius(group, reach_m)),
         )
     console.print(table)
-    say(console, "Success radius: the largest distance up to which every free start docks.")
+    print_text(console, "Success radius: the largest distance up to which every free start docks.")

@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Any
 
 from rich.console import Console
 
-from dockctl.console import say
+from dockctl.console import print_text
 from dockctl.errors import DockctlError
 from dockctl.runs.directory import FIGURES, require_writable
 from dockctl.runs.files import write_atomically, writing
@@ -70,9 +70,9 @@ class Outputs:
             self.tables.mkdir(parents=True, exist_ok=True)
         save_figure(self.stem, draw, self.figures)
         for path in filter(None, (self.tables / f"{self.stem}.csv", self.csv)):
-            say(Console(), str(write_atomically(path, table.encode())))
+            print_text(Console(), str(write_atomically(path, table.encode())))
         facts = json.dumps({"policy": self.policy.facts()}, indent=2) + "\n"
-        say(Console(), str(write_atomically(self.tables / f"{self.stem}.json", facts.encode())))
+        print_text(Console(), str(write_atomically(self.tables / f"{self.stem}.json", facts.encode())))
 
 
 def save_figure(name: str, draw: Callable[[], Any], folder: Path) -> None:
@@ -89,7 +89,7 @@ def save_figure(name: str, draw: Callable[[], Any], folder: Path) -> None:
     with house_style():
         written = save({name: draw()}, folder)
     for path in written:
-        say(Console(), str(path))
+        print_text(Console(), str(path))
 
 
 def require_writable_file(file: Path) -> None:

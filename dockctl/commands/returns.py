@@ -13,7 +13,7 @@ from rich.table import Table
 
 from dockctl.commands.options import Ckpt, PolicyOption, policy_of
 from dockctl.commands.outputs import Outputs
-from dockctl.console import say, table_console
+from dockctl.console import print_text, table_console
 from dockctl.errors import DockctlError
 from dockctl.runs.directory import RETURNS
 
@@ -80,7 +80,7 @@ def _print(result: Returns) -> None:
     from dockctl.analysis.returns import unit_words, verdicts
 
     console, gamma = table_console(), result.scenario.training.gamma
-    say(
+    print_text(
         console,
         f"Discounted returns on scenario '{result.scenario.name}' (gamma {gamma:g}); docking is the greedy"
         f" episode of {result.policy.description}",
@@ -95,4 +95,4 @@ def _print(result: Returns) -> None:
             table.add_row(row["behavior"], row["outcome"], f"{row['time_s']:g} s", f"{row['return']:,.0f}")
         console.print(table)
         for verdict in verdicts(rows):
-            say(console, verdict)
+            print_text(console, verdict)

@@ -11,7 +11,7 @@ from rich.console import Console
 from rich.table import Table
 
 from dockctl.commands.options import DEFAULT_SCENARIO, Plugins, parse_pose
-from dockctl.console import say
+from dockctl.console import print_text
 from dockctl.errors import DockctlError
 
 if TYPE_CHECKING:
@@ -57,10 +57,10 @@ def show(
         drawn = figures(scene_of(harbor, spec.vessel.hull), spec, *bodies(spec, harbor), measured)
         written = save(drawn, folder)
     console = Console()
-    say(console, f"{len(measured.points):,} LiDAR points from {measured.label}")
+    print_text(console, f"{len(measured.points):,} LiDAR points from {measured.label}")
     console.print(sector_table(measured))
     for path in written:
-        say(console, str(path))
+        print_text(console, str(path))
 
 
 def scan(scenario: Scenario, harbor: Harbor, pose: Pose) -> Scan:

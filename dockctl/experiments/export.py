@@ -14,7 +14,7 @@ from rich.console import Console
 
 from dockctl.agents.checkpoint import load_pair, save_policy
 from dockctl.analysis.episodes import ending
-from dockctl.console import say
+from dockctl.console import print_text
 from dockctl.errors import DockctlError
 from dockctl.evaluation.policies import CheckpointPolicy, load_checkpoint
 from dockctl.evaluation.rollout import Episode, Rollout
@@ -85,11 +85,11 @@ def ship(runs: Sequence[Path], name: str | None, out: Path) -> None:
         failures = [episode for episode in required if not episode.docked]
         if not failures:
             folder = write_checkpoint(best, candidates, loaded, episodes, out / name)
-            say(Console(), f"{best.run.path} exported to {folder}")
+            print_text(Console(), f"{best.run.path} exported to {folder}")
             return
         for episode in failures:
             x, y, heading = episode.start.eta
-            say(
+            print_text(
                 Console(stderr=True),
                 f"skipped {best.run.path}: from its training pose {x:g}, {y:g},"
                 f" {math.degrees(heading):.4g}°: {ending(episode.row())}",

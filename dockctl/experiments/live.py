@@ -14,7 +14,7 @@ from rich.progress_bar import ProgressBar
 from rich.table import Table
 
 from dockctl.analysis.learning import RECENT
-from dockctl.console import say
+from dockctl.console import print_text
 
 if TYPE_CHECKING:
     from dockctl.agents.progress import Progress
@@ -65,7 +65,7 @@ class TrainingDisplay:
         if self._live:
             self._live.update(self._panel(progress), refresh=True)
         elif len(self._marks) > 1:
-            say(self._console, " | ".join(self._facts(progress).values()))
+            print_text(self._console, " | ".join(self._facts(progress).values()))
 
     def show_evaluation(self, progress: Progress) -> None:
         """Print the latest validation, unless it was printed before."""
@@ -75,7 +75,7 @@ class TrainingDisplay:
             line = (
                 f"{progress.evaluated_at:>9,} steps: the greedy policy docked {result}; best {best(progress)}"
             )
-            say(self._console, line)
+            print_text(self._console, line)
 
     def _facts(self, progress: Progress) -> dict[str, str]:
         """Return the facts to show, by name."""

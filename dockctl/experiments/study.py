@@ -23,7 +23,7 @@ from rich.table import Table
 from rich.text import Text
 
 import dockctl
-from dockctl.console import say
+from dockctl.console import print_text
 from dockctl.errors import DockctlError
 from dockctl.experiments.archive import archive
 from dockctl.experiments.interrupt import on_interrupt
@@ -65,7 +65,7 @@ def run_study(source: str, names: Sequence[str], out: Path, results: Path, worke
     console = Console()
     for job in jobs:
         for run, difference in job.mismatched_runs():
-            say(console, f"note: {run} is not a run of {job.label}: {difference}", "yellow")
+            print_text(console, f"note: {run} is not a run of {job.label}: {difference}", "yellow")
     runner = JobRunner(jobs, min(workers, len(jobs)), lambda progress: display.report(progress))
     display = Display(console, runner)
     with display.shown(), on_interrupt(runner.stop):
@@ -77,7 +77,7 @@ def run_study(source: str, names: Sequence[str], out: Path, results: Path, worke
             for job in jobs
             if (finished := job.finished())
         ]
-        say(console, f"{len(archived)} runs archived in {results}")
+        print_text(console, f"{len(archived)} runs archived in {results}")
     return ending
 
 
@@ -229,12 +229,14 @@ class Display:
         label = progress.job.label
         if progress.state == "working":
             if not self._live:
-                say(self._console, f"{label}: {progress.stage}")
+                print_text(self._console, f"{label}: {progress.stage}")
         elif progress.state == "failed":
             words = (f"{label}:", progress.stage, "failed:", progress.reason, f"(see {progress.job.log})")
-            say(self._console, " ".join(filter(None, words)), "red")
+            print_text(self._console, " ".join(filter(None, words)), "red")
         else:
-            say(self._console, f"{label}: {progress.state}", "green" if progress.state == "done" else "")
+            print_text(
+                self._console, f"{label}: {progress.state}", "green" if progress.state == "done" else ""
+            )
 
     def refresh(self) -> None:
         """Show the progress of the running jobs."""
@@ -245,7 +247,7 @@ class Display:
             self._printed_at = time.monotonic()
             for progress in working:
                 facts = (progress.job.label, progress.stage, clock(progress.seconds), progress.last_line())
-                say(self._console, " | ".join(facts))
+                print_text(self._console, " | ".join(facts))
 
     def _table(self, working: Sequence[Progress]) -> Group:
         table = Table.grid(padding=(0, 2), expand=True)
@@ -267,12 +269,12 @@ def _counts(runner: JobRunner) -> str:
 def _report_ending(console: Console, runner: JobRunner) -> Ending:
     command = f"dockctl {shlex.join(sys.argv[1:])}"
     if runner.stopping and any(progress.state != "done" for progress in runner.progress):
-        say(console, f"Interrupted: {_counts(runner)}. Trainings are saved. To resume:\n  {command}")
+        print_text(console, f"Interrupted: {_counts(runner)}. Trainings are saved. To resume:\n  {command}")
         return "interrupted"
     failed = [progress for progress in runner.progress if progress.state == "failed"]
-    say(console, f"{len(runner.progress) - len(failed)} of {len(runner.progress)} jobs done.")
+    print_text(console, f"{len(runner.progress) - len(failed)} of {len(runner.progress)} jobs done.")
     for progress in failed:
-        say(console, f"failed: {progress.job.label}: {progress.reason}", "red")
+        print_text(console, f"failed: {progress.job.label}: {progress.reason}", "red")
     if failed:
-        say(console, f"Once that is fixed:\n  {command}")
+        print_text(console, f"Once that is fixed:\n  {command}")
     return "failed" if failed else "done"

@@ -18,7 +18,7 @@ from dockctl.agents.policy import Policy
 from dockctl.agents.progress import REASONS, Progress
 from dockctl.agents.trainer import Trainer, Validation
 from dockctl.analysis.learning import RECENT
-from dockctl.console import say
+from dockctl.console import print_text
 from dockctl.envs.vector import DockingVectorEnv
 from dockctl.errors import DockctlError, InputError
 from dockctl.evaluation.rollout import Rollout, score, trajectories_csv
@@ -192,8 +192,8 @@ def _run(session: _Session, run: RunDirectory, console: Console, *, resumed: boo
     loaded, scenario, training = session.loaded, session.loaded.scenario, session.loaded.scenario.training
     title = f"{scenario.name}, seed {training.seed}"
     boats = f"{training.boats} boat{'s' * (training.boats > 1)}"
-    say(console, f"{title}: {boats}; memory: {session.memory}")
-    say(console, f"run folder: {run.path}")
+    print_text(console, f"{title}: {boats}; memory: {session.memory}")
+    print_text(console, f"run folder: {run.path}")
     card = PolicyCard(
         scenario=scenario.name,
         hidden_sizes=training.hidden_sizes,
@@ -242,4 +242,4 @@ def _report(console: Console, run: TrainedRun) -> None:
         lines += ["Saved. To continue:", f"  dockctl train --resume {run.path}"]
     else:
         lines += ["Next:", f"  dockctl evaluate --ckpt {run.path}", f"  dockctl plot {run.path}"]
-    say(console, "\n".join(lines))
+    print_text(console, "\n".join(lines))
