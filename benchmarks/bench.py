@@ -76,7 +76,7 @@ def ratio(times: Mapping[str, Sequence[float]], slow: str, fast: str) -> float:
 
 
 @dataclass(frozen=True)
-class Bar:
+class Target:
     """The required minimum or maximum of a measured value."""
 
     what: str
@@ -86,15 +86,17 @@ class Bar:
     unit: str = ""
 
     @property
-    def reached(self) -> bool:
+    def met(self) -> bool:
+        """Whether the value is within its bound."""
         low = -float("inf") if self.at_least is None else self.at_least
         high = float("inf") if self.at_most is None else self.at_most
         return low <= self.value <= high
 
     @property
-    def demand(self) -> str:
-        sign, bound = ("≥", self.at_least) if self.at_most is None else ("≤", self.at_most)
-        return f"{sign} {bound:g} {self.unit}".rstrip()
+    def bound(self) -> str:
+        """The bound as text."""
+        sign, value = ("≥", self.at_least) if self.at_most is None else ("≤", self.at_most)
+        return f"{sign} {value:g} {self.unit}".rstrip()
 
 
 def busy_cores(seconds: float = 1.0) -> float:
@@ -109,19 +111,19 @@ class Report:
     name: str
     title: str
     seconds: dict[str, list[float]] = field(default_factory=dict)
-    bars: list[Bar] = field(default_factory=list)
+    targets: list[Target] = field(default_factory=list)
     facts: dict[str, Any] = field(default_factory=dict)
     load: float = field(default_factory=busy_cores)
     niceness: int = field(default_factory=lambda: os.nice(0))
 
-    def tell(self) -> None:
+    def write(self) -> None:
         """Print the targets, and write ``results/<name>.json``."""
         table = Table(title=self.title, box=box.SIMPLE_HEAD, header_style="bold", title_justify="left")
         for heading in ("", "measured", "target", ""):
             table.add_column(heading, justify="right" if heading in ("measured", "target") else "left")
-        for bar in self.bars:
-            verdict = "met" if bar.reached else "missed"
-            table.add_row(bar.what, f"{bar.value:,.4g} {bar.unit}".rstrip(), bar.demand, verdict)
+        for target in self.targets:
+            verdict = "met" if target.met else "missed"
+            table.add_row(target.what, f"{target.value:,.4g} {target.unit}".rstrip(), target.bound, verdict)
         console.print(table)
         if self.load > BUSY:
             console.print(
@@ -147,13 +149,13 @@ class Report:
             "seconds": {name: summary(values) for name, values in self.seconds.items()},
             "targets": [
                 {
-                    "what": bar.what,
-                    "value": bar.value,
-                    "target": bar.demand,
-                    "unit": bar.unit,
-                    "met": bar.reached,
+                    "what": target.what,
+                    "value": target.value,
+                    "target": target.bound,
+                    "unit": target.unit,
+                    "met": target.met,
                 }
-                for bar in self.bars
+                for target in self.targets
             ],
             "facts": self.facts,
         }

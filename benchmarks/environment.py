@@ -109,8 +109,8 @@ def main() -> None:
         "held_bytes_a_boat": slope,
         "one_step_ms": {"median": statistics.median(one_boat), "p99": float(np.percentile(one_boat, 99))},
     }
-    report.bars = [
-        bench.Bar(
+    report.targets = [
+        bench.Target(
             f"time per boat and step: {more}, relative to {fewer}",
             bench.ratio(processor, more, fewer),
             at_most=1.1,
@@ -118,18 +118,18 @@ def main() -> None:
         )
         for fewer, more in pairwise(processor)
     ]
-    report.bars += [
-        bench.Bar(
+    report.targets += [
+        bench.Target(
             "one step through gymnasium.make, median", statistics.median(one_boat), at_most=3, unit="ms"
         ),
-        bench.Bar(
+        bench.Target(
             f"memory of {many:,} boats, relative to a line through {few} and {some}",
             held[many] / (held[few] + slope * (many - few)),
             at_most=1.1,
             unit="×",
         ),
     ]
-    report.tell()
+    report.write()
 
 
 if __name__ == "__main__":

@@ -61,7 +61,7 @@ def growth_figure(growth: Json) -> Figure:
     panels = (
         ("rays", "rays per scan", "time of a scan [ms]", "trimesh + embree + numpy"),
         ("triangles", "triangles in the harbor", "time of a scan [ms]", "trimesh + embree + numpy"),
-        ("batches", "transitions per update", "time of an update [ms]", "Stable-Baselines3, same network"),
+        ("batches", "transitions per update", "time of an update [ms]", growth["facts"]["update_peer"]),
     )
     for ax, (size, x_label, y_label, peer) in zip(figure.subplots(1, 3), panels, strict=True):
         points = growth["facts"][size]

@@ -43,11 +43,11 @@ def main() -> None:
             name: 1 / bench.summary(values)["median"] for name, values in times.items()
         }
         report.seconds |= {f"batch {batch}: {name}": values for name, values in times.items()}
-        bar = bench.Bar(
-            f"batch {batch}, against one core", bench.ratio(times, core, device), at_least=1, unit="×"
+        target = bench.Target(
+            f"batch {batch}, relative to one core", bench.ratio(times, core, device), at_least=1, unit="×"
         )
-        report.bars.append(bar)
-    report.tell()
+        report.targets.append(target)
+    report.write()
 
 
 if __name__ == "__main__":

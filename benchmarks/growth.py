@@ -18,7 +18,7 @@ from unittest.mock import patch
 import bench  # before numpy
 import numpy as np
 import torch
-from learner import ours, stable_baselines
+from learner import SAME, ours, stable_baselines
 from lidar import FAIRWAY, embree_scanner, megabytes, scans
 from numpy.typing import NDArray
 
@@ -100,15 +100,17 @@ def main() -> None:
         cuts = [point(LidarArray(spec, scene), arguments.rounds, "triangles") for scene in scenes]
     torch.set_num_threads(1)
     batches = [update(DockingEnv("s3"), batch, arguments.rounds) for batch in BATCHES]
-    report.facts = {"rays": rays, "triangles": cuts, "batches": batches}
-    report.bars = [
-        bench.Bar("exponent of the time of a scan over the rays", exponent(rays, "rays"), at_most=1),
-        bench.Bar(
+    report.facts = {"rays": rays, "triangles": cuts, "batches": batches, "update_peer": SAME}
+    report.targets = [
+        bench.Target("exponent of the time of a scan over the rays", exponent(rays, "rays"), at_most=1),
+        bench.Target(
             "exponent of the time of a scan over the triangles", exponent(cuts, "triangles"), at_most=0.5
         ),
-        bench.Bar("exponent of the time of an update over the batch", exponent(batches, "batch"), at_most=1),
+        bench.Target(
+            "exponent of the time of an update over the batch", exponent(batches, "batch"), at_most=1
+        ),
     ]
-    report.tell()
+    report.write()
 
 
 if __name__ == "__main__":

@@ -57,11 +57,11 @@ def main() -> None:
         },
     }
     slowest = report.facts["milliseconds"]["decision_ms"]["p99"]
-    report.bars = [
-        bench.Bar("policy, p99", report.facts["forward_us"]["p99"], at_most=150, unit="µs"),
-        bench.Bar("whole decision, p99", slowest, at_most=4, unit="ms"),
+    report.targets = [
+        bench.Target("policy, p99", report.facts["forward_us"]["p99"], at_most=150, unit="µs"),
+        bench.Target("whole decision, p99", slowest, at_most=4, unit="ms"),
     ]
-    report.tell()
+    report.write()
 
 
 if __name__ == "__main__":

@@ -179,14 +179,14 @@ def main() -> None:
             "share_of_the_arithmetic_bound": needed * bench.ratio(times, MATRICES, OURS),
         }
         report.seconds |= {f"batch {batch}: {name}": values for name, values in times.items()}
-        what = f"batch {batch}, against {SAME}"
-        report.bars.append(bench.Bar(what, bench.ratio(times, SAME, OURS), at_least=1, unit="×"))
+        what = f"batch {batch}, relative to {SAME}"
+        report.targets.append(bench.Target(what, bench.ratio(times, SAME, OURS), at_least=1, unit="×"))
     times = bench.alternate(forwards(env, 500), arguments.rounds, "forward pass")
     report.seconds |= {f"forward: {name}": values for name, values in times.items()}
     report.facts["forward"] = {
         "microseconds": {name: 1e6 * bench.summary(values)["median"] for name, values in times.items()}
     }
-    report.tell()
+    report.write()
     bench.console.print_json(data=report.facts)
 
 

@@ -131,17 +131,17 @@ def main() -> None:
         "rays_mb": megabytes(table),
         "harbor_mb": megabytes(grid),
     }
-    report.bars = [
-        bench.Bar(SPEED, bench.ratio(report.seconds, EMBREE, SCAN), at_least=20, unit="×"),
-        bench.Bar(
+    report.targets = [
+        bench.Target(SPEED, bench.ratio(report.seconds, EMBREE, SCAN), at_least=20, unit="×"),
+        bench.Target(
             f"speed of scans on {cores} cores, relative to one",
             bench.ratio(wall_clock, ONE_CORE, ALL_CORES),
             at_least=0.85 * cores,
             unit="×",
         ),
-        bench.Bar("grid of a harbor", report.facts["harbor_mb"], at_most=25, unit="MB"),
+        bench.Target("grid of a harbor", report.facts["harbor_mb"], at_most=25, unit="MB"),
     ]
-    report.tell()
+    report.write()
 
 
 if __name__ == "__main__":

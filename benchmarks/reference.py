@@ -52,11 +52,11 @@ def main() -> None:
         "ranges_compared": fast.size,
         "embree_off_mm": 1e3 * float(np.abs(peer - plain[: len(peer)]).max()),
     }
-    report.bars = [
-        bench.Bar(f"different ranges, of {fast.size:,}", int(np.sum(fast != plain)), at_most=0),
-        bench.Bar("largest difference of embree", report.facts["embree_off_mm"], at_most=1, unit="mm"),
+    report.targets = [
+        bench.Target(f"different ranges, of {fast.size:,}", int(np.sum(fast != plain)), at_most=0),
+        bench.Target("largest difference of embree", report.facts["embree_off_mm"], at_most=1, unit="mm"),
     ]
-    report.tell()
+    report.write()
 
 
 if __name__ == "__main__":

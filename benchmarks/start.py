@@ -56,13 +56,13 @@ def main() -> None:
             with tempfile.TemporaryDirectory() as caches:
                 first.append(seconds_to_first_update(scenario, Path(caches)))
                 warm.append(seconds_to_first_update(scenario, Path(caches)))
-        report.seconds |= {f"{scenario}, from nothing": first, f"{scenario}, caches warm": warm}
+        report.seconds |= {f"{scenario}, first start": first, f"{scenario}, cached": warm}
         more = statistics.median(a - b for a, b in zip(first, warm, strict=True))
-        report.bars += [
-            bench.Bar(f"{scenario}, caches warm", statistics.median(warm), at_most=8, unit="s"),
-            bench.Bar(f"{scenario}, the first time, for tables and compiling", more, at_most=25, unit="s"),
+        report.targets += [
+            bench.Target(f"{scenario}, cached", statistics.median(warm), at_most=8, unit="s"),
+            bench.Target(f"{scenario}, first start: tables and compilation", more, at_most=25, unit="s"),
         ]
-    report.tell()
+    report.write()
 
 
 if __name__ == "__main__":

@@ -55,15 +55,17 @@ def main() -> None:
     def median(key: str) -> float:
         return statistics.median(float(run[key]) for run in runs)
 
-    report.bars = [
-        bench.Bar("wall time", median("wall_s") / 60, at_most=5, unit="min"),
-        bench.Bar("cores at work, of 2", median("cores_used"), at_least=1.4),
-        bench.Bar("peak memory", median("peak_memory_gb"), at_most=1.5, unit="GB"),
-        bench.Bar(
-            "runs that ended by mastery", sum(run["stop_reason"] == "mastered" for run in runs), len(runs)
+    report.targets = [
+        bench.Target("wall time", median("wall_s") / 60, at_most=5, unit="min"),
+        bench.Target("cores in use, of 2", median("cores_used"), at_least=1.4),
+        bench.Target("peak memory", median("peak_memory_gb"), at_most=1.5, unit="GB"),
+        bench.Target(
+            "runs that stopped after mastery",
+            sum(run["stop_reason"] == "mastered" for run in runs),
+            len(runs),
         ),
     ]
-    report.tell()
+    report.write()
 
 
 if __name__ == "__main__":

@@ -13,6 +13,7 @@ from dockctl.errors import DockctlError
 from dockctl.runs.directory import (
     EVALUATION,
     FAILURES,
+    LAST,
     LATENCY,
     MAP,
     OVERVIEW,
@@ -181,4 +182,4 @@ def _finished(run: Path) -> bool:
 
 
 def _resumable(run: Path) -> bool:
-    return (RunDirectory(run).checkpoint("last") / "learner.json").is_file()
+    return (RunDirectory(run).checkpoint(LAST) / "learner.json").is_file()
