@@ -59,9 +59,12 @@ def figures(run: Run) -> Iterator[tuple[str, Figure]]:
 def training_figures(run: Run, episodes: pd.DataFrame) -> Iterator[tuple[str, Figure]]:
     """Yield the figures of the training episodes: Figs. 4.1-4.3 and 4.23, outcomes and reward terms."""
     for name, (title, draw) in TRAINING.items():
-        if draw is learning.draw_phase and run.task.intermediate is None:
-            continue
-        if draw is learning.draw_terms and not term_columns(episodes):
+        is_empty: dict[DrawEpisodes, bool] = {
+            learning.draw_phase: run.task.intermediate is None,
+            learning.draw_terms: not term_columns(episodes),
+            learning.draw_epsilon: bool(episodes["epsilon"].isna().all()),  # not every algorithm has one
+        }
+        if is_empty.get(draw):
             continue
         figure, ax = titled_axes(title, f"{run.caption}, {len(episodes):,} episodes")
         draw(ax, episodes)

@@ -11,7 +11,7 @@ from matplotlib.figure import Figure
 from dockctl.reports.figures import figures
 from dockctl.reports.style import house_style, save
 from dockctl.runs.reader import read_run
-from tests.reports.synthetic import updates, write_run
+from tests.reports.synthetic import episodes, updates, write_run
 
 ALL = {
     *("training-reward", "training-duration", "training-epsilon", "training-outcomes"),
@@ -72,3 +72,9 @@ def test_updates_are_drawn_for_the_metrics_that_there_are(tmp_path: Path) -> Non
     assert len(axes) == 2
     updates(30)[["update", "env_steps"]].to_csv(folder / "updates.csv", index=False)
     assert "training-updates" not in drawn(folder)
+
+
+def test_an_algorithm_without_epsilon_has_no_figure_of_it(tmp_path: Path) -> None:
+    folder = write_run(tmp_path / "run", count=20)
+    episodes(20).assign(epsilon=np.nan).to_csv(folder / "episodes.csv", index=False)
+    assert set(drawn(folder)) == ALL - {"training-epsilon"}
