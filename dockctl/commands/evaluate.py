@@ -64,8 +64,8 @@ def evaluate(
 ) -> None:
     """Run greedy episodes from the scenario's test poses and from random starts around the initial poses.
 
-    The result is also stored in the run folder of a checkpoint. If the scenario is not the policy's own, or
-    values are set, the file names say so.
+    The result is also stored in the run folder of a checkpoint. The names of its files include the scenario,
+    if it is not the policy's own, and values that are set.
 
     Example: dockctl evaluate --ckpt runs/s3/20250101-120000-seed0 --episodes 200 --min-success 0.9
     """

@@ -14,6 +14,7 @@ from tests.commands.conftest import Outcome, dockctl
 Trained = tuple[Path, Outcome]
 
 
+@pytest.mark.slow
 def test_two_policies_from_the_same_starts(trained: Trained, tmp_path: Path) -> None:
     best, last = (trained[0] / "checkpoints" / name for name in ("best", "last"))
     outcome = dockctl(

@@ -16,6 +16,7 @@ from tests.commands.conftest import Outcome, dockctl, forget_interface
 FILES = {"latency-s1.png", "latency-s1.svg", "latency-s1.csv", "latency-s1.json"}
 
 
+@pytest.mark.slow
 def test_without_a_run_a_new_network_is_timed(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.chdir(tmp_path)
     outcome = dockctl("latency", "--decisions", 10, "--scenario", "s1")
@@ -35,6 +36,7 @@ def test_without_a_run_a_new_network_is_timed(tmp_path: Path, monkeypatch: pytes
     assert (facts["thesis_forward_ms"], facts["control_period_ms"]) == (2.0, 500.0)
 
 
+@pytest.mark.slow
 def test_a_trained_policy_is_timed_on_its_scenario(trained: tuple[Path, Outcome], tmp_path: Path) -> None:
     outcome = dockctl("latency", "--ckpt", trained[0], "--decisions", 10, "--out", tmp_path)
     assert outcome.code == 0
@@ -43,6 +45,7 @@ def test_a_trained_policy_is_timed_on_its_scenario(trained: tuple[Path, Outcome]
     assert (facts["policy"]["scenario"], facts["policy"]["seed"]) == ("s1", 3)
 
 
+@pytest.mark.slow
 def test_the_latest_run_is_timed_and_files_name_another_scenario(
     trained: tuple[Path, Outcome], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:

@@ -16,6 +16,7 @@ from dockctl.sim.harbor.build import build_harbor
 from tests.commands.conftest import dockctl
 
 
+@pytest.mark.slow
 def test_blocked_starts_have_no_episode(run: Path) -> None:
     outcome = dockctl("map", "--ckpt", run, "--reach-m", 20, "--step-m", 10, "--headings", "0,90")
     assert outcome.code == 0
@@ -36,6 +37,7 @@ def test_blocked_starts_have_no_episode(run: Path) -> None:
     assert {"map.png", "map.svg"} <= {path.name for path in (run / "figures").iterdir()}
 
 
+@pytest.mark.slow
 def test_the_same_map_has_the_same_bytes(run: Path, tmp_path: Path) -> None:
     arguments = ("map", "--ckpt", run, "--reach-m", 3, "--step-m", 3, "--headings", "0,180")
     assert dockctl(*arguments, "--csv", tmp_path / "again.csv").code == 0

@@ -19,6 +19,7 @@ def run(trained: Trained, tmp_path: Path) -> Path:
     return folder
 
 
+@pytest.mark.slow
 def test_the_latest_run_is_drawn_into_its_folder(run: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.chdir(run.parent.parent.parent)
     outcome = dockctl("plot")

@@ -11,6 +11,7 @@ from dockctl.scenarios.base import Pose
 from tests.commands.conftest import dockctl
 
 
+@pytest.mark.slow
 def test_a_recording_is_stored_in_the_run_and_plotted_like_a_run(run: Path, tmp_path: Path) -> None:
     outcome = dockctl("record", "--ckpt", run, "--scenario", "s2", "--pose", "20,2,160")
     assert outcome.code == 0, outcome.err

@@ -148,6 +148,7 @@ def work(
     return {progress.job.seed: progress for progress in runner.progress}
 
 
+@pytest.mark.slow
 def test_failure_stops_only_its_own_job(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     good, bad = Stage("good", ("--version",)), Stage("bad", ("validate", "s9"))
     ended = work(jobs(tmp_path, seeds=3), {0: [good, good], 1: [bad, good]}, monkeypatch)
@@ -171,6 +172,7 @@ def test_stage_without_its_file_has_failed(tmp_path: Path, monkeypatch: pytest.M
     assert work(jobs(tmp_path, seeds=1), {0: [stage]}, monkeypatch)[0].state == "failed"
 
 
+@pytest.mark.slow
 def test_ctrl_c_leaves_a_resumable_training(tmp_path: Path) -> None:
     endless = tiny(seeds=1, set=(*QUICK, "training.total_steps=1000000"))
     command = [
@@ -203,6 +205,7 @@ def snapshot(folder: Path) -> dict[str, bytes]:
     return {path.relative_to(folder).as_posix(): path.read_bytes() for path in files}
 
 
+@pytest.mark.slow
 def test_study_writes_only_its_own_runs_and_results(
     trained: Trained, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:

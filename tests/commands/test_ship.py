@@ -81,6 +81,7 @@ def test_best_policy_that_docks_from_its_training_poses_is_exported(runs: MakeRu
     assert evaluated.code == 0, evaluated.err
 
 
+@pytest.mark.slow
 def test_measurements_of_another_policy_are_not_in_the_card(runs: MakeRun, tmp_path: Path) -> None:
     run = runs(1, "+", "+++")
     assert dockctl("evaluate", "--ckpt", run, "--scenario", "s2", "--episodes", 0).code == 0

@@ -19,6 +19,7 @@ from tests.commands.conftest import dockctl
 DRAWINGS = ("harbor", "marina-3d", "point-cloud", "sectors")
 
 
+@pytest.mark.slow
 def test_four_drawings_and_the_distances(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.chdir(tmp_path)
     outcome = dockctl("show", "s3", "--pose", "25,1.5,170")
@@ -73,6 +74,7 @@ def test_a_sector_without_return() -> None:
     assert list(table.columns[1].cells) == ["-180°", "0°"]
 
 
+@pytest.mark.slow
 def test_a_planar_scanner_is_drawn_too(tmp_path: Path) -> None:
     scenario = tmp_path / "ring.yaml"
     scenario.write_text("extends: s1\nsensors: {lidar: {kind: planar, rays: 90}}\n")

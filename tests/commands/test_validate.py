@@ -19,6 +19,7 @@ def validate(*arguments: object) -> tuple[int, list[str], list[str]]:
     return result.exit_code, result.stdout.splitlines(), result.stderr.splitlines()
 
 
+@pytest.mark.slow
 def test_every_registered_scenario_is_valid() -> None:
     code, out, err = validate()
     assert (code, err) == (0, [])

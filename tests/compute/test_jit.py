@@ -7,6 +7,8 @@ import subprocess
 import sys
 from pathlib import Path
 
+import pytest
+
 CALLEE = """
 from dockctl.compute.jit import compiled
 
@@ -41,6 +43,7 @@ def ask(folder: Path, before: str = "") -> tuple[int, int]:
     return int(answer), int(hits)
 
 
+@pytest.mark.slow
 def test_a_function_is_cached_until_one_that_it_calls_changes(tmp_path: Path) -> None:
     (tmp_path / "caller.py").write_text(CALLER)
     (tmp_path / "callee.py").write_text(CALLEE.format(added=1))
@@ -50,6 +53,7 @@ def test_a_function_is_cached_until_one_that_it_calls_changes(tmp_path: Path) ->
     assert ask(tmp_path) == (30, 0)
 
 
+@pytest.mark.slow
 def test_without_a_cache_folder_functions_are_compiled_in_every_process(tmp_path: Path) -> None:
     (tmp_path / "caller.py").write_text(CALLER)
     (tmp_path / "callee.py").write_text(CALLEE.format(added=1))

@@ -27,6 +27,7 @@ def _warnings_are_errors() -> Iterator[None]:
         yield
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", IDS)
 def test_gymnasium_checker(name: str) -> None:
     env = gymnasium.make(f"dockctl.envs:{name}")

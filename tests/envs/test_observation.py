@@ -78,6 +78,7 @@ def test_the_bearing_is_in_the_body_frame() -> None:
 numbers = st.floats(-1e6, 1e6)
 
 
+@pytest.mark.slow
 @given(st.lists(numbers, min_size=15, max_size=15), st.sampled_from([0, 1]))
 def test_every_view_is_within_the_bounds(values: Sequence[float], phase: int) -> None:
     x = np.array([values])

@@ -15,6 +15,7 @@ EXAMPLES = Path(__file__).parents[2] / "examples"
 FILES = [EXAMPLES / "custom-harbor/s1-pontoon.yaml", EXAMPLES / "local-term/s1-gentle.yaml"]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("source", [*SCENARIOS.names(), *FILES], ids=lambda source: Path(source).stem)
 def test_scenario(source: str | Path) -> None:
     check_scenario(source)

@@ -15,6 +15,7 @@ NUMBERS = np.load(recording.NUMBERS)
 SAME_MACHINE = DIGESTS["machine"] == recording.machine()
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("scenario", recording.SCENARIOS)
 def test_a_rollout_with_fixed_actions(scenario: str) -> None:
     digest, numbers = recording.rollout(scenario)
@@ -23,6 +24,7 @@ def test_a_rollout_with_fixed_actions(scenario: str) -> None:
         assert digest == DIGESTS["rollouts"][scenario]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("scenario", ["s1", "s3"])
 def test_a_short_training(scenario: str, tmp_path: Path) -> None:
     run = recording.train(scenario, tmp_path)
