@@ -145,7 +145,7 @@ def overview(run: Run, episodes: pd.DataFrame, tracks: Sequence[Track]) -> Figur
     figure = titled_figure(
         f"Overview of scenario {run.scenario}",
         f"seed {run.seed}, {len(episodes):,} training episodes, {share:.0%} of the last {len(last)} docked; "
-        f"the best policy docks from {docked} of {len(tracks)} test pose{'s' * (len(tracks) > 1)}",
+        f"the best policy docks from {docked} of {len(tracks)} evaluation pose{'s' * (len(tracks) > 1)}",
         (12.4, 8.4),
     )
     grid = figure.add_gridspec(2, 2, height_ratios=(2.1, 1.0), width_ratios=(1.15, 1.0))

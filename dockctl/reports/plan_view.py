@@ -243,7 +243,7 @@ def draw_poses(ax: Axes, scene: Scene, task: Task, tests: Sequence[Pose], *, nam
     )
     if others:
         highest = pose_array(max(others, key=lambda pose: pose.y_m))
-        draw_label(ax, scene.hull, highest, "test poses", palette.PURPLE)
+        draw_label(ax, scene.hull, highest, "evaluation poses", palette.PURPLE)
 
 
 def whole_view(scene: Scene) -> Bounds:

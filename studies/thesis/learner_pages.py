@@ -41,7 +41,7 @@ def reward_page(facts: Facts, archive: Archive) -> Page:
     """Table 3.5, the unit of δd, and the weight of the speed."""
     names = ("s1", "s3")
     figures: dict[str, Draw] = {
-        "readings": lambda: curves.compared_figure(
+        "units": lambda: curves.compared_figure(
             "Our learner with both units of δd",
             "thin: seeds; thick: interquartile mean and its interval",
             {

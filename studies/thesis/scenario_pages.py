@@ -199,7 +199,17 @@ def _berth_section(berth: Berth, facts: Facts, archive: Archive, figures: dict[s
         sets.append({"title": title[0].upper() + title[1:], "figure": name, "docked": docked})
         measured[title] = ([track for _, each in found for track in each.tracks], recording.task)
     rows = maneuver_rows(facts, berth.name, measured)
-    return {"title": berth.title, "numbers": numbers, "sets": sets, "rows": rows}
+    outcomes = [
+        {
+            "policies": title,
+            "seed": str(run.seed),
+            "the pose": outcome_counts(run.outcomes(("pose",), berth.name)),
+            "random starts": outcome_counts(run.outcomes(("random",), berth.name)),
+        }
+        for who, title in POLICIES.items()
+        for run in archive[who]
+    ]
+    return {"title": berth.title, "numbers": numbers, "sets": sets, "rows": rows, "outcomes": outcomes}
 
 
 def _transfers(runs: Sequence[ArchivedRun], name: str) -> list[tuple[int, Recording]]:
@@ -280,5 +290,5 @@ def _transfer_row(experiment: Experiment, run: ArchivedRun) -> Row:
     for name in experiment.evaluate_on:
         for kind, words in START_KINDS.items():
             if (counts := run.outcomes((kind,), name)) is not None:
-                row[f"{name}, {'poses' if kind == 'pose' else words}"] = docked_share(counts)
+                row[f"{name}, {'pose' if kind == 'pose' else words}"] = outcome_counts(counts)
     return row
