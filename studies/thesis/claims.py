@@ -148,10 +148,9 @@ def distance_from_start(facts: Facts, archive: Archive) -> Measured:
     parts = []
     for who, title in POLICIES.items():
         radii = ", ".join(format_radius(run.success_radius()) for run in archive[who])
-        for limit in THESIS_M:
-            rates = [100 * _within(run, limit) for run in archive[who]]
-            parts.append(f"{title}: {spread(rates, '{:.0f}', ' %')} within {limit:g} m")
-        parts.append(f"success radius by seed {radii}")
+        rates = {limit: [100 * _within(run, limit) for run in archive[who]] for limit in THESIS_M}
+        shares = ", ".join(f"{spread(found, '{:.0f}', ' %')} within {m:g} m" for m, found in rates.items())
+        parts.append(f"{title}: {shares}, success radius by seed {radii}")
     reliable = min(_within(run, min(THESIS_M)) for run in archive["s3"]) >= RELIABLE
     near = min(run.success_radius() or 0.0 for run in archive["s3"]) >= 1
     return "; ".join(parts), _graded(reliable, near)
