@@ -294,3 +294,39 @@ def test_without_a_terminal_there_are_plain_lines(monkeypatch: pytest.MonkeyPatc
     assert isinstance(console.file, io.StringIO)
     (line,) = console.file.getvalue().splitlines()
     assert "7,000 of 500,000 steps | 200 steps/s | 0:00, at most 41:05 left | 0 of the last 2 docked" in line
+
+
+@pytest.mark.parametrize(
+    ("model", "actions"), [("DQN", "grid"), ("SAC", "continuous"), ("TD3", "continuous")]
+)
+def test_stable_baselines_leaves_a_normal_run_folder(model: str, actions: str, tmp_path: Path) -> None:
+    pytest.importorskip("stable_baselines3")
+    algorithm = f"training.algorithm={{kind: sb3, model: {model}, action_noise: 0.1}}"
+    settings = ("--set", algorithm, "--set", f"actions.kind={actions}", "--steps", 120)
+    outcome = quick_train(tmp_path, "s1", *settings)
+    assert outcome.code == 0, outcome.err
+    run = only_run(tmp_path)
+    assert {path.name for path in (run / "checkpoints").iterdir()} == {"best", "last"}
+    assert not [path for path in run.rglob("*") if path.suffix in (".pt", ".pkl", ".pickle", ".zip")]
+    assert {row["update"] for row in rows(run / "updates.csv")} == {str(n) for n in range(1, 51)}
+    assert rows(run / "trajectories.csv")
+    commands: list[tuple[object, ...]] = [("evaluate", "--ckpt", run, "--episodes", 1)]
+    others = (
+        ("map", "--ckpt", run, "--reach-m", 1, "--step-m", 1, "--headings", 0),
+        ("latency", "--ckpt", run),
+        ("plot", run),
+        ("train", "--resume", run, "--steps", 160),
+    )
+    for command in [*commands, *(others if model == "SAC" else ())]:
+        outcome = dockctl(*command)
+        assert outcome.code == 0, (command, outcome.err)
+
+
+def test_without_the_extra_the_error_tells_how_to_install_it(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("dockctl.agents.algorithms.find_spec", lambda name: None)
+    outcome = quick_train(tmp_path / "runs", "s1", "--set", "training.algorithm={kind: sb3}")
+    assert outcome.code == 2
+    assert "dockctl[sb3]" in outcome.err
+    assert not (tmp_path / "runs").exists()
