@@ -12,6 +12,7 @@ from importlib.metadata import EntryPoint
 from pathlib import Path
 
 import pytest
+from gymnasium.spaces import Discrete
 
 from dockctl import plugins, testing
 from dockctl.errors import DockctlError, InputError
@@ -297,13 +298,14 @@ def documented(tmp_path: Path) -> Path:
 
 
 def test_the_documented_classes_keep_their_contracts(documented: Path) -> None:
-    for name in ("gentle", "nearest", "astern", "river", "bow"):
+    for name in ("gentle", "nearest", "astern", "river", "bow", "softmax"):
         plugins.load_file(documented / f"{name}.py")
     testing.check_reward_term("gentle_turns", limit_radps=0.02)
     testing.check_observation_part("nearest_obstacle")
     testing.check_action_type("astern", propeller_n=15.0)
     testing.check_condition("river", speed_mps=[-0.1, 0.1])
     testing.check_range_sensor("bow", range_m=40.0)
+    testing.check_algorithm("softmax", Discrete(77), temperature=0.05)
     testing.check_vessel(documented / "launch.yaml")
 
 
@@ -313,8 +315,9 @@ def test_a_run_is_evaluated_with_its_own_copies_of_local_plugins(
     """One of each kind in a scenario; the files are gone when the run is evaluated."""
     scenario = documented / "all.yaml"
     scenario.write_text(
-        "extends: s1\nplugins: [astern.py, river.py, bow.py]\nactions: astern\n"
-        "conditions: {river: {speed_mps: [0, 0.1]}}\nsensors: {lidar: {kind: bow, sectors: 4}}\n",
+        "extends: s1\nplugins: [astern.py, river.py, bow.py, softmax.py]\nactions: astern\n"
+        "conditions: {river: {speed_mps: [0, 0.1]}}\nsensors: {lidar: {kind: bow, sectors: 4}}\n"
+        "training: {algorithm: softmax}\n",
     )
     trained = quick_train(documented / "runs", scenario, "--steps", 100)
     assert trained.code == 0, trained.err

@@ -7,8 +7,10 @@ from typing import Any, Literal
 
 import numpy as np
 import pytest
+from gymnasium.spaces import Box, Discrete, Space
 
 from dockctl import testing
+from dockctl.agents.dqn.network import GreedyPolicy
 from dockctl.envs.actions import GridActions
 from dockctl.envs.observation import Columns, View, observation_part
 from dockctl.envs.vector import DockingVectorEnv
@@ -55,6 +57,28 @@ def test_conditions(kind: str, keys: dict[str, Any]) -> None:
 @pytest.mark.parametrize(("kind", "keys"), [("spinning", {"azimuth_steps": 90}), ("planar", {"rays": 90})])
 def test_range_sensors(kind: str, keys: dict[str, Any]) -> None:
     testing.check_range_sensor(kind, **keys)
+
+
+@pytest.mark.parametrize(
+    ("keys", "actions"),
+    [
+        ({"kind": "dqn"}, Discrete(7)),
+        ({"kind": "sb3"}, Discrete(7)),
+        ({"kind": "sb3", "model": "SAC"}, Box(-1, 1, (2,), np.float32)),
+        ({"kind": "sb3", "model": "TD3", "action_noise": 0.1}, Box(-1, 1, (2,), np.float32)),
+        ({"kind": "sb3", "model": "DDPG"}, Box(np.float32([-2, 0]), np.float32([1, 3]))),
+    ],
+)
+def test_algorithms(keys: dict[str, Any], actions: Space[Any]) -> None:
+    if keys["kind"] == "sb3":
+        pytest.importorskip("stable_baselines3")
+    testing.check_algorithm(**keys, action_space=actions)
+
+
+def test_an_algorithm_whose_policy_explores_is_refused(monkeypatch: pytest.MonkeyPatch) -> None:
+    rng = np.random.default_rng()
+    monkeypatch.setattr(GreedyPolicy, "act", lambda self, rows, info: rng.random(len(rows)))
+    refused(lambda: testing.check_algorithm("dqn", Discrete(7)), "random")
 
 
 def test_every_condition_and_sensor_is_checked() -> None:
