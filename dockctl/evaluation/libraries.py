@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import inspect
-from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
@@ -22,24 +21,13 @@ class PolicyError(DockctlError):
     code = "mismatch"
 
 
-class _Predictor:
-    """A stateless policy of another library, (n, observation_size) to n actions."""
-
-    def __init__(self, predict: Callable[[NDArray[Any]], NDArray[Any]]) -> None:
-        self._predict = predict
-
-    def reset(self, rows: NDArray[np.int64], info: Info) -> None:
-        """Do nothing: the policy keeps no state."""
-
-    def act(self, observation: NDArray[Any], info: Info) -> NDArray[Any]:
-        return self._predict(observation)
-
-
 def sb3_policy(file: Path, algorithm: str, env: DockingVectorEnv) -> Policy:
     """Load a Stable-Baselines3 archive, which runs code of its pickles; hence its class is named."""
     try:
         import stable_baselines3
         from stable_baselines3.common.base_class import BaseAlgorithm
+
+        from dockctl.agents.stable_baselines import GreedyPolicy
     except ImportError:
         raise PolicyError(
             f"{file}: needs Stable-Baselines3; install it with: pip install 'dockctl[sb3]'",
@@ -61,7 +49,7 @@ def sb3_policy(file: Path, algorithm: str, env: DockingVectorEnv) -> Policy:
     _require_same(file, "observations", model.observation_space.shape, env.single_observation_space.shape)
     if model.action_space != env.single_action_space:
         _require_same(file, "actions", model.action_space, env.single_action_space)
-    return _Predictor(lambda observation: model.predict(observation, deterministic=True)[0])
+    return GreedyPolicy(model.policy)
 
 
 def onnx_policy(file: Path, env: DockingVectorEnv) -> Policy:
@@ -76,24 +64,42 @@ def onnx_policy(file: Path, env: DockingVectorEnv) -> Policy:
     if not isinstance(space, Discrete):
         raise PolicyError(f"{file}: gives action values, but '{env.scenario.name}' has the actions {space}")
     session = onnxruntime.InferenceSession(str(file), providers=["CPUExecutionProvider"])
-    if len(session.get_inputs()) != 1:
-        names = ", ".join(one.name for one in session.get_inputs())
-        raise PolicyError(f"{file}: has the inputs {names}; expected one, the observation")
-    given = session.get_inputs()[0]
-    size = (env.single_observation_space.shape or (0,))[0]
-    if len(given.shape) != 2 or (isinstance(given.shape[1], int) and given.shape[1] != size):
-        _require_same(file, "observations", given.shape, ["n", size])
-    # A batch size that is fixed in the file is 1: then one row at a time.
-    fixed = isinstance(given.shape[0], int)
-
-    def values(observation: NDArray[Any]) -> NDArray[Any]:
-        batches = observation[:, None] if fixed else observation[None]
-        outputs = [session.run(None, {given.name: batch.astype(np.float32)})[0] for batch in batches]
-        return np.concatenate(outputs)
-
-    shape = values(np.zeros((1, size))).shape
+    policy = _OnnxPolicy(session, file, (env.single_observation_space.shape or (0,))[0])
+    shape = policy.values(np.zeros((1, policy.size))).shape
     _require_same(file, "action values", shape, (1, int(space.n)))
-    return _Predictor(lambda observation: values(observation).argmax(axis=1))
+    return policy
+
+
+class _OnnxPolicy:
+    """The action of the highest value of an ONNX model.
+
+    Raises:
+        PolicyError: the model has several inputs, or takes other observations than `size` numbers.
+    """
+
+    def __init__(self, session: Any, file: Path, size: int) -> None:
+        self.session, self.size = session, size
+        names = [given.name for given in session.get_inputs()]
+        if len(names) != 1:
+            raise PolicyError(f"{file}: has the inputs {', '.join(names)}; expected one, the observation")
+        self.name, shape = names[0], session.get_inputs()[0].shape
+        if len(shape) != 2 or (isinstance(shape[1], int) and shape[1] != size):
+            _require_same(file, "observations", shape, ["n", size])
+        self.one_by_one = isinstance(shape[0], int)  # a batch size in the file; 1 is the only useful one
+
+    def reset(self, rows: NDArray[np.int64], info: Info) -> None:
+        """Do nothing: the policy has no state."""
+
+    def act(self, observation: NDArray[Any], info: Info) -> NDArray[Any]:
+        """Return an action (n,) for each boat."""
+        return np.asarray(self.values(observation).argmax(axis=1))
+
+    def values(self, observation: NDArray[Any]) -> NDArray[Any]:
+        """Return the action values (n, actions) of observations (n, size)."""
+        batches = observation[:, None] if self.one_by_one else observation[None]
+        return np.concatenate(
+            [self.session.run(None, {self.name: batch.astype(np.float32)})[0] for batch in batches]
+        )
 
 
 def _require_same(file: Path, what: str, found: Any, expected: Any) -> None:
