@@ -48,8 +48,8 @@ def show(
     spec = loaded.scenario
     harbor = build_harbor(spec.harbor, loaded.base_dir)
     start = spec.task.initial[0] if pose is None else parse_pose(pose)
-    if flaw := PoseCheck.of(spec, harbor).flaw(start):
-        raise DockctlError(f"--pose {pose}: {flaw}")
+    if problem := PoseCheck.of(spec, harbor).problem(start):
+        raise DockctlError(f"--pose {pose}: {problem}")
     folder = out or Path("figures") / spec.name
     require_writable(folder)
     measured = scan(spec, harbor, start)

@@ -65,8 +65,8 @@ def record(
     starts = trajectory_starts(resolved, rollout.worlds)
     if poses:
         check = pose_check(loaded)
-        if flaws := [flaw for pose in poses if (flaw := check.flaw(pose))]:
-            raise DockctlError("\n".join(f"--pose: {flaw}" for flaw in flaws))
+        if problems := [problem for pose in poses if (problem := check.problem(pose))]:
+            raise DockctlError("\n".join(f"--pose: {problem}" for problem in problems))
         starts = [given_start(site, resolved.task, pose_array(pose), i) for i, pose in enumerate(poses)]
         tests = resolved.evaluation.model_copy(update={"poses": tuple(poses)})
         resolved = resolved.model_copy(update={"evaluation": tests})

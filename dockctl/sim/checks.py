@@ -61,8 +61,8 @@ def check_poses(scenario: Scenario, base_dir: Path) -> list[tuple[str, str]]:
     ]
     try:
         check = PoseCheck.of(scenario, harbors[own_site(scenario).harbor])
-        if flaws := [(field, flaw) for field, pose in _poses(scenario) if (flaw := check.flaw(pose))]:
-            return flaws
+        if found := [(field, reason) for field, pose in _poses(scenario) if (reason := check.problem(pose))]:
+            return found
         hull = scenario.vessel.hull
         free_sites(scenario, [collision_checker(harbor, hull).blocked for harbor in harbors])
     except InputError as error:  # the task does not match its berths
@@ -99,7 +99,7 @@ class PoseCheck:
         """Return whether the boat at a pose (3,) [m, m, rad] touches nothing and is in the basin."""
         return self._checker.collided_part(eta) is None and self._in_basin(eta)
 
-    def flaw(self, pose: Pose) -> str:
+    def problem(self, pose: Pose) -> str:
         """Return why a pose is not free and the nearest free one, or an empty string."""
         eta = pose_array(pose)
         part = self._checker.collided_part(eta)

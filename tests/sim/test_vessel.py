@@ -39,20 +39,22 @@ def rows(*values: tuple[float, ...]) -> Floats:
     return np.array(values, float)
 
 
-def sail(model: VesselModel, eta: Floats, nu: Floats, command: Floats, periods: int) -> tuple[Floats, Floats]:
+def simulate(
+    model: VesselModel, eta: Floats, nu: Floats, command: Floats, periods: int
+) -> tuple[Floats, Floats]:
     for _ in range(periods):
         eta, nu = model.step(eta, nu, command)
     return eta, nu
 
 
 def test_twenty_seconds_from_rest_end_at_the_known_pose_and_velocity() -> None:
-    eta, nu = sail(VesselModel(THESIS), np.zeros((1, 3)), np.zeros((1, 3)), rows((50, math.pi / 6)), 40)
+    eta, nu = simulate(VesselModel(THESIS), np.zeros((1, 3)), np.zeros((1, 3)), rows((50, math.pi / 6)), 40)
     assert eta[0] == pytest.approx([6.5939, 1.3046, 0.8453], abs=5e-5)
     assert nu[0] == pytest.approx([0.3587, -0.0884, 0.0428], abs=5e-5)
 
 
 def test_terminal_surge_is_the_root_of_the_drag_balance() -> None:
-    _, nu = sail(VesselModel(THESIS), np.zeros((1, 3)), np.zeros((1, 3)), rows((50, 0)), 200)
+    _, nu = simulate(VesselModel(THESIS), np.zeros((1, 3)), np.zeros((1, 3)), rows((50, 0)), 200)
     root = (-94.2 + math.sqrt(94.2**2 + 4 * 66 * 50)) / (2 * 66)
     assert root == pytest.approx(0.4119, abs=5e-5)
     assert nu[0] == pytest.approx([root, 0, 0], abs=1e-9)
@@ -102,8 +104,8 @@ def test_mirrored_commands_give_the_mirrored_trajectory(
 ) -> None:
     mirror = np.array([1.0, -1.0, -1.0])
     model, start = VesselModel(vessel), rows((0, 0, heading))
-    eta, velocity = sail(model, start, rows(nu), rows(command), 4)
-    eta_m, velocity_m = sail(model, start * mirror, rows(nu) * mirror, rows(command) * [1.0, -1.0], 4)
+    eta, velocity = simulate(model, start, rows(nu), rows(command), 4)
+    eta_m, velocity_m = simulate(model, start * mirror, rows(nu) * mirror, rows(command) * [1.0, -1.0], 4)
     assert eta_m == pytest.approx(eta * mirror, abs=1e-13)
     assert velocity_m == pytest.approx(velocity * mirror, abs=1e-13)
 
@@ -113,8 +115,8 @@ def test_the_motion_does_not_depend_on_position_and_direction(
     nu: tuple[float, ...], command: tuple[float, float], turn: float, shift: float
 ) -> None:
     model = VesselModel(THESIS)
-    eta, velocity = sail(model, np.zeros((1, 3)), rows(nu), rows(command), 4)
-    moved, velocity_moved = sail(model, rows((shift, -shift, turn)), rows(nu), rows(command), 4)
+    eta, velocity = simulate(model, np.zeros((1, 3)), rows(nu), rows(command), 4)
+    moved, velocity_moved = simulate(model, rows((shift, -shift, turn)), rows(nu), rows(command), 4)
     c, s = math.cos(turn), math.sin(turn)
     x, y, heading = eta[0]
     assert moved[0] == pytest.approx(
@@ -145,7 +147,7 @@ def test_converges_to_a_reference_solver(substeps: int, tolerance: float) -> Non
         return np.concatenate([model.eta_dot(eta, nu)[0], model.nu_dot(nu, model.tau(command))[0]])
 
     truth = solve_ivp(rate, (0, 3), start, method="DOP853", rtol=1e-12, atol=1e-13).y[:, -1]
-    eta, nu = sail(model, start[None, :3], start[None, 3:], command, 6)
+    eta, nu = simulate(model, start[None, :3], start[None, 3:], command, 6)
     assert np.concatenate([eta[0], nu[0]]) == pytest.approx(truth, abs=tolerance)
 
 
@@ -154,7 +156,7 @@ def test_one_step_for_the_whole_control_period_would_diverge() -> None:
     spinning = rows((0, 0, 0.01))
     for substeps, stable in ((1, False), (2, True)):
         model = VesselModel(THESIS.model_copy(update={"substeps": substeps}))
-        _, nu = sail(model, np.zeros((1, 3)), spinning, np.zeros((1, 2)), 3)
+        _, nu = simulate(model, np.zeros((1, 3)), spinning, np.zeros((1, 2)), 3)
         assert (abs(nu[0, 2]) < 0.01) == stable
 
 
@@ -181,7 +183,9 @@ def test_the_minimum_number_of_substeps_is_stable(change: dict[str, float]) -> N
     with pytest.raises(ValidationError, match=f"expected at least {fewest}"):
         Vessel.model_validate({**given, "substeps": fewest - 1})
     command = rows((50, 0), (-50, 0), (50, math.radians(coarse.max_rudder_deg)))
-    ends = [sail(VesselModel(v), np.zeros((3, 3)), np.zeros((3, 3)), command, 200)[1] for v in (coarse, fine)]
+    ends = [
+        simulate(VesselModel(v), np.zeros((3, 3)), np.zeros((3, 3)), command, 200)[1] for v in (coarse, fine)
+    ]
     assert ends[0] == pytest.approx(ends[1], rel=1e-3, abs=1e-9)
 
 
@@ -190,10 +194,10 @@ def test_a_row_does_not_depend_on_the_others_and_inputs_are_unchanged() -> None:
     model = VesselModel(THESIS)
     eta, nu = rng.normal(size=(9, 3)), rng.normal(size=(9, 3)) * 0.2
     command = rng.uniform([-50, -0.5], [50, 0.5], (9, 2))
-    kept = eta.copy(), nu.copy(), command.copy()
+    before = eta.copy(), nu.copy(), command.copy()
     together = model.step(eta, nu, command)
     for row in range(9):
         alone = model.step(eta[[row]], nu[[row]], command[[row]])
         assert np.array_equal(alone[0][0], together[0][row])
         assert np.array_equal(alone[1][0], together[1][row])
-    assert all(np.array_equal(before, now) for before, now in zip(kept, (eta, nu, command), strict=True))
+    assert all(np.array_equal(old, new) for old, new in zip(before, (eta, nu, command), strict=True))

@@ -130,7 +130,7 @@ POSES = [  # Table 3.6, section 4.1, Tables 4.2-4.4
 @pytest.mark.parametrize("pose", POSES)
 def test_poses_of_the_thesis_are_free(harbor: Harbor, pose: tuple[float, float, float]) -> None:
     check = PoseCheck(CollisionChecker(harbor, HULL), harbor.basin, hull_outline(HULL))
-    assert check.flaw(Pose(x_m=pose[0], y_m=pose[1], heading_deg=pose[2])) == ""
+    assert check.problem(Pose(x_m=pose[0], y_m=pose[1], heading_deg=pose[2])) == ""
 
 
 @pytest.mark.parametrize(
@@ -249,7 +249,7 @@ def test_a_blocked_pose_is_reported_with_a_free_one(
     harbor: Harbor, pose: tuple[float, float, float], part: str
 ) -> None:
     check = PoseCheck(CollisionChecker(harbor, HULL), harbor.basin, hull_outline(HULL))
-    message = check.flaw(Pose(x_m=pose[0], y_m=pose[1], heading_deg=pose[2]))
+    message = check.problem(Pose(x_m=pose[0], y_m=pose[1], heading_deg=pose[2]))
     assert re.search(part, message)
     x, y = map(float, re.findall(r"\((-?[\d.]+), (-?[\d.]+)\)", message)[-1])
     assert check.free(np.array([x, y, np.radians(pose[2])]))
@@ -257,7 +257,7 @@ def test_a_blocked_pose_is_reported_with_a_free_one(
 
 def test_a_pose_far_outside_the_basin_is_reported(harbor: Harbor) -> None:
     check = PoseCheck(CollisionChecker(harbor, HULL), harbor.basin, hull_outline(HULL))
-    assert check.flaw(Pose(x_m=200.0, y_m=0.0, heading_deg=0.0))
+    assert check.problem(Pose(x_m=200.0, y_m=0.0, heading_deg=0.0))
     assert not check.free(np.array([200.0, 0.0, 0.0]))
 
 
