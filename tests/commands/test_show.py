@@ -16,6 +16,7 @@ from dockctl.sim.harbor.build import build_harbor
 from dockctl.sim.lidar.array import LidarArray
 from tests.commands.conftest import dockctl
 
+PONTOON = Path(__file__).parents[2] / "examples" / "custom-harbor" / "s1-pontoon.yaml"
 DRAWINGS = ("harbor", "marina-3d", "point-cloud", "sectors")
 
 
@@ -74,10 +75,9 @@ def test_a_sector_without_return() -> None:
     assert list(table.columns[1].cells) == ["-180°", "0°"]
 
 
-@pytest.mark.slow
 def test_a_planar_scanner_is_drawn_too(tmp_path: Path) -> None:
     scenario = tmp_path / "ring.yaml"
-    scenario.write_text("extends: s1\nsensors: {lidar: {kind: planar, rays: 90}}\n")
+    scenario.write_text(f"extends: {PONTOON}\nsensors: {{lidar: {{kind: planar, rays: 90}}}}\n")
     outcome = dockctl("show", scenario, "--out", tmp_path / "out")
     assert outcome.code == 0
     assert {path.stem for path in (tmp_path / "out").glob("*.png")} == set(DRAWINGS)
