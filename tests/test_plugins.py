@@ -330,3 +330,18 @@ def test_a_run_is_evaluated_with_its_own_copies_of_local_plugins(
     outcome = dockctl("evaluate", "--ckpt", run)
     assert outcome.code == 0, outcome.err
     assert plugins.ACTIONS.origin("astern").startswith(f"file {run}")
+
+
+@pytest.mark.parametrize(("base", "missing"), [("ActionType", "commands"), ("Kind", "ActionType")])
+def test_an_incomplete_class_is_refused_where_it_is_selected(write: Write, base: str, missing: str) -> None:
+    write(
+        "half.py",
+        "from typing import Literal\nfrom dockctl.plugins import ACTIONS\n"
+        "from dockctl.scenarios.extensions import ActionType\n"
+        "from dockctl.scenarios.kinds import Kind, register\n"
+        f"@register(ACTIONS)\nclass Half({base}):\n    kind: Literal['half'] = 'half'\n",
+    )
+    with pytest.raises(InputError, match=missing) as caught:
+        loader.load(write("x.yaml", "extends: s1\nplugins: [half.py]\nactions: {kind: half}\n"))
+    (problem,) = caught.value.problems
+    assert (problem.line, problem.field, problem.code) == (3, "actions.kind", "plugin")

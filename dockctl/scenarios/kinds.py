@@ -61,6 +61,7 @@ class Kinds:
 
     def __init__(self, registry: Registry[type[Any]], default: str | None = None) -> None:
         self.registry, self.default = registry, default
+        self.base: type[Kind] = Kind
 
     def model(self, kind: object) -> type[Kind] | None:
         """Return the model registered as `kind`, for None the default; None if there is no such model."""
@@ -75,6 +76,7 @@ class Kinds:
         return self._validate({})
 
     def __get_pydantic_core_schema__(self, source: Any, handler: GetCoreSchemaHandler) -> CoreSchema:
+        self.base = source
         return core_schema.no_info_plain_validator_function(
             self._validate,
             serialization=core_schema.plain_serializer_function_ser_schema(_dump, info_arg=True),
@@ -102,6 +104,13 @@ class Kinds:
             model: type[Kind] = self.registry.get(name).value
         except DockctlError as error:
             raise FieldError("kind", error.message, error.code, error.suggestion) from None
+        flaw = ""
+        if not issubclass(model, self.base):
+            flaw = f"is not a subclass of {self.base.__name__}"
+        elif missing := sorted(model.__abstractmethods__):
+            flaw = f"does not define {', '.join(missing)}"
+        if flaw:
+            raise FieldError("kind", f"'{name}' by {self.registry.origin(name)} {flaw}", "plugin")
         return model.model_validate({**given, "kind": name})
 
 
