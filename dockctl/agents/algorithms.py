@@ -9,7 +9,7 @@ The models here are light; what they build imports torch.
 from __future__ import annotations
 
 from importlib.util import find_spec
-from typing import TYPE_CHECKING, Any, Literal
+from typing import TYPE_CHECKING, Any, ClassVar, Literal
 
 from dockctl.errors import Code, DockctlError
 from dockctl.plugins import ALGORITHMS
@@ -45,7 +45,13 @@ class AlgorithmError(DockctlError):
 
 
 class AlgorithmSpec(Kind):
-    """A learning algorithm as data. A subclass adds its keys as fields."""
+    """A learning algorithm as data. A subclass adds its keys as fields.
+
+    Attributes:
+        on_resume: what a resumed training loses, for the user; empty if it continues exactly.
+    """
+
+    on_resume: ClassVar[str] = ""
 
     def build(
         self, observation_space: Space[Any], action_space: Space[Any], training: Training, device: str
@@ -140,6 +146,8 @@ class StableBaselines3(AlgorithmSpec):
         action_noise: standard deviation of Gaussian noise on continuous actions, which are scaled to [-1, 1].
         hyperparameters: further parameters of the model's constructor.
     """
+
+    on_resume: ClassVar[str] = "the replay buffer starts empty"
 
     kind: Literal["sb3"] = "sb3"
     model: str = "DQN"

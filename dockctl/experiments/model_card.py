@@ -127,7 +127,9 @@ def _facts(
             f" {OWN_KINDS.get(kind, kind)} docked: {rates}",
         )
     yield "steps", f"{card.env_steps:,} environment steps to the best greedy evaluation of the training"
-    yield "network", f"dueling, layers of {', '.join(map(str, card.hidden_sizes))}"
+    algorithm = dict(card.algorithm)
+    name = "dueling" if algorithm["kind"] == "dqn" else " ".join(str(value) for value in algorithm.values())
+    yield "network", f"{name}, layers of {', '.join(map(str, card.hidden_sizes))}"
     sectors = scenario.sensors.lidar.sectors
     parts = ", ".join(map(_part, scenario.observation))
     yield "observation", f"{card.observation_size} numbers: {parts}; {sectors} LiDAR sectors"

@@ -164,6 +164,7 @@ class _Session:
     worlds: Sequence[World]
     memory: Estimate
     environment: VectorEnv[Any, Any, Any]
+    spec: AlgorithmSpec
     algorithm: Algorithm
 
 
@@ -184,7 +185,7 @@ def _prepare(loaded: LoadedScenario, device: str) -> _Session:
         algorithm = spec.build(*spaces, training, device)
     except AlgorithmError as error:
         raise InputError([loaded.problem(error.field, str(error), error.code)]) from None
-    return _Session(loaded, worlds, memory, environment, algorithm)
+    return _Session(loaded, worlds, memory, environment, spec, algorithm)
 
 
 def _run(session: _Session, run: RunDirectory, console: Console, *, resumed: bool) -> TrainedRun:
@@ -214,6 +215,8 @@ def _run(session: _Session, run: RunDirectory, console: Console, *, resumed: boo
         )  # fmt: skip
         if resumed:
             trainer.restore()
+            note = f"; {session.spec.on_resume}" if session.spec.on_resume else ""
+            print_text(console, f"resumed after {trainer.progress.env_steps:,} steps{note}")
         reason = trainer.run()
         display.show_evaluation(trainer.progress)
     facts = run.read_json(PROVENANCE)
