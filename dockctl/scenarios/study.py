@@ -12,9 +12,9 @@ from pydantic import Field, ValidationError, model_validator
 
 from dockctl.errors import DockctlError, InputError, nearest
 from dockctl.scenarios import translate
-from dockctl.scenarios.base import NAME, Count, Model, Name
+from dockctl.scenarios.base import NAME, Count, FieldError, Model, Name
 from dockctl.scenarios.catalog import SUFFIXES, display_path, packaged_folder
-from dockctl.scenarios.yaml_tree import read_file
+from dockctl.scenarios.yaml_tree import input_error, read_file
 
 Probe = Literal["map", "latency", "returns"]
 
@@ -57,9 +57,12 @@ class Study(Model):
 
     @model_validator(mode="after")
     def _unique_names(self) -> Self:
-        names = [experiment.name for experiment in self.experiments]
-        if twice := sorted({name for name in names if names.count(name) > 1}):
-            raise ValueError(f"several experiments are named {', '.join(twice)}")
+        names: set[str] = set()
+        for index, experiment in enumerate(self.experiments):
+            if experiment.name in names:
+                field = f"experiments.{index}.name"
+                raise FieldError(field, f"another experiment is named {experiment.name}", "duplicate")
+            names.add(experiment.name)
         return self
 
     def chosen(self, names: Sequence[str]) -> tuple[Experiment, ...]:
@@ -96,14 +99,11 @@ def load_study(source: str) -> Study:
     except ValidationError as error:
         raise InputError(translate.problems(error, tree, Study)) from None
     name = study.name if "name" in study.model_fields_set else path.stem
+    location = (tree.get("name") or tree).location
     if not re.fullmatch(NAME, name):
-        raise DockctlError(
-            f"{display_path(path)}: name: '{name}' cannot be a folder name;"
-            " set a name of letters, digits, dots, dashes and underscores"
-        )
+        message = f"'{name}' cannot be a folder name; set letters, digits, dots, dashes and underscores"
+        raise input_error(location, message, "name")
     if name in known and path.resolve() != known[name].resolve():
-        raise DockctlError(
-            f"{display_path(path)}: name: '{name}' is the name of a packaged study,"
-            " whose results it would replace; set another name"
-        )
+        message = f"'{name}' is a packaged study, whose results would be replaced; set another name"
+        raise input_error(location, message, "name", "duplicate")
     return study.model_copy(update={"name": name})

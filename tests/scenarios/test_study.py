@@ -68,8 +68,10 @@ def test_every_problem_has_its_location(tmp_path: Path) -> None:
 
 def test_names_are_unique(tmp_path: Path) -> None:
     row = "  - {name: a, group: g, scenario: s1}\n"
-    with pytest.raises(InputError, match=r"study\.yaml"):
+    with pytest.raises(InputError) as caught:
         load_study(write(tmp_path, "experiments:\n" + row + row))
+    (problem,) = caught.value.problems
+    assert (problem.line, problem.field, problem.code) == (3, "experiments.1.name", "duplicate")
 
 
 def test_name_comes_from_the_file_unless_it_is_set(tmp_path: Path) -> None:
@@ -78,13 +80,18 @@ def test_name_comes_from_the_file_unless_it_is_set(tmp_path: Path) -> None:
     assert load_study(write(tmp_path, "name: mine\n" + row)).name == "mine"
     bad = tmp_path / "my study.yaml"
     bad.write_text(row)
-    with pytest.raises(DockctlError, match=r"my study\.yaml: name: "):
+    with pytest.raises(InputError) as caught:
         load_study(str(bad))
+    (problem,) = caught.value.problems
+    assert (problem.file, problem.field, problem.code) == (str(bad), "name", "invalid")
 
 
 def test_packaged_study_name_cannot_be_reused(tmp_path: Path) -> None:
-    with pytest.raises(DockctlError, match="name: 'thesis'"):
-        load_study(write(tmp_path, "name: thesis\nexperiments: [{name: a, group: g, scenario: s1}]\n"))
+    row = "experiments: [{name: a, group: g, scenario: s1}]\n"
+    with pytest.raises(InputError) as caught:
+        load_study(write(tmp_path, row + "name: thesis\n"))
+    (problem,) = caught.value.problems
+    assert (problem.line, problem.field, problem.code) == (2, "name", "duplicate")
 
 
 def test_every_key_is_documented_with_its_default() -> None:
