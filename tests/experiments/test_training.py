@@ -1,0 +1,38 @@
+"""Training as a Python API."""
+
+from __future__ import annotations
+
+import io
+import json
+from pathlib import Path
+
+import pytest
+from rich.console import Console
+
+from dockctl.agents.algorithms import Dqn
+from dockctl.errors import DockctlError
+from dockctl.experiments import resume, train
+from dockctl.runs.directory import SHIPPED
+from dockctl.scenarios.loader import dump, load
+from tests.commands.conftest import QUICK
+
+
+def test_a_run_is_trained_and_extended(tmp_path: Path) -> None:
+    console = Console(file=io.StringIO())
+    run = train("s1", seed=2, steps=60, overrides=QUICK, out=tmp_path, console=console)
+    assert (run.reason, run.progress.env_steps) == ("steps", 60)
+    assert json.loads((run.path / "provenance.json").read_text())["seed"] == 2
+    extended = resume(run.path, steps=80, console=console)
+    assert (extended.path, extended.progress.env_steps) == (run.path, 80)
+    with pytest.raises(DockctlError):
+        resume(run.path, console=console)
+
+
+@pytest.mark.parametrize("name", ["s1", "marina"])
+def test_scenario_files_without_an_algorithm_mean_dqn(name: str, tmp_path: Path) -> None:
+    file = SHIPPED / name / "scenario.yaml"
+    assert "algorithm" not in file.read_text()
+    scenario = load(file).scenario
+    assert scenario.training.algorithm == Dqn()
+    (tmp_path / "again.yaml").write_text(dump(scenario))
+    assert load(tmp_path / "again.yaml").scenario.training == scenario.training
