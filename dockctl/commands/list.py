@@ -72,7 +72,7 @@ def list_registered(
             rows.append((name, "broken", "", str(error), origin))
     _print(listing.value, rows)
     if failures:
-        raise DockctlError("\n".join(failures))
+        raise DockctlError("\n".join(failures), code="plugin")
 
 
 def _checkpoints() -> Iterator[tuple[str, ...]]:

@@ -166,8 +166,8 @@ def jobs_of(experiments: Sequence[Experiment], out: Path) -> list[Job]:
             load_checked(experiment.scenario, overrides=experiment.overrides(0))
             transfer = tuple((source, load(source).scenario.name) for source in experiment.evaluate_on)
         except DockctlError as error:
-            lines = str(error).splitlines()
-            raise DockctlError("\n".join(f"experiment {experiment.name}: {line}" for line in lines)) from None
+            lines = (f"experiment {experiment.name}: {line}" for line in str(error).splitlines())
+            raise DockctlError("\n".join(lines), code=error.code) from None
         for seed in range(experiment.seeds):
             scenario = load(experiment.scenario, overrides=experiment.overrides(seed)).scenario
             jobs.append(Job(experiment, seed, scenario, transfer, out / experiment.name))

@@ -59,7 +59,8 @@ def test_poses_that_are_not_free(tmp_path: Path, pose: str, obstacle: str) -> No
 def test_an_unknown_scenario() -> None:
     outcome = dockctl("show", "s33")
     assert outcome.code == 2
-    assert "'s3'" in outcome.err  # the suggestion
+    assert outcome.error is not None
+    assert (outcome.error.code, outcome.error.suggestion) == ("unknown_name", "s3")
 
 
 def test_an_output_folder_that_is_a_file(tmp_path: Path) -> None:
@@ -67,6 +68,7 @@ def test_an_output_folder_that_is_a_file(tmp_path: Path) -> None:
     outcome = dockctl("show", "s1", "--out", tmp_path / "file")
     assert outcome.code == 2
     assert str(tmp_path / "file") in outcome.err
+    assert outcome.error_code == "not_writable"
 
 
 def test_a_sector_without_return() -> None:

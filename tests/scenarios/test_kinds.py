@@ -1,4 +1,4 @@
-"""A section selected by `kind` is checked by the registered model, and problems have their place."""
+"""Sections selected by `kind` are validated by the registered model; problems are located."""
 
 from __future__ import annotations
 
@@ -82,7 +82,7 @@ def test_a_dump_loads_as_an_equal_section() -> None:
         ("shape: {kind: path}", "shape.x_m", 1),
     ],
 )
-def test_a_problem_has_its_place(text: str, field: str, column: int) -> None:
+def test_a_problem_is_located(text: str, field: str, column: int) -> None:
     found = problem(text)
     assert (found.line, found.column, found.field) == (1, column, field)
 

@@ -1,4 +1,4 @@
-"""Extending, overriding, names and paths, and the way back to YAML."""
+"""Inheritance, overrides, names and paths, and dumping to YAML."""
 
 from __future__ import annotations
 
@@ -135,7 +135,7 @@ def test_extends_a_path_relative_to_the_file(tmp_path: Path) -> None:
     assert (task.max_steps, task.final) == (7, Pose(x_m=36.0, y_m=0.5, heading_deg=180.0))
 
 
-def test_an_inherited_error_names_the_file_it_stands_in(tmp_path: Path) -> None:
+def test_an_inherited_error_names_the_file_that_contains_it(tmp_path: Path) -> None:
     write(tmp_path, "extends: s1\ntask:\n  max_steps: -1\n", "parent.yaml")
     assert refused(tmp_path, "extends: parent.yaml\ntask: {final: {y_m: x}}\n") == [
         ("parent.yaml", 3, 14, "task.max_steps", "out_of_range"),
@@ -143,7 +143,7 @@ def test_an_inherited_error_names_the_file_it_stands_in(tmp_path: Path) -> None:
     ]
 
 
-def test_a_circle_is_refused(tmp_path: Path) -> None:
+def test_a_circular_reference_is_refused(tmp_path: Path) -> None:
     write(tmp_path, "extends: x.yaml\n", "parent.yaml")
     assert refused(tmp_path, "name: x\nextends: parent.yaml\n") == [
         ("parent.yaml", 1, 10, "extends", "invalid")
@@ -167,7 +167,7 @@ def test_a_number_on_a_term_keeps_its_parameters(tmp_path: Path) -> None:
     assert (speed.weight, speed.params) == (-3, {"floor": 0.02})
 
 
-def test_metres_are_one_line_away(tmp_path: Path) -> None:
+def test_the_distance_unit_can_be_meters(tmp_path: Path) -> None:
     assert load(tmp_path, "extends: s1\nreward: {distance_unit_m: 1}").reward.distance_unit_m == 1
 
 
@@ -187,14 +187,14 @@ def test_another_kind_of_harbor_inherits_nothing(tmp_path: Path) -> None:
     assert [mesh.path for mesh in harbor.meshes] == [str(tmp_path / "a" / "b.obj")]
 
 
-def test_a_vessel_of_ones_own(tmp_path: Path) -> None:
+def test_a_custom_vessel(tmp_path: Path) -> None:
     write(tmp_path, "extends: eilbrecht\nname: light\nmass_kg: 80\n", "light.yaml")
     assert load(tmp_path, "extends: s1\nvessel: light.yaml\n").vessel.mass_kg == 80
     assert load(tmp_path, "extends: s1\nvessel: {mass_kg: 99}\n").vessel.mass_kg == 99
     assert loader.load_vessel(tmp_path / "light.yaml").name == "light"
 
 
-def test_paths_count_from_the_file_that_names_them(tmp_path: Path) -> None:
+def test_paths_are_relative_to_the_file_that_contains_them(tmp_path: Path) -> None:
     (tmp_path / "a").mkdir()
     write(tmp_path / "a", "kind: meshes\nmeshes: [{path: quay.stl}]\n", "harbor.yaml")
     harbor = load(tmp_path, "extends: s1\nharbor: a/harbor.yaml\n").harbor
@@ -284,12 +284,12 @@ def test_unknown_scenarios(name: str, code: str) -> None:
         loader.load(name)
 
 
-def test_problems_of_later_checks_find_their_place(tmp_path: Path) -> None:
+def test_problems_of_later_checks_are_located(tmp_path: Path) -> None:
     loaded = loader.load(
         write(tmp_path, "extends: s1\ntask:\n  initial:\n    - {x_m: 1, y_m: 2, heading_deg: 3}\n")
     )
-    problem = loaded.problem("task.initial.0", "lies in a quay")
-    assert str(problem) == f"{tmp_path}/x.yaml:4:7: task.initial.0: lies in a quay"
+    problem = loaded.problem("task.initial.0", "blocked")
+    assert str(problem) == f"{tmp_path}/x.yaml:4:7: task.initial.0: blocked"
     assert loaded.problem("task.final", "!").file.endswith("s1.yaml")
 
 
@@ -359,7 +359,7 @@ VALUES = st.recursive(
 )
 
 
-def test_a_file_whose_name_cannot_be_the_scenario_s_wants_a_name(tmp_path: Path) -> None:
+def test_a_file_name_that_is_not_a_scenario_name_requires_a_name(tmp_path: Path) -> None:
     path = write(tmp_path, "extends: s1\n", "my berth.yaml")
     with pytest.raises(InputError) as caught:
         loader.load(path)

@@ -229,12 +229,14 @@ def test_berth_too_narrow_for_every_vessel_is_refused() -> None:
 
 def test_an_unknown_free_berth_is_refused() -> None:
     rows = [{"side": "east", "berth_y_m": (0.0, 4.0), "free_y_m": (3.0,)}]
-    with pytest.raises(ValidationError, match="no berth at 3"):
+    with pytest.raises(ValidationError) as caught:
         marina(rows=rows)
+    error = caught.value.errors()[0]["ctx"]["error"]
+    assert (error.field, error.code, error.suggestion) == ("free_y_m", "unknown_name", "4")
 
 
 def test_basin_without_water_is_refused() -> None:
-    with pytest.raises(ValidationError, match=r"x_min_m: 5 must be less than x_max_m, 5"):
+    with pytest.raises(ValidationError, match="x_min_m"):
         marina(basin={"x_min_m": 5.0, "x_max_m": 5.0, "y_min_m": 0.0, "y_max_m": 1.0})
 
 
