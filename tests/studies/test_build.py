@@ -22,6 +22,8 @@ from studies.thesis.data import Archive, load_facts
 from studies.thesis.measures import OF_MANEUVERS, OF_TRAININGS
 from studies.thesis.page import Page
 
+pytestmark = pytest.mark.slow
+
 STUDY = load_study("thesis")
 Pages = dict[str, tuple[Page, str]]
 Rows = list[dict[str, str]]
