@@ -42,9 +42,7 @@ class DuplicateNameError(DockctlError):
     code = "duplicate"
 
     def __init__(self, noun: str, name: str, origins: tuple[str, str]) -> None:
-        super().__init__(
-            f"{noun} '{name}' is registered twice: by {' and by '.join(origins)}; rename one of them"
-        )
+        super().__init__(f"{noun} '{name}' is registered twice: by {' and by '.join(origins)}; rename one")
         self.origins = origins
 
 
@@ -92,12 +90,8 @@ class Entry(Generic[T]):
         """Keyword-only parameters of a function and their defaults, `inspect.Parameter.empty` if required."""
         if not callable(self.value):
             return {}
-        signature = inspect.signature(self.value)
-        return {
-            name: parameter.default
-            for name, parameter in signature.parameters.items()
-            if parameter.kind is inspect.Parameter.KEYWORD_ONLY
-        }
+        parameters = inspect.signature(self.value).parameters.values()
+        return {p.name: p.default for p in parameters if p.kind is inspect.Parameter.KEYWORD_ONLY}
 
     def bind(self, given: Mapping[str, Any]) -> Callable[..., Any]:
         """Return the registered function with the given parameters bound.
@@ -151,7 +145,7 @@ class Registry(Generic[T]):
     def register_lazily(self, name: str, origin: str, load: Callable[[], None]) -> None:
         """Add `name`, for `load` to register on first use; if it is taken, the error is raised then."""
         if name in self:
-            origin, load = f"{self.origin(name)} and {origin}", _raising(self._duplicate(name, origin))
+            origin, load = f"{self.origin(name)} and {origin}", partial(_raise, self._duplicate(name, origin))
             self._entries.pop(name, None)
         self._lazy[name] = LazyEntry(origin, load)
 
@@ -187,8 +181,8 @@ class Registry(Generic[T]):
         """Return the entry `name`, importing the plugin that declares it if necessary.
 
         Raises:
-            UnknownNameError: it is not registered; the message lists what is, and suggests the nearest name.
-            DockctlError: the plugin that declares it fails.
+            UnknownNameError: it is not registered.
+            DockctlError: its plugin fails.
         """
         if lazy := self._lazy.get(name):
             with registering_as(lazy.origin):
@@ -205,11 +199,8 @@ class Registry(Generic[T]):
         return DuplicateNameError(self.noun, name, (self.origin(name), origin))
 
 
-def _raising(error: DockctlError) -> Callable[[], None]:
-    def fail() -> None:
-        raise error
-
-    return fail
+def _raise(error: DockctlError) -> None:
+    raise error
 
 
 Function = Callable[..., Any]
@@ -282,16 +273,9 @@ def discover() -> None:
 
 
 def policy(name: str, *, source: str = "") -> Callable[[Function], Function]:
-    """Register the function below as a policy: ``(scenario, *, parameters) -> Policy``.
+    """Register the function below under a name for ``--policy``.
 
-    It receives the resolved `dockctl.scenarios.schema.Scenario` and returns a `dockctl.agents.policy.Policy`.
-
-    Args:
-        name: its name for ``--policy``.
-        source: equation, paper or data sheet.
-
-    Raises:
-        DuplicateNameError: the name is taken.
+    It takes a `Scenario`, and parameters by keyword, and returns a `dockctl.agents.policy.Policy`.
     """
     return lambda function: POLICIES.register(name, function, source=source)
 
