@@ -1,280 +1,284 @@
-"""Run a study: jobs side by side as dockctl processes, a progress display, and the archive of results."""
+"""A study: which scenarios are trained with which seeds and settings, what is measured, and its jobs."""
 
 from __future__ import annotations
 
+import csv
+import math
 import os
-import shlex
-import signal
-import subprocess
-import sys
-import threading
-import time
-from collections import Counter
-from collections.abc import Callable, Iterator, Sequence
-from concurrent.futures import ThreadPoolExecutor
-from contextlib import ExitStack, contextmanager
+import re
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import IO, Literal
+from typing import Annotated, Literal, Self
 
-from rich.console import Console, Group
-from rich.live import Live
-from rich.table import Table
-from rich.text import Text
+from pydantic import Field, ValidationError, model_validator
 
-import dockctl
-from dockctl.console import print_text
-from dockctl.errors import DockctlError
-from dockctl.experiments.archive import archive
-from dockctl.experiments.interrupt import on_interrupt
-from dockctl.experiments.jobs import Job, Stage, jobs_of
-from dockctl.experiments.live import clock
-from dockctl.runs.directory import require_writable
-from dockctl.runs.files import writing
-from dockctl.runs.lock import exclusive_lock
-from dockctl.scenarios.study import load_study
+from dockctl.analysis.success_map import SMALL_OFFSET_DEG
+from dockctl.errors import DockctlError, InputError, nearest
+from dockctl.runs.directory import (
+    EVALUATION,
+    FAILURES,
+    LAST,
+    LATENCY,
+    MAP,
+    OVERVIEW,
+    PROVENANCE,
+    RETURNS,
+    SCENARIO,
+    TRAJECTORIES_CSV,
+    TRANSFER,
+    RunDirectory,
+)
+from dockctl.scenarios import translate
+from dockctl.scenarios.base import NAME, Count, FieldError, Model, Name
+from dockctl.scenarios.catalog import SUFFIXES, display_path, packaged_folder
+from dockctl.scenarios.content import first_difference
+from dockctl.scenarios.loader import load
+from dockctl.scenarios.schema import Scenario
+from dockctl.scenarios.yaml_tree import input_error, read_file
+from dockctl.sim.checks import load_checked
 
-TAIL_BYTES = 4096
-POLL_SECONDS = 0.25
-PLAIN_SECONDS = 60.0
-
-State = Literal["waiting", "working", "done", "failed", "stopped"]
-Ending = Literal["done", "failed", "interrupted"]
+Probe = Literal["map", "latency", "returns"]
+PROBE_FILES = {"latency": f"{LATENCY}.json", "map": f"{MAP}.csv", "returns": f"{RETURNS}.csv"}
+"""File that each probe writes last."""
 
 
-def run_study(source: str, names: Sequence[str], out: Path, results: Path, workers: int) -> Ending:
-    """Do what the experiments of a study still lack, and archive the finished runs.
+class Experiment(Model):
+    """One scenario, trained with the seeds 0 to `seeds` - 1.
 
-    Args:
-        source: study file, or name of a packaged study.
-        names: experiments or groups; all where empty.
-        out: gets ``<study>/<experiment>/<scenario>/<time>-seed<N>/``.
-        results: gets ``<study>/<experiment>/seed<N>/``.
-        workers: jobs at a time.
+    Attributes:
+        group: name that selects several experiments together.
+        title: short description.
+        set: overrides, ``key=value`` as after ``--set``.
+        evaluate_on: other scenarios to evaluate the trained policies on.
+        probes: further measurements of every policy.
+    """
+
+    name: Name
+    group: Name
+    title: str = ""
+    scenario: str
+    seeds: Annotated[Count, Field(le=1000)] = 1
+    set: tuple[str, ...] = ()
+    evaluate_on: tuple[str, ...] = ()
+    probes: tuple[Probe, ...] = ()
+
+    def overrides(self, seed: int) -> list[str]:
+        """Overrides that turn the scenario into that of one training."""
+        return [*self.set, f"training.seed={seed}"]
+
+
+class Study(Model):
+    """Experiments in the order in which they run.
+
+    Attributes:
+        name: folder of its runs and results; by default the name of the file.
+    """
+
+    name: Name = "study"
+    title: str = ""
+    experiments: tuple[Experiment, ...] = Field(min_length=1)
+
+    @model_validator(mode="after")
+    def _unique_names(self) -> Self:
+        names: set[str] = set()
+        for index, experiment in enumerate(self.experiments):
+            if experiment.name in names:
+                field = f"experiments.{index}.name"
+                raise FieldError(field, f"another experiment is named {experiment.name}", "duplicate")
+            names.add(experiment.name)
+        return self
+
+    def chosen(self, names: Sequence[str]) -> tuple[Experiment, ...]:
+        """Return the experiments that `names` select by name or group; all where it is empty.
+
+        Raises:
+            DockctlError: a name is unknown.
+        """
+        known = {name for experiment in self.experiments for name in (experiment.name, experiment.group)}
+        for name in names:
+            if name not in known:
+                message = f"the study has no experiment or group '{name}' (known: {', '.join(sorted(known))})"
+                raise DockctlError(message, code="unknown_name", suggestion=nearest(name, known))
+        return tuple(e for e in self.experiments if not names or {e.name, e.group} & {*names})
+
+
+def load_study(source: str) -> Study:
+    """Load a study file, or a packaged study by name.
 
     Raises:
-        DockctlError: the study or one of its scenarios is invalid, a run is damaged, or a folder cannot be
-            written.
+        InputError: every problem of the file, each with its location.
+        DockctlError: the study is unknown, or its name cannot be used.
     """
-    study = load_study(source)
-    experiments = study.chosen(names)
-    out, results = out / study.name, results / study.name
-    for folder in (out, results):
-        require_writable(folder)
-    jobs = jobs_of(experiments, out)
-    console = Console()
-    for job in jobs:
-        for run, difference in job.mismatched_runs():
-            print_text(console, f"note: {run} is not a run of {job.label}: {difference}", "yellow")
-    runner = JobRunner(jobs, min(workers, len(jobs)), lambda progress: display.report(progress))
-    display = Display(console, runner)
-    with display.shown(), on_interrupt(runner.stop):
-        runner.work(display.refresh)
-    ending = _report_ending(console, runner)
-    if ending != "interrupted":
-        archived = [
-            archive(finished, results, job.experiment.name, job.seed)
-            for job in jobs
-            if (finished := job.finished())
-        ]
-        print_text(console, f"{len(archived)} runs archived in {results}")
-    return ending
+    path = Path(source)
+    known = {file.parent.name: file for file in packaged_folder("studies", "studies").glob("*/study.yaml")}
+    if path.suffix not in SUFFIXES and not os.path.isfile(path):
+        if source not in known:
+            message = f"there is no study '{source}' (known: {', '.join(sorted(known))})"
+            raise DockctlError(message, code="unknown_name", suggestion=nearest(source, known))
+        path = known[source]
+    tree = read_file(path, display_path(path))
+    try:
+        study = Study.model_validate(tree.plain())
+    except ValidationError as error:
+        raise InputError(translate.problems(error, tree, Study)) from None
+    name = study.name if "name" in study.model_fields_set else path.stem
+    location = (tree.get("name") or tree).location
+    if not re.fullmatch(NAME, name):
+        message = f"'{name}' cannot be a folder name; set letters, digits, dots, dashes and underscores"
+        raise input_error(location, message, "name")
+    if name in known and path.resolve() != known[name].resolve():
+        message = f"'{name}' is a packaged study, whose results would be replaced; set another name"
+        raise input_error(location, message, "name", "duplicate")
+    return study.model_copy(update={"name": name})
 
 
-@dataclass(eq=False)
-class Progress:
-    """State of a job."""
+@dataclass(frozen=True)
+class Stage:
+    """One dockctl command.
 
-    job: Job
-    state: State = "waiting"
-    stage: str = ""
-    began: float = 0.0
-    reason: str = ""
+    Attributes:
+        name: shown while it runs.
+        arguments: of the command line.
+        output: file that exists once the stage is done.
+    """
+
+    name: str
+    arguments: tuple[str, ...]
+    output: Path | None = None
+
+
+@dataclass(frozen=True, eq=False)
+class Job:
+    """One training of an experiment and the measurements of its policy.
+
+    Attributes:
+        scenario: resolved, with the seed.
+        transfer: other scenarios to evaluate the policy on, as (source in the study, scenario name).
+        folder: gets ``<scenario>/<time>-seed<N>/`` and the log.
+    """
+
+    experiment: Experiment
+    seed: int
+    scenario: Scenario
+    transfer: tuple[tuple[str, str], ...]
+    folder: Path
 
     @property
-    def seconds(self) -> float:
-        """Duration of the stage so far."""
-        return time.monotonic() - self.began
+    def label(self) -> str:
+        return f"{self.experiment.name} seed {self.seed}"
 
-    def last_line(self) -> str:
-        """Last line of the job's output."""
+    @property
+    def log(self) -> Path:
+        """Output of all stages."""
+        return self.folder / f"seed{self.seed}.log"
+
+    def runs(self) -> list[Path]:
+        """Usable run folders of this training, finished ones first, then the latest."""
+        runs = [path.parent for path in sorted(self.folder.glob(f"*/*/{PROVENANCE}"), reverse=True)]
+        usable = [r for r in runs if self.difference(r) is None and (_finished(r) or _resumable(r))]
+        return sorted(usable, key=_finished, reverse=True)
+
+    def difference(self, run: Path) -> str | None:
+        """First field in which the run's scenario differs from the job's; None where they are the same."""
         try:
-            with self.job.log.open("rb") as file:
-                file.seek(max(0, file.seek(0, os.SEEK_END) - TAIL_BYTES))
-                lines = file.read().decode("utf-8", "replace").splitlines()
-        except OSError:
-            return ""
-        return next((line.strip() for line in reversed(lines) if line.strip()), "")
+            return first_difference(self.scenario, load(run / SCENARIO).scenario)
+        except (DockctlError, OSError) as error:
+            return str(error).splitlines()[0]
+
+    def mismatched_runs(self) -> Iterator[tuple[Path, str]]:
+        """Run folders of this seed that hold another training, each with what differs."""
+        for path in sorted(self.folder.glob(f"*/*-seed{self.seed}*/{SCENARIO}")):
+            if differs := self.difference(path.parent):
+                yield path.parent, differs
+
+    def training(self) -> Stage | None:
+        """The stage that starts or resumes the training; None where it is finished."""
+        run = next(iter(self.runs()), None)
+        if run is None:
+            settings = [word for setting in self.experiment.set for word in ("--set", setting)]
+            arguments = [self.experiment.scenario, "--seed", str(self.seed), "--out", str(self.folder)]
+            return Stage("train", ("train", *arguments, *settings))
+        return None if _finished(run) else Stage("resume", ("train", "--resume", str(run)))
+
+    def finished(self) -> Path | None:
+        """Folder of the finished training, if there is one."""
+        return next((run for run in self.runs() if _finished(run)), None)
+
+    def measurements(self) -> Iterator[Stage]:
+        """Stages after the training that are not done yet."""
+        run = self.runs()[0]
+        return (stage for stage in self._measurements(run) if stage.output and not stage.output.is_file())
+
+    def _measurements(self, run: Path) -> Iterator[Stage]:
+        policy, recordings = ("--ckpt", str(run)), run / TRANSFER
+        yield Stage("evaluate", ("evaluate", *policy), run / f"{EVALUATION}.json")
+        for source, name in self.transfer:
+            on = (*policy, "--scenario", source)
+            yield Stage(f"evaluate on {name}", ("evaluate", *on), run / f"{EVALUATION}-{name}.json")
+            yield Stage(f"record on {name}", ("record", *on), recordings / name / TRAJECTORIES_CSV)
+        yield Stage("plot", ("plot", str(run)), run / OVERVIEW)
+        for probe in self.experiment.probes:
+            yield Stage(probe, (probe, *policy), run / PROBE_FILES[probe])
+        table = run / PROBE_FILES["map"]
+        if "map" in self.experiment.probes and table.is_file() and (poses := nearest_failures(table)):
+            out = recordings / FAILURES
+            starts = [word for pose in poses for word in ("--pose", pose)]
+            arguments = ("record", *policy, *starts, "--out", str(out))
+            yield Stage("record failures", arguments, out / TRAJECTORIES_CSV)
 
 
-class JobRunner:
-    """Runs jobs in worker threads, each stage as a process.
+def nearest_failures(table: Path) -> list[str]:
+    """Poses ``x,y,heading`` of the nearest starts that fail as in Figs. 4.39 and 4.40.
+
+    The first one collides, after the intermediate pose if any start does; the second one times out before the
+    intermediate pose. Headings off by more than `SMALL_OFFSET_DEG` count only where there are no others.
 
     Args:
-        on_change: called from a worker thread whenever a job starts a stage or ends.
+        table: ``map.csv``.
     """
+    with table.open(encoding="utf-8", newline="") as file:
+        rows = list(csv.DictReader(file))
+    collisions = [row for row in rows if row["outcome"] == "collision"]
+    kinds = (
+        [row for row in collisions if row["phase"] == "1"] or collisions,
+        [row for row in rows if row["outcome"] == "timeout" and row["phase"] == "0"],
+    )
+    nearest = [min(kind, key=_offset) for kind in kinds if kind]
+    return [f"{row['x_m']},{row['y_m']},{row['heading_deg']}" for row in nearest]
 
-    def __init__(self, jobs: Sequence[Job], workers: int, on_change: Callable[[Progress], None]) -> None:
-        self.progress = [Progress(job) for job in jobs]
-        self._workers, self._on_change = workers, on_change
-        self._stopping = False
-        self._processes: set[subprocess.Popen[bytes]] = set()
-        self._lock = threading.RLock()  # a signal may arrive inside stop()
 
-    def work(self, poll: Callable[[], None]) -> None:
-        """Run all jobs; `poll` is called a few times a second from this thread."""
-        with ThreadPoolExecutor(self._workers, "job") as pool:
-            futures = [pool.submit(self._run, progress) for progress in self.progress]
-            while not all(future.done() for future in futures):
-                poll()
-                time.sleep(POLL_SECONDS)
-            poll()
-            for future in futures:
-                future.result()
+def _offset(row: dict[str, str]) -> tuple[bool, float, float]:
+    dx, dy, turn = (float(row[name]) for name in ("dx_m", "dy_m", "dheading_deg"))
+    return abs(turn) > SMALL_OFFSET_DEG, math.hypot(dx, dy), abs(turn)
 
-    def stop(self) -> None:
-        """Start nothing new and interrupt every process; on the second call, terminate them."""
-        with self._lock:
-            number = signal.SIGTERM if self._stopping else signal.SIGINT
-            self._stopping = True
-            for process in self._processes:
-                process.send_signal(number)
 
-    @property
-    def stopping(self) -> bool:
-        return self._stopping
+def make_jobs(experiments: Sequence[Experiment], out: Path) -> list[Job]:
+    """Return the jobs of the experiments in order, with run folders below `out`.
 
-    def _run(self, progress: Progress) -> None:
+    Raises:
+        DockctlError: a scenario of an experiment is invalid.
+    """
+    jobs = []
+    for experiment in experiments:
         try:
-            with _log_of(progress.job) as log:
-                for stage in _stages(progress.job):
-                    if not self._stopping:
-                        self._change(progress, "working", stage.name)
-                        code = self._call(stage, log)
-                    if self._stopping:
-                        return self._change(progress, "stopped", stage.name)
-                    if code or (stage.leaves and not stage.leaves.is_file()):
-                        raise DockctlError(progress.last_line())
-            self._change(progress, "done", "")
+            load_checked(experiment.scenario, overrides=experiment.overrides(0))
+            transfer = tuple((source, load(source).scenario.name) for source in experiment.evaluate_on)
         except DockctlError as error:
-            progress.reason = str(error)
-            self._change(progress, "failed", progress.stage)
-
-    def _change(self, progress: Progress, state: State, stage: str) -> None:
-        progress.state, progress.stage, progress.began = state, stage, time.monotonic()
-        self._on_change(progress)
-
-    def _call(self, stage: Stage, log: IO[bytes]) -> int:
-        """Run a stage and return its exit status."""
-        package = Path(dockctl.__file__).parent.parent
-        paths = os.pathsep.join(filter(None, [str(package), os.environ.get("PYTHONPATH")]))
-        log.write(f"$ dockctl {shlex.join(stage.arguments)}\n".encode())
-        log.flush()
-        with self._lock:
-            if self._stopping:
-                return signal.SIGINT
-            process = subprocess.Popen(
-                [sys.executable, "-P", "-m", "dockctl", *stage.arguments],
-                env={"OMP_NUM_THREADS": "1"} | os.environ | {"PYTHONPATH": paths},
-                stdin=subprocess.DEVNULL,
-                stdout=log,
-                stderr=subprocess.STDOUT,
-                process_group=0,  # Ctrl-C in the terminal reaches this process only, and stop() forwards it
-            )
-            self._processes.add(process)
-        code = process.wait()
-        with self._lock:
-            self._processes.discard(process)
-        return code
+            lines = (f"experiment {experiment.name}: {line}" for line in str(error).splitlines())
+            raise DockctlError("\n".join(lines), code=error.code) from None
+        for seed in range(experiment.seeds):
+            scenario = load(experiment.scenario, overrides=experiment.overrides(seed)).scenario
+            jobs.append(Job(experiment, seed, scenario, transfer, out / experiment.name))
+    return jobs
 
 
-def _stages(job: Job) -> Iterator[Stage]:
-    """Stages of a job; what is missing is looked up again after each one."""
-    if training := job.training():
-        yield training
-    if job.training() is not None:
-        raise DockctlError(f"{job.folder}: the training left no finished run folder here")
-    yield from job.measurements()
+def _finished(run: Path) -> bool:
+    try:
+        return RunDirectory(run).read_json(PROVENANCE).get("finished") is not None
+    except DockctlError:
+        return False
 
 
-@contextmanager
-def _log_of(job: Job) -> Iterator[IO[bytes]]:
-    """Open the log of a job for appending, for one process at a time."""
-    with writing(job.log):
-        job.log.parent.mkdir(parents=True, exist_ok=True)
-        file = job.log.open("ab")
-    with file, exclusive_lock(job.log):
-        yield file
-
-
-class Display:
-    """A live table of the running jobs in a terminal, plain lines in a file or pipe."""
-
-    def __init__(self, console: Console, runner: JobRunner) -> None:
-        self._console, self._runner = console, runner
-        self._live = Live(console=console, auto_refresh=False) if console.is_terminal else None
-        self._printed_at = time.monotonic()
-
-    @contextmanager
-    def shown(self) -> Iterator[None]:
-        """Show the live table inside the block, and erase it afterwards."""
-        with ExitStack() as stack:
-            if self._live:
-                stack.enter_context(self._live)
-                stack.callback(self._live.update, Text(), refresh=True)
-            yield
-
-    def report(self, progress: Progress) -> None:
-        """Print that a job started a stage or ended; in a terminal only the endings."""
-        label = progress.job.label
-        if progress.state == "working":
-            if not self._live:
-                print_text(self._console, f"{label}: {progress.stage}")
-        elif progress.state == "failed":
-            words = (f"{label}:", progress.stage, "failed:", progress.reason, f"(see {progress.job.log})")
-            print_text(self._console, " ".join(filter(None, words)), "red")
-        else:
-            print_text(
-                self._console, f"{label}: {progress.state}", "green" if progress.state == "done" else ""
-            )
-
-    def refresh(self) -> None:
-        """Show the progress of the running jobs."""
-        working = [progress for progress in self._runner.progress if progress.state == "working"]
-        if self._live:
-            self._live.update(self._table(working), refresh=True)
-        elif time.monotonic() - self._printed_at > PLAIN_SECONDS:
-            self._printed_at = time.monotonic()
-            for progress in working:
-                facts = (progress.job.label, progress.stage, clock(progress.seconds), progress.last_line())
-                print_text(self._console, " | ".join(facts))
-
-    def _table(self, working: Sequence[Progress]) -> Group:
-        table = Table.grid(padding=(0, 2), expand=True)
-        for style in ("bold", "cyan", "dim"):
-            table.add_column(no_wrap=True, style=style)
-        table.add_column(ratio=1, no_wrap=True, overflow="ellipsis")
-        for progress in working:
-            last_line = Text(progress.last_line())
-            table.add_row(progress.job.label, progress.stage, clock(progress.seconds), last_line)
-        hint = "saving and exiting ..." if self._runner.stopping else "Ctrl-C saves and exits"
-        return Group(table, Text(f"{_counts(self._runner)} | {hint}", style="dim"))
-
-
-def _counts(runner: JobRunner) -> str:
-    counts = Counter(progress.state for progress in runner.progress)
-    return ", ".join(f"{count} {state}" for state, count in counts.items())
-
-
-def _report_ending(console: Console, runner: JobRunner) -> Ending:
-    command = f"dockctl {shlex.join(sys.argv[1:])}"
-    if runner.stopping and any(progress.state != "done" for progress in runner.progress):
-        print_text(console, f"Interrupted: {_counts(runner)}. Trainings are saved. To resume:\n  {command}")
-        return "interrupted"
-    failed = [progress for progress in runner.progress if progress.state == "failed"]
-    print_text(console, f"{len(runner.progress) - len(failed)} of {len(runner.progress)} jobs done.")
-    for progress in failed:
-        print_text(console, f"failed: {progress.job.label}: {progress.reason}", "red")
-    if failed:
-        print_text(console, f"Once that is fixed:\n  {command}")
-    return "failed" if failed else "done"
+def _resumable(run: Path) -> bool:
+    return (RunDirectory(run).checkpoint(LAST) / "learner.json").is_file()

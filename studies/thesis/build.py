@@ -12,9 +12,9 @@ from jinja2 import Environment, FileSystemLoader, StrictUndefined
 from matplotlib.figure import Figure
 from PIL import Image
 
+from dockctl.experiments.study import Experiment, load_study
 from dockctl.reports.style import house_style
 from dockctl.runs.files import write_atomically, writing
-from dockctl.scenarios.study import Experiment, load_study
 from studies.thesis.claims import claim_rows
 from studies.thesis.data import (
     SELECTION,

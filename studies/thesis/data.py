@@ -27,6 +27,7 @@ from dockctl.analysis.success_map import (
 from dockctl.analysis.trajectories import Track, tracks_of
 from dockctl.drawing.scene import Scene
 from dockctl.errors import DockctlError
+from dockctl.experiments.study import Experiment, Study
 from dockctl.runs.directory import (
     EVALUATION,
     LATENCY,
@@ -41,7 +42,6 @@ from dockctl.runs.directory import (
 from dockctl.runs.files import reading
 from dockctl.runs.reader import Run, read_run, read_table
 from dockctl.scenarios.schema import Task
-from dockctl.scenarios.study import Experiment, Study
 
 OUTCOMES = ("docked", "collision", "timeout")
 SELECTION, TEST = ("pose", "trained"), ("random", "held_out")

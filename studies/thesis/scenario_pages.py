@@ -17,6 +17,7 @@ from dockctl.analysis.success_map import (
     within_heading,
 )
 from dockctl.analysis.trajectories import pose_label
+from dockctl.experiments.study import Experiment
 from dockctl.reports.figures import overview
 from dockctl.reports.success_map import THESIS_M, map_figure
 from dockctl.runs.directory import FAILURES
@@ -24,7 +25,6 @@ from dockctl.runs.tables import START_KINDS
 from dockctl.scenarios.base import Pose
 from dockctl.scenarios.loader import load
 from dockctl.scenarios.schema import Task
-from dockctl.scenarios.study import Experiment
 from studies.thesis import curves, maneuvers
 from studies.thesis.claims import POLICIES, seeds_docked
 from studies.thesis.data import (

@@ -17,12 +17,11 @@ import pytest
 from rich.console import Console
 
 import dockctl as package
-from dockctl.experiments import study as study_module
-from dockctl.experiments.jobs import Job, Stage, jobs_of, nearest_failures
-from dockctl.experiments.study import Display, JobRunner, Progress
+from dockctl.experiments import runner as runner_module
+from dockctl.experiments.runner import Display, JobRunner, Progress
+from dockctl.experiments.study import Experiment, Job, Stage, make_jobs, nearest_failures
 from dockctl.scenarios.content import with_paths
 from dockctl.scenarios.loader import dump
-from dockctl.scenarios.study import Experiment
 from tests.commands.conftest import QUICK, Outcome, dockctl
 
 Trained = tuple[Path, Outcome]
@@ -56,7 +55,7 @@ def the_run(out: Path) -> Path:
 
 
 def jobs(out: Path, **given: object) -> list[Job]:
-    return jobs_of([tiny(**given)], out)
+    return make_jobs([tiny(**given)], out)
 
 
 def change_facts(run: Path, **facts: object) -> None:
@@ -143,7 +142,7 @@ def test_the_nearest_failures_are_one_of_each_kind(tmp_path: Path) -> None:
 def work(
     jobs: list[Job], stages: dict[int, list[Stage]], monkeypatch: pytest.MonkeyPatch
 ) -> dict[int, Progress]:
-    monkeypatch.setattr(study_module, "_stages", lambda job: iter(stages.get(job.seed, [])))
+    monkeypatch.setattr(runner_module, "_stages", lambda job: iter(stages.get(job.seed, [])))
     runner = JobRunner(jobs, 2, lambda progress: None)
     runner.work(lambda: None)
     return {progress.job.seed: progress for progress in runner.progress}
@@ -170,7 +169,7 @@ def test_failure_is_one_line(tmp_path: Path, stage: str) -> None:
 
 
 def test_stage_without_its_file_has_failed(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    stage = Stage("empty", ("--version",), leaves=tmp_path / "nowhere")
+    stage = Stage("empty", ("--version",), output=tmp_path / "nowhere")
     assert work(jobs(tmp_path, seeds=1), {0: [stage]}, monkeypatch)[0].state == "failed"
 
 
@@ -195,7 +194,7 @@ def test_ctrl_c_leaves_a_resumable_training(tmp_path: Path) -> None:
         process.kill()
     assert process.returncode == 130
     assert "dockctl reproduce --study" in printed
-    (job,) = jobs_of([endless], tmp_path / "out" / "mine")
+    (job,) = make_jobs([endless], tmp_path / "out" / "mine")
     stage = job.training()
     assert stage is not None
     assert stage.name == "resume"

@@ -13,9 +13,8 @@ import pytest
 from matplotlib.figure import Figure
 
 from dockctl.errors import DockctlError
-from dockctl.experiments.jobs import jobs_of
+from dockctl.experiments.study import load_study, make_jobs
 from dockctl.reports.style import house_style
-from dockctl.scenarios.study import load_study
 from studies.thesis import build
 from studies.thesis.claims import MEASURES
 from studies.thesis.data import Archive, load_facts
@@ -67,7 +66,7 @@ def test_pages_in_docs_are_those_of_the_archived_results(pages: Pages) -> None:
 
 def test_archived_runs_are_of_the_current_scenarios() -> None:
     archive = Archive(STUDY, build.RESULTS)
-    jobs = {(job.experiment.name, job.seed): job for job in jobs_of(STUDY.experiments, build.RESULTS)}
+    jobs = {(job.experiment.name, job.seed): job for job in make_jobs(STUDY.experiments, build.RESULTS)}
     runs = [(e.name, run) for e in STUDY.experiments for run in archive[e.name]]
     assert {(name, run.seed) for name, run in runs} == {*jobs}
     assert [d for name, run in runs if (d := jobs[name, run.seed].difference(run.folder))] == []

@@ -7,8 +7,8 @@ from pathlib import Path
 import pytest
 
 from dockctl.errors import DockctlError, InputError
+from dockctl.experiments.study import Experiment, load_study
 from dockctl.scenarios.loader import load
-from dockctl.scenarios.study import Experiment, load_study
 
 THESIS = load_study("thesis")
 

@@ -1,0 +1,279 @@
+"""Run a study: jobs side by side as dockctl processes, a progress display, and the archive of results."""
+
+from __future__ import annotations
+
+import os
+import shlex
+import signal
+import subprocess
+import sys
+import threading
+import time
+from collections import Counter
+from collections.abc import Callable, Iterator, Sequence
+from concurrent.futures import ThreadPoolExecutor
+from contextlib import ExitStack, contextmanager
+from dataclasses import dataclass
+from pathlib import Path
+from typing import IO, Literal
+
+from rich.console import Console, Group
+from rich.live import Live
+from rich.table import Table
+from rich.text import Text
+
+import dockctl
+from dockctl.console import print_text
+from dockctl.errors import DockctlError
+from dockctl.experiments.archive import archive
+from dockctl.experiments.interrupt import on_interrupt
+from dockctl.experiments.live import clock
+from dockctl.experiments.study import Job, Stage, load_study, make_jobs
+from dockctl.runs.directory import require_writable
+from dockctl.runs.files import writing
+from dockctl.runs.lock import exclusive_lock
+
+TAIL_BYTES = 4096
+POLL_SECONDS = 0.25
+PLAIN_SECONDS = 60.0
+
+State = Literal["waiting", "working", "done", "failed", "stopped"]
+Ending = Literal["done", "failed", "interrupted"]
+
+
+def run_study(source: str, names: Sequence[str], out: Path, results: Path, workers: int) -> Ending:
+    """Do what the experiments of a study still lack, and archive the finished runs.
+
+    Args:
+        source: study file, or name of a packaged study.
+        names: experiments or groups; all where empty.
+        out: gets ``<study>/<experiment>/<scenario>/<time>-seed<N>/``.
+        results: gets ``<study>/<experiment>/seed<N>/``.
+        workers: jobs at a time.
+
+    Raises:
+        DockctlError: the study or one of its scenarios is invalid, a run is damaged, or a folder cannot be
+            written.
+    """
+    study = load_study(source)
+    experiments = study.chosen(names)
+    out, results = out / study.name, results / study.name
+    for folder in (out, results):
+        require_writable(folder)
+    jobs = make_jobs(experiments, out)
+    console = Console()
+    for job in jobs:
+        for run, difference in job.mismatched_runs():
+            print_text(console, f"note: {run} is not a run of {job.label}: {difference}", "yellow")
+    runner = JobRunner(jobs, min(workers, len(jobs)), lambda progress: display.report(progress))
+    display = Display(console, runner)
+    with display.shown(), on_interrupt(runner.stop):
+        runner.work(display.refresh)
+    ending = _report_ending(console, runner)
+    if ending != "interrupted":
+        archived = [
+            archive(finished, results, job.experiment.name, job.seed)
+            for job in jobs
+            if (finished := job.finished())
+        ]
+        print_text(console, f"{len(archived)} runs archived in {results}")
+    return ending
+
+
+@dataclass(eq=False)
+class Progress:
+    """State of a job."""
+
+    job: Job
+    state: State = "waiting"
+    stage: str = ""
+    began: float = 0.0
+    reason: str = ""
+
+    @property
+    def seconds(self) -> float:
+        """Duration of the stage so far."""
+        return time.monotonic() - self.began
+
+    def last_line(self) -> str:
+        """Last line of the job's output."""
+        try:
+            with self.job.log.open("rb") as file:
+                file.seek(max(0, file.seek(0, os.SEEK_END) - TAIL_BYTES))
+                lines = file.read().decode("utf-8", "replace").splitlines()
+        except OSError:
+            return ""
+        return next((line.strip() for line in reversed(lines) if line.strip()), "")
+
+
+class JobRunner:
+    """Runs jobs in worker threads, each stage as a process.
+
+    Args:
+        on_change: called from a worker thread whenever a job starts a stage or ends.
+    """
+
+    def __init__(self, jobs: Sequence[Job], workers: int, on_change: Callable[[Progress], None]) -> None:
+        self.progress = [Progress(job) for job in jobs]
+        self._workers, self._on_change = workers, on_change
+        self._stopping = False
+        self._processes: set[subprocess.Popen[bytes]] = set()
+        self._lock = threading.RLock()  # a signal may arrive inside stop()
+
+    def work(self, poll: Callable[[], None]) -> None:
+        """Run all jobs; `poll` is called a few times a second from this thread."""
+        with ThreadPoolExecutor(self._workers, "job") as pool:
+            futures = [pool.submit(self._run, progress) for progress in self.progress]
+            while not all(future.done() for future in futures):
+                poll()
+                time.sleep(POLL_SECONDS)
+            poll()
+            for future in futures:
+                future.result()
+
+    def stop(self) -> None:
+        """Start nothing new and interrupt every process; on the second call, terminate them."""
+        with self._lock:
+            number = signal.SIGTERM if self._stopping else signal.SIGINT
+            self._stopping = True
+            for process in self._processes:
+                process.send_signal(number)
+
+    @property
+    def stopping(self) -> bool:
+        return self._stopping
+
+    def _run(self, progress: Progress) -> None:
+        try:
+            with _log_of(progress.job) as log:
+                for stage in _stages(progress.job):
+                    if not self._stopping:
+                        self._change(progress, "working", stage.name)
+                        code = self._call(stage, log)
+                    if self._stopping:
+                        return self._change(progress, "stopped", stage.name)
+                    if code or (stage.output and not stage.output.is_file()):
+                        raise DockctlError(progress.last_line())
+            self._change(progress, "done", "")
+        except DockctlError as error:
+            progress.reason = str(error)
+            self._change(progress, "failed", progress.stage)
+
+    def _change(self, progress: Progress, state: State, stage: str) -> None:
+        progress.state, progress.stage, progress.began = state, stage, time.monotonic()
+        self._on_change(progress)
+
+    def _call(self, stage: Stage, log: IO[bytes]) -> int:
+        """Run a stage and return its exit status."""
+        package = Path(dockctl.__file__).parent.parent
+        paths = os.pathsep.join(filter(None, [str(package), os.environ.get("PYTHONPATH")]))
+        log.write(f"$ dockctl {shlex.join(stage.arguments)}\n".encode())
+        log.flush()
+        with self._lock:
+            if self._stopping:
+                return signal.SIGINT
+            process = subprocess.Popen(
+                [sys.executable, "-P", "-m", "dockctl", *stage.arguments],
+                env={"OMP_NUM_THREADS": "1"} | os.environ | {"PYTHONPATH": paths},
+                stdin=subprocess.DEVNULL,
+                stdout=log,
+                stderr=subprocess.STDOUT,
+                process_group=0,  # Ctrl-C in the terminal reaches this process only, and stop() forwards it
+            )
+            self._processes.add(process)
+        code = process.wait()
+        with self._lock:
+            self._processes.discard(process)
+        return code
+
+
+def _stages(job: Job) -> Iterator[Stage]:
+    """Stages of a job; what is missing is looked up again after each one."""
+    if training := job.training():
+        yield training
+    if job.training() is not None:
+        raise DockctlError(f"{job.folder}: the training left no finished run folder here")
+    yield from job.measurements()
+
+
+@contextmanager
+def _log_of(job: Job) -> Iterator[IO[bytes]]:
+    """Open the log of a job for appending, for one process at a time."""
+    with writing(job.log):
+        job.log.parent.mkdir(parents=True, exist_ok=True)
+        file = job.log.open("ab")
+    with file, exclusive_lock(job.log):
+        yield file
+
+
+class Display:
+    """A live table of the running jobs in a terminal, plain lines in a file or pipe."""
+
+    def __init__(self, console: Console, runner: JobRunner) -> None:
+        self._console, self._runner = console, runner
+        self._live = Live(console=console, auto_refresh=False) if console.is_terminal else None
+        self._printed_at = time.monotonic()
+
+    @contextmanager
+    def shown(self) -> Iterator[None]:
+        """Show the live table inside the block, and erase it afterwards."""
+        with ExitStack() as stack:
+            if self._live:
+                stack.enter_context(self._live)
+                stack.callback(self._live.update, Text(), refresh=True)
+            yield
+
+    def report(self, progress: Progress) -> None:
+        """Print that a job started a stage or ended; in a terminal only the endings."""
+        label = progress.job.label
+        if progress.state == "working":
+            if not self._live:
+                print_text(self._console, f"{label}: {progress.stage}")
+        elif progress.state == "failed":
+            words = (f"{label}:", progress.stage, "failed:", progress.reason, f"(see {progress.job.log})")
+            print_text(self._console, " ".join(filter(None, words)), "red")
+        else:
+            print_text(
+                self._console, f"{label}: {progress.state}", "green" if progress.state == "done" else ""
+            )
+
+    def refresh(self) -> None:
+        """Show the progress of the running jobs."""
+        working = [progress for progress in self._runner.progress if progress.state == "working"]
+        if self._live:
+            self._live.update(self._table(working), refresh=True)
+        elif time.monotonic() - self._printed_at > PLAIN_SECONDS:
+            self._printed_at = time.monotonic()
+            for progress in working:
+                facts = (progress.job.label, progress.stage, clock(progress.seconds), progress.last_line())
+                print_text(self._console, " | ".join(facts))
+
+    def _table(self, working: Sequence[Progress]) -> Group:
+        table = Table.grid(padding=(0, 2), expand=True)
+        for style in ("bold", "cyan", "dim"):
+            table.add_column(no_wrap=True, style=style)
+        table.add_column(ratio=1, no_wrap=True, overflow="ellipsis")
+        for progress in working:
+            last_line = Text(progress.last_line())
+            table.add_row(progress.job.label, progress.stage, clock(progress.seconds), last_line)
+        hint = "saving and exiting ..." if self._runner.stopping else "Ctrl-C saves and exits"
+        return Group(table, Text(f"{_counts(self._runner)} | {hint}", style="dim"))
+
+
+def _counts(runner: JobRunner) -> str:
+    counts = Counter(progress.state for progress in runner.progress)
+    return ", ".join(f"{count} {state}" for state, count in counts.items())
+
+
+def _report_ending(console: Console, runner: JobRunner) -> Ending:
+    command = f"dockctl {shlex.join(sys.argv[1:])}"
+    if runner.stopping and any(progress.state != "done" for progress in runner.progress):
+        print_text(console, f"Interrupted: {_counts(runner)}. Trainings are saved. To resume:\n  {command}")
+        return "interrupted"
+    failed = [progress for progress in runner.progress if progress.state == "failed"]
+    print_text(console, f"{len(runner.progress) - len(failed)} of {len(runner.progress)} jobs done.")
+    for progress in failed:
+        print_text(console, f"failed: {progress.job.label}: {progress.reason}", "red")
+    if failed:
+        print_text(console, f"Once that is fixed:\n  {command}")
+    return "failed" if failed else "done"
