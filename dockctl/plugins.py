@@ -275,7 +275,7 @@ def discover() -> None:
 def policy(name: str, *, source: str = "") -> Callable[[Function], Function]:
     """Register the function below under a name for ``--policy``.
 
-    It takes a `Scenario`, and parameters by keyword, and returns a `dockctl.agents.policy.Policy`.
+    It takes a `Scenario`, and parameters by keyword, and returns a `dockctl.agents.interface.Policy`.
     """
     return lambda function: POLICIES.register(name, function, source=source)
 

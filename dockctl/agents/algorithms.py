@@ -19,8 +19,7 @@ from dockctl.scenarios.kinds import Kind, register
 if TYPE_CHECKING:
     from gymnasium.spaces import Space
 
-    from dockctl.agents.algorithm import Algorithm, Tensors
-    from dockctl.agents.policy import Policy
+    from dockctl.agents.interface import Algorithm, Policy, Tensors
     from dockctl.scenarios.training import Training
 
 
@@ -94,7 +93,7 @@ class Dqn(AlgorithmSpec):
     def build(
         self, observation_space: Space[Any], action_space: Space[Any], training: Training, device: str
     ) -> Algorithm:
-        from dockctl.agents.algorithm import torch_device
+        from dockctl.agents.checkpoint import torch_device
         from dockctl.agents.dqn.algorithm import DQN
 
         size, actions = _discrete(observation_space, action_space)
@@ -158,7 +157,7 @@ class StableBaselines3(AlgorithmSpec):
     def build(
         self, observation_space: Space[Any], action_space: Space[Any], training: Training, device: str
     ) -> Algorithm:
-        from dockctl.agents.algorithm import torch_device
+        from dockctl.agents.checkpoint import torch_device
 
         _require_stable_baselines()
         from dockctl.agents.stable_baselines import StableBaselines

@@ -21,8 +21,7 @@ from safetensors.numpy import save as save_tensors
 
 import dockctl
 from dockctl import plugins
-from dockctl.agents.algorithm import Tensors
-from dockctl.agents.policy import Policy
+from dockctl.agents.interface import Policy, Tensors
 from dockctl.errors import DockctlError, nearest
 from dockctl.plugins import ALGORITHMS, UnknownNameError
 from dockctl.runs.directory import BEST, LAST, RunDirectory, shipped
@@ -232,6 +231,21 @@ def prefixed(prefix: str, tensors: Tensors) -> dict[str, NDArray[Any]]:
 def without_prefix(prefix: str, tensors: Tensors) -> dict[str, NDArray[Any]]:
     """Return the tensors whose names start with `prefix`, by the rest of their names."""
     return {name.removeprefix(prefix): array for name, array in tensors.items() if name.startswith(prefix)}
+
+
+def torch_device(name: str) -> torch.device:
+    """Return the torch device `name`, for example ``cpu`` or ``cuda``.
+
+    Raises:
+        DockctlError: the device is not available.
+    """
+    try:
+        device = torch.device(name)
+        torch.zeros(1, device=device).cpu()  # fails for `meta`, which has no data
+    except (RuntimeError, AssertionError) as error:  # without CUDA support torch raises AssertionError
+        reason = str(error).partition("\n")[0]
+        raise DockctlError(f"device '{name}' cannot be used: {reason}", code="unavailable") from None
+    return device
 
 
 def find_policy(path: Path) -> Path:

@@ -9,8 +9,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from dockctl.agents.algorithm import Metrics
-from dockctl.agents.autoreset import Info
+from dockctl.agents.interface import Info, Metrics
 from dockctl.analysis.learning import RECENT
 from dockctl.runs.tables import Value
 from dockctl.scenarios.training import StopRule, Training

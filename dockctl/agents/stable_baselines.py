@@ -22,7 +22,6 @@ from stable_baselines3.common.off_policy_algorithm import OffPolicyAlgorithm
 from stable_baselines3.common.policies import BasePolicy
 from stable_baselines3.common.vec_env import DummyVecEnv
 
-from dockctl.agents.algorithm import Metrics, Step, Tensors
 from dockctl.agents.algorithms import AlgorithmError, StableBaselines3
 from dockctl.agents.checkpoint import (
     load_optimizer,
@@ -32,7 +31,7 @@ from dockctl.agents.checkpoint import (
     prefixed,
     without_prefix,
 )
-from dockctl.agents.policy import Info
+from dockctl.agents.interface import Info, Metrics, Policy, Step, Tensors
 from dockctl.errors import nearest
 from dockctl.scenarios.training import Training
 
@@ -141,15 +140,12 @@ def _is_off_policy(value: object) -> bool:
     return inspect.isclass(value) and issubclass(value, OffPolicyAlgorithm)
 
 
-class GreedyPolicy:
-    """The deterministic actions of a Stable-Baselines3 policy; a `Policy`."""
+class GreedyPolicy(Policy):
+    """The deterministic actions of a Stable-Baselines3 policy."""
 
     def __init__(self, policy: BasePolicy) -> None:
         torch.set_num_threads(1)  # the matrices are small, and the simulator uses the other cores
         self.policy = policy
-
-    def reset(self, rows: NDArray[np.int64], info: Info) -> None:
-        """Do nothing: the policy has no state."""
 
     def act(self, observation: NDArray[Any], info: Info) -> NDArray[Any]:
         """Return an action for each boat; see `Policy`."""

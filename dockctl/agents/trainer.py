@@ -13,8 +13,6 @@ import numpy as np
 from gymnasium.vector import VectorEnv
 from numpy.typing import NDArray
 
-from dockctl.agents.algorithm import Algorithm, Step
-from dockctl.agents.autoreset import final_info, final_observation
 from dockctl.agents.checkpoint import (
     LEARNER,
     POLICY,
@@ -24,7 +22,7 @@ from dockctl.agents.checkpoint import (
     save_pair,
     save_policy,
 )
-from dockctl.agents.policy import Policy
+from dockctl.agents.interface import Algorithm, Policy, Step, final_info, final_observation
 from dockctl.agents.progress import EpisodeRecorder, Progress, UpdateRecorder
 from dockctl.analysis.learning import RECENT
 from dockctl.compute.threads import workers

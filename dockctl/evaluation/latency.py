@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 import pandas as pd
 
-from dockctl.agents.policy import Policy
+from dockctl.agents.interface import Policy
 from dockctl.analysis.latency import PARTS, THESIS_FORWARD_MS, summarize
 from dockctl.envs.observation import ObservationEncoder, View
 from dockctl.envs.vector import DockingVectorEnv

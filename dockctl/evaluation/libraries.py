@@ -10,7 +10,7 @@ import numpy as np
 from gymnasium.spaces import Discrete
 from numpy.typing import NDArray
 
-from dockctl.agents.policy import Info, Policy
+from dockctl.agents.interface import Info, Policy
 from dockctl.envs.vector import DockingVectorEnv
 from dockctl.errors import DockctlError, nearest
 
@@ -70,7 +70,7 @@ def onnx_policy(file: Path, env: DockingVectorEnv) -> Policy:
     return policy
 
 
-class _OnnxPolicy:
+class _OnnxPolicy(Policy):
     """The action of the highest value of an ONNX model.
 
     Raises:
@@ -86,9 +86,6 @@ class _OnnxPolicy:
         if len(shape) != 2 or (isinstance(shape[1], int) and shape[1] != size):
             _require_same(file, "observations", shape, ["n", size])
         self.one_by_one = isinstance(shape[0], int)  # a batch size in the file; 1 is the only useful one
-
-    def reset(self, rows: NDArray[np.int64], info: Info) -> None:
-        """Do nothing: the policy has no state."""
 
     def act(self, observation: NDArray[Any], info: Info) -> NDArray[Any]:
         """Return an action (n,) for each boat."""

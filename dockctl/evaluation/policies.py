@@ -31,7 +31,7 @@ from dockctl import plugins
 from dockctl.agents import checkpoint
 from dockctl.agents.checkpoint import PolicyCard, require_spaces
 from dockctl.agents.dqn.network import DuelingQNetwork, GreedyPolicy
-from dockctl.agents.policy import Info, Policy
+from dockctl.agents.interface import Info, Policy
 from dockctl.envs.vector import DockingVectorEnv
 from dockctl.errors import DockctlError, nearest
 from dockctl.evaluation.libraries import PolicyError, onnx_policy, sb3_policy

@@ -11,8 +11,7 @@ import numpy as np
 from gymnasium.vector import VectorEnv
 from numpy.typing import NDArray
 
-from dockctl.agents.autoreset import Info, final_info
-from dockctl.agents.policy import Policy
+from dockctl.agents.interface import Info, Policy, final_info
 from dockctl.envs.vector import DockingVectorEnv
 from dockctl.runs.tables import TRAJECTORIES, Value, all_columns, to_csv
 from dockctl.scenarios.loader import LoadedScenario

@@ -12,7 +12,7 @@ import numpy as np
 import pandas as pd
 from numpy.typing import NDArray
 
-from dockctl.agents.policy import Policy
+from dockctl.agents.interface import Policy
 from dockctl.drawing.scene import Scene
 from dockctl.errors import DockctlError
 from dockctl.evaluation.policies import LoadedPolicy, load_policy

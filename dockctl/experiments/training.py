@@ -11,10 +11,9 @@ from typing import Any
 from gymnasium.vector import VectorEnv
 from rich.console import Console
 
-from dockctl.agents.algorithm import Algorithm, torch_device
 from dockctl.agents.algorithms import AlgorithmError, AlgorithmSpec
-from dockctl.agents.checkpoint import LEARNER, POLICY, PolicyCard, load_pair, load_policy
-from dockctl.agents.policy import Policy
+from dockctl.agents.checkpoint import LEARNER, POLICY, PolicyCard, load_pair, load_policy, torch_device
+from dockctl.agents.interface import Algorithm, Policy
 from dockctl.agents.progress import REASONS, Progress
 from dockctl.agents.trainer import Trainer, Validation
 from dockctl.analysis.learning import RECENT

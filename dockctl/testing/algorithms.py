@@ -10,8 +10,8 @@ import numpy as np
 from gymnasium.spaces import Box, Space
 from gymnasium.vector.utils import batch_space
 
-from dockctl.agents.algorithm import Algorithm, Step, Tensors
 from dockctl.agents.algorithms import AlgorithmSpec
+from dockctl.agents.interface import Algorithm, Step, Tensors
 from dockctl.plugins import ALGORITHMS
 from dockctl.scenarios import catalog
 from dockctl.scenarios.training import Training

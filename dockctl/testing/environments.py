@@ -11,7 +11,7 @@ import numpy as np
 from gymnasium.vector import AutoresetMode
 from numpy.typing import NDArray
 
-from dockctl.agents.policy import Policy
+from dockctl.agents.interface import Policy
 from dockctl.drawing.scene import Scene
 from dockctl.envs.single import DockingEnv
 from dockctl.envs.vector import DockingVectorEnv

@@ -14,7 +14,7 @@ from gymnasium.vector import AutoresetMode
 
 from dockctl.agents.checkpoint import CheckpointError, PolicyCard, load_policy
 from dockctl.agents.dqn.algorithm import DQN
-from dockctl.agents.policy import Policy
+from dockctl.agents.interface import Policy
 from dockctl.agents.progress import Progress
 from dockctl.agents.trainer import Trainer, Validation
 from dockctl.compute.threads import usable_cores, workers

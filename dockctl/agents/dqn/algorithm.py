@@ -9,7 +9,6 @@ import numpy as np
 import torch
 from numpy.typing import NDArray
 
-from dockctl.agents.algorithm import Metrics, Step, Tensors
 from dockctl.agents.checkpoint import (
     load_optimizer,
     load_parameters,
@@ -21,6 +20,7 @@ from dockctl.agents.checkpoint import (
 from dockctl.agents.dqn.network import DuelingQNetwork, GreedyPolicy
 from dockctl.agents.dqn.replay import NStep, Replay
 from dockctl.agents.dqn.update import DoubleDQN
+from dockctl.agents.interface import Metrics, Step, Tensors
 from dockctl.scenarios.training import Training
 
 

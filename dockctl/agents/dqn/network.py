@@ -11,7 +11,7 @@ import torch
 from numpy.typing import NDArray
 from torch import Tensor, nn
 
-from dockctl.agents.policy import Info
+from dockctl.agents.interface import Info, Policy
 
 
 class DuelingQNetwork(nn.Module):
@@ -56,16 +56,13 @@ class DuelingQNetwork(nn.Module):
         return torch.as_tensor(value + advantage - advantage.mean(dim=1, keepdim=True))
 
 
-class GreedyPolicy:
-    """The action of the highest value; a `Policy` that follows the network as it learns."""
+class GreedyPolicy(Policy):
+    """The action of the highest value; the policy follows the network as it learns."""
 
     def __init__(self, network: DuelingQNetwork) -> None:
         torch.set_num_threads(1)  # the matrices are small, and the simulator uses the other cores
         self.network = network
         self._device = next(network.parameters()).device
-
-    def reset(self, rows: NDArray[np.int64], info: Info) -> None:
-        """Do nothing: the policy has no state."""
 
     @torch.inference_mode()
     def act(self, observation: NDArray[Any], info: Info) -> NDArray[np.int64]:

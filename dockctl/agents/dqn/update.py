@@ -12,9 +12,9 @@ from torch import Tensor
 from torch.nn import functional
 from torch.nn.utils import clip_grad_norm_
 
-from dockctl.agents.algorithm import Metrics
 from dockctl.agents.dqn.network import DuelingQNetwork
 from dockctl.agents.dqn.replay import Transitions
+from dockctl.agents.interface import Metrics
 from dockctl.scenarios.training import Training
 
 QFunction = Callable[[Tensor], Tensor]

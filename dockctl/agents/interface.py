@@ -1,22 +1,39 @@
-"""What the trainer needs of a learning algorithm."""
+"""Interfaces of policies and learning algorithms, and the data that they get.
+
+Environments are Gymnasium vector environments with same-step autoreset: when an episode ends, `step` returns
+the first observation and info of the next one. Those of the step itself are in ``info["final_obs"]`` and
+``info["final_info"]``; `final_observation` and `final_info` restore them.
+"""
 
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any, Protocol
+from typing import Any, Protocol
 
+import numpy as np
 from numpy.typing import NDArray
 
-from dockctl.agents.policy import Policy
-from dockctl.errors import DockctlError
-
-if TYPE_CHECKING:
-    import numpy as np
-    import torch
-
+Info = Mapping[str, Any]
 Tensors = Mapping[str, NDArray[Any]]
 Metrics = Mapping[str, float]
+
+
+class Policy(Protocol):
+    """Chooses the actions of n boats; it may be stateful. A subclass without state needs no `reset`."""
+
+    def reset(self, rows: NDArray[np.int64], info: Info) -> None:
+        """Reset the state of the boats `rows` (k,), which start new episodes; `info` is that of the reset."""
+        return
+
+    def act(self, observation: NDArray[Any], info: Info) -> NDArray[Any]:
+        """Return an action for each boat.
+
+        Args:
+            observation: (n, observation_size).
+            info: of the same step, with n rows under each key.
+        """
+        ...
 
 
 @dataclass(frozen=True, eq=False)
@@ -94,18 +111,26 @@ class Algorithm(Protocol):
         ...
 
 
-def torch_device(name: str) -> torch.device:
-    """Return the torch device `name`, for example ``cpu`` or ``cuda``.
+def final_observation(observation: NDArray[Any], info: Info, done: NDArray[np.bool_]) -> NDArray[Any]:
+    """Return the observations after the step and before any reset, (n, observation_size)."""
+    if not done.any():
+        return observation
+    final = observation.copy()
+    final[done] = np.stack(list(info["final_obs"][done]))
+    return final
 
-    Raises:
-        DockctlError: the device is not available.
-    """
-    import torch
 
-    try:
-        device = torch.device(name)
-        torch.zeros(1, device=device).cpu()  # fails for `meta`, which has no data
-    except (RuntimeError, AssertionError) as error:  # without CUDA support torch raises AssertionError
-        reason = str(error).partition("\n")[0]
-        raise DockctlError(f"device '{name}' cannot be used: {reason}", code="unavailable") from None
-    return device
+def final_info(info: Info, done: NDArray[np.bool_]) -> Info:
+    """Return the info after the step and before any reset."""
+    return _overlay(info, info.get("final_info", {}), done) if done.any() else info
+
+
+def _overlay(info: Info, final: Info, done: NDArray[np.bool_]) -> dict[str, Any]:
+    overlaid: dict[str, Any] = {}
+    for key, last in final.items():
+        if isinstance(last, Mapping):
+            overlaid[key] = _overlay(info.get(key, {}), last, done)
+        else:
+            rows = np.broadcast_to(done.reshape(-1, *[1] * (np.ndim(last) - 1)), np.shape(last))
+            overlaid[key] = np.where(rows, last, info.get(key, last))
+    return overlaid
