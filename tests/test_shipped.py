@@ -64,5 +64,5 @@ def test_it_docks_from_starts_of_its_training(
     loaded, worlds = rollout.loaded, rollout.worlds
     starts = validation_starts if loaded.scenario.task.berths else training_starts
     some = starts(loaded.scenario, worlds)[: EPISODES.get(name, 1)]
-    played = rollout.play(policy.make(rollout.env()), some)
+    played = rollout.run(policy.make(rollout.env()), some)
     assert [one.outcome for one in played] == ["docked"] * len(some)

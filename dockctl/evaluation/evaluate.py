@@ -134,7 +134,7 @@ def evaluate(
             loaded.scenario, rollout.worlds, random.episodes if episodes is None else episodes, seed
         ),
     ]
-    played = rollout.play(loaded_policy.make(rollout.env()), starts)
+    results = rollout.run(loaded_policy.make(rollout.env()), starts)
     kinds = dict.fromkeys(start.kind for start in starts)
     return Evaluation(
         policy=loaded_policy,
@@ -142,5 +142,5 @@ def evaluate(
         is_transfer=scenario is not None and loaded_policy.is_transfer(loaded.scenario),
         overrides=tuple(overrides),
         seed=seed,
-        groups={kind: [episode for episode in played if episode.start.kind == kind] for kind in kinds},
+        groups={kind: [episode for episode in results if episode.start.kind == kind] for kind in kinds},
     )

@@ -70,5 +70,5 @@ def record(
         starts = [given_start(site, resolved.task, pose_array(pose), i) for i, pose in enumerate(poses)]
         tests = resolved.evaluation.model_copy(update={"poses": tuple(poses)})
         resolved = resolved.model_copy(update={"evaluation": tests})
-    episodes = rollout.play(loaded_policy.make(rollout.env()), starts)
+    episodes = rollout.run(loaded_policy.make(rollout.env()), starts)
     return Recording(resolved, rollout.worlds[site.harbor].scene(), episodes)

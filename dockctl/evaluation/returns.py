@@ -1,4 +1,4 @@
-"""Discounted returns of behaviors: what the reward prefers, for several units of its distance."""
+"""Discounted returns of behaviors: which one the reward favors, for several distance units."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ from dockctl.sim.world import World
 Floats = NDArray[np.float64]
 
 UNITS_M = (20.0, 1.0)
-HELD = (
+CONSTANT_COMMANDS = (
     ("full ahead", 1.0, 0.0), ("full ahead, rudder +", 1.0, 1.0), ("full ahead, rudder −", 1.0, -1.0),
     ("full astern", -1.0, 0.0), ("full astern, rudder +", -1.0, 1.0), ("full astern, rudder −", -1.0, -1.0),
 )  # fmt: skip
@@ -50,14 +50,14 @@ class Behavior:
 
 
 @dataclass(frozen=True, eq=False)
-class Stage:
-    """Where behaviors are simulated: a scenario, its harbors, and a start."""
+class BehaviorSimulation:
+    """Simulates behaviors in a scenario with these harbors, from one start."""
 
     scenario: Scenario
     worlds: Sequence[World]
     start: Start
 
-    def play(self, name: str, commands: Floats) -> Behavior:
+    def run(self, name: str, commands: Floats) -> Behavior:
         """Apply the commands (k, 2) [N, rad], the last one until the episode ends."""
         simulator = Simulator(self.scenario, self.worlds, 1)
         simulator.reset(np.array([0]), [self.start])
@@ -97,7 +97,7 @@ def returns(
     """Simulate docking and other behaviors and compute their returns with every distance unit.
 
     Args:
-        policy: shows how to dock; see `dockctl.evaluation.policies.load_policy`.
+        policy: its greedy episode gives the return of docking; see `dockctl.evaluation.policies.load_policy`.
         scenario: file or name; the policy's own by default.
         units_m: units of the distance in the reward [m].
 
@@ -106,8 +106,8 @@ def returns(
     """
     loaded_policy = load_policy(policy)
     rollout = Rollout(loaded_policy.scenario(scenario))
-    played = list(behaviors(rollout, loaded_policy))
-    rows = [row for unit_m in units_m for row in evaluate_behaviors(rollout.scenario, unit_m, played)]
+    simulated = list(behaviors(rollout, loaded_policy))
+    rows = [row for unit_m in units_m for row in evaluate_behaviors(rollout.scenario, unit_m, simulated)]
     return Returns(loaded_policy, rollout.scenario, to_csv(rows, all_columns(RETURNS, rows)))
 
 
@@ -120,44 +120,48 @@ def behaviors(rollout: Rollout, policy: LoadedPolicy) -> Iterator[Behavior]:
         DockctlError: the policy does not fit the scenario, or does not dock in it.
     """
     scenario, site = rollout.scenario, own_site(rollout.scenario)
-    start = replace(given_start(site, scenario.task, site.initial[0], 0), seed=0)  # of `Rollout.play`
-    stage = Stage(scenario, rollout.worlds, start)
-    (episode,) = rollout.play(policy.make(rollout.env()), [stage.start])
+    start = replace(given_start(site, scenario.task, site.initial[0], 0), seed=0)  # of `Rollout.run`
+    simulation = BehaviorSimulation(scenario, rollout.worlds, start)
+    (episode,) = rollout.run(policy.make(rollout.env()), [simulation.start])
     if not episode.docked:
         raise DockctlError(
             f"{policy.long_name}: does not dock from the first initial pose of '{scenario.name}'",
             code="mismatch",
         )
     commands = episode.trajectory["command"][1:]
-    docking = stage.play(DOCKING, commands)
+    docking = simulation.run(DOCKING, commands)
     yield docking
-    yield stage.play(AT_START, np.zeros((1, 2)))
+    yield simulation.run(AT_START, np.zeros((1, 2)))
     reached = docking.intermediate_step
-    if reached is not None and (loitering := loiter_before_intermediate(stage, commands, reached)):
+    if reached is not None and (loitering := loiter_before_intermediate(simulation, commands, reached)):
         yield loitering
     limits = VesselModel(scenario.vessel).command_limit
-    held = [stage.play(name, limits * [[propeller, rudder]]) for name, propeller, rudder in HELD]
-    yield from sorted(held, key=lambda behavior: len(behavior.statuses))
+    constant = [
+        simulation.run(name, limits * [[propeller, rudder]]) for name, propeller, rudder in CONSTANT_COMMANDS
+    ]
+    yield from sorted(constant, key=lambda behavior: len(behavior.statuses))
 
 
-def loiter_before_intermediate(stage: Stage, commands: Floats, reached: int) -> Behavior | None:
+def loiter_before_intermediate(
+    simulation: BehaviorSimulation, commands: Floats, reached: int
+) -> Behavior | None:
     """Approach the intermediate pose and stop the propeller just early enough not to reach it.
 
     Args:
         commands: (k, 2) of an episode that reaches the pose in step `reached`.
 
     Returns:
-        None if wherever it stops, the boat drifts through the pose or collides.
+        None if the boat drifts through the pose or collides wherever the propeller stops.
     """
     stops = (
-        stage.play(BEFORE_INTERMEDIATE, np.concatenate([commands[:step], np.zeros((1, 2))]))
+        simulation.run(BEFORE_INTERMEDIATE, np.concatenate([commands[:step], np.zeros((1, 2))]))
         for step in range(reached, -1, -1)
     )
     return next((b for b in stops if b.intermediate_step is None and b.outcome == "timeout"), None)
 
 
 def evaluate_behaviors(
-    scenario: Scenario, unit_m: float, played: Sequence[Behavior]
+    scenario: Scenario, unit_m: float, simulated: Sequence[Behavior]
 ) -> Iterator[dict[str, Value]]:
     """Yield a row per behavior: its discounted return and the contribution of each reward term.
 
@@ -165,8 +169,8 @@ def evaluate_behaviors(
     """
     gamma = scenario.training.gamma
     reward = scenario.reward.model_copy(update={"distance_unit_m": unit_m})
-    function, intermediate = RewardFunction(reward), RewardFunction(_intermediate_alone(reward))
-    for behavior in played:
+    function, intermediate = RewardFunction(reward), RewardFunction(_only_intermediate_term(reward))
+    for behavior in simulated:
         terms = [function(status)[1] for status in behavior.statuses]
         sums = {name: discounted([term[name][0] for term in terms], gamma) for name in function.names}
         unit_rewards = [intermediate(status)[0][0] for status in behavior.statuses]
@@ -187,7 +191,7 @@ def discounted(rewards: Sequence[float], gamma: float) -> float:
     return float(np.power(gamma, np.arange(len(rewards))) @ np.asarray(rewards, float))
 
 
-def _intermediate_alone(reward: Reward) -> Reward:
+def _only_intermediate_term(reward: Reward) -> Reward:
     """Return the reward with a weight of one for the intermediate pose, and nothing else."""
     terms = [term for term in reward.terms if REWARD_TERMS.get(term.term).kind == "intermediate"]
     return reward.model_copy(update={"terms": tuple(t.model_copy(update={"weight": 1.0}) for t in terms)})

@@ -1,4 +1,4 @@
-"""Run a policy: episodes from given starts, and what each of them did."""
+"""Run a policy from given starts and record each episode."""
 
 from __future__ import annotations
 
@@ -100,11 +100,11 @@ class Episode:
 
 
 class Rollout:
-    """The place where policies run: the harbors of a scenario, and environments that share them.
+    """Runs policies in one scenario; its harbors are built once and shared by the environments.
 
     Args:
         loaded: the scenario.
-        worlds: its harbors, if they are built already.
+        worlds: its harbors; built if they are not given.
 
     Raises:
         DockctlError: the harbor cannot be built.
@@ -117,12 +117,12 @@ class Rollout:
         self._environments: dict[int, DockingVectorEnv] = {}
 
     def env(self, boats: int = 1) -> DockingVectorEnv:
-        """Return the environment with so many boats."""
+        """Return the environment with this number of boats."""
         if boats not in self._environments:
             self._environments[boats] = DockingVectorEnv(self.loaded, boats, worlds=self.worlds)
         return self._environments[boats]
 
-    def play(self, policy: Policy, starts: Sequence[sim_starts.Start]) -> list[Episode]:
+    def run(self, policy: Policy, starts: Sequence[sim_starts.Start]) -> list[Episode]:
         """Run one episode from each start, with its clearance; in the order of the starts.
 
         The conditions of episode i are drawn from seed i: they depend neither on the policy nor on the number
@@ -131,13 +131,13 @@ class Rollout:
         if not starts:
             return []
         seeded = [replace(start, seed=index) for index, start in enumerate(starts)]
-        return play(self.env(min(PARALLEL_BOATS, len(starts))), policy, seeded, self._clearance)
+        return run_episodes(self.env(min(PARALLEL_BOATS, len(starts))), policy, seeded, self._clearance)
 
     def _clearance(self, start: sim_starts.Start, poses: Floats) -> float:
         return least_clearance(poses, self.worlds[start.harbor].obstacles.clearance, self._reach_m)
 
 
-def play(
+def run_episodes(
     env: VectorEnv[Any, Any, Any],
     policy: Policy,
     starts: Sequence[Start],

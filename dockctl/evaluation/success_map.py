@@ -129,7 +129,7 @@ def _rows(rollout: Rollout, policy: Policy, offsets: Floats) -> Iterator[dict[st
     poses = site.initial[0] + np.column_stack([offsets[:, :2], np.radians(offsets[:, 2])])
     free = [check.free(pose) for pose in poses]
     starts = [given_start(site, scenario.task, poses[i], i) for i in range(len(poses)) if free[i]]
-    episodes = iter(rollout.play(policy, starts))
+    episodes = iter(rollout.run(policy, starts))
     for (dx, dy, turn), (x, y, heading), is_free in zip(offsets, poses, free, strict=True):
         place: dict[str, Value] = {
             "dx_m": dx, "dy_m": dy, "dheading_deg": turn,

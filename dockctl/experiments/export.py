@@ -120,7 +120,7 @@ def training_episodes(policy: CheckpointPolicy, loaded: LoadedScenario) -> list[
     """Run greedy episodes from the training poses."""
     rollout = Rollout(loaded)
     starts = training_starts(loaded.scenario, rollout.worlds)
-    return rollout.play(policy.make(rollout.env()), starts)
+    return rollout.run(policy.make(rollout.env()), starts)
 
 
 def _table(episodes: Sequence[Episode]) -> pd.DataFrame:

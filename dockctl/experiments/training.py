@@ -204,7 +204,7 @@ def _run(session: _Session, run: RunDirectory, console: Console, *, resumed: boo
     rollout, starts = Rollout(loaded, session.worlds), validation_starts(scenario, session.worlds)
 
     def validate(policy: Policy) -> Validation:
-        episodes = rollout.play(policy, starts)
+        episodes = rollout.run(policy, starts)
         return Validation(*score(episodes), [episode.row() for episode in episodes])
 
     with interruptible() as interrupted, TrainingDisplay(training, title, console) as display:
@@ -223,7 +223,7 @@ def _run(session: _Session, run: RunDirectory, console: Console, *, resumed: boo
     run.write_json(PROVENANCE, facts)
     if trainer.progress.best is not None:
         policy, _ = load_policy(run.checkpoint(BEST))
-        shown = rollout.play(policy, trajectory_starts(scenario, session.worlds))
+        shown = rollout.run(policy, trajectory_starts(scenario, session.worlds))
         text = trajectories_csv(shown, scenario.vessel.control_period_s)
         run.write_text(TRAJECTORIES_CSV, text)
     result = TrainedRun(run.path, reason, trainer.progress)

@@ -18,7 +18,7 @@ from dockctl.agents.interface import Policy
 from dockctl.agents.progress import Progress
 from dockctl.agents.trainer import Trainer, Validation
 from dockctl.compute.threads import usable_cores, workers
-from dockctl.evaluation.rollout import play, score
+from dockctl.evaluation.rollout import run_episodes, score
 from dockctl.runs.directory import RunDirectory
 from dockctl.scenarios.training import StopRule, Training
 from tests.agents.toy import ToyDocking, starts_at
@@ -47,7 +47,7 @@ def trainer_in(run: RunDirectory, training: Training, **options: Any) -> Trainer
     validation, starts = ToyDocking(2), starts_at(-1.0, -0.9)
 
     def validate(policy: Policy) -> Validation:
-        episodes = play(validation, policy, starts)
+        episodes = run_episodes(validation, policy, starts)
         return Validation(*score(episodes), [episode.row() for episode in episodes])
 
     environment = ToyDocking(training.boats)
@@ -68,7 +68,7 @@ def test_it_learns_and_stops_when_the_task_is_mastered(tmp_path: Path) -> None:
     best, card = load_policy(learner.run_directory.path)
     assert card.env_steps <= learner.progress.env_steps
     starts = starts_at(*np.linspace(-1.1, -0.9, 9))
-    assert all(episode.docked for episode in play(ToyDocking(4), best, starts))
+    assert all(episode.docked for episode in run_episodes(ToyDocking(4), best, starts))
     rows = read_table(learner.run_directory.path / "episodes.csv")
     assert [int(row["episode"]) for row in rows] == list(range(1, len(rows) + 1))
     assert sum(row["outcome"] == "docked" for row in rows[-100:]) >= 95

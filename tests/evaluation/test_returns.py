@@ -11,7 +11,7 @@ import pytest
 from dockctl.analysis.returns import AT_START, BEFORE_INTERMEDIATE, DOCKING, break_even
 from dockctl.evaluation.returns import (
     Behavior,
-    Stage,
+    BehaviorSimulation,
     discounted,
     evaluate_behaviors,
     loiter_before_intermediate,
@@ -25,12 +25,12 @@ GAMMA = 0.99
 NOTHING = np.zeros((1, 2))
 
 
-def stage_of(
+def simulation(
     scenario: Scenario, pose: tuple[float, float, float] | None = None, wall_m: float = np.inf
-) -> Stage:
+) -> BehaviorSimulation:
     site = own_site(scenario)
     at = site.initial[0] if pose is None else np.array(pose)
-    return Stage(scenario, [walled(wall_m)], given_start(site, scenario.task, at, 0))
+    return BehaviorSimulation(scenario, [walled(wall_m)], given_start(site, scenario.task, at, 0))
 
 
 def table(scenario: Scenario, unit_m: float, *behaviors: Behavior) -> pd.DataFrame:
@@ -46,7 +46,7 @@ def test_a_discounted_sum() -> None:
 @pytest.mark.parametrize(("unit_m", "each"), [(20.0, -155.84), (1.0, -2453.58)])
 def test_waiting_at_the_start_is_a_geometric_sum(unit_m: float, each: float) -> None:
     scenario = load("s1").scenario
-    waiting = stage_of(scenario).play(AT_START, NOTHING)
+    waiting = simulation(scenario).run(AT_START, NOTHING)
     assert (waiting.outcome, len(waiting.statuses)) == ("timeout", 500)
     row = table(scenario, unit_m, waiting).iloc[0]
     assert row["return"] == pytest.approx(each * (1 - GAMMA**500) / (1 - GAMMA), rel=1e-4)
@@ -55,7 +55,7 @@ def test_waiting_at_the_start_is_a_geometric_sum(unit_m: float, each: float) -> 
 
 def test_a_collision_has_no_other_reward_in_its_step() -> None:
     scenario = load("s1").scenario
-    behavior = stage_of(scenario, (20.0, 2.0, math.pi), wall_m=21.0).play("astern", np.array([[-50.0, 0.0]]))
+    behavior = simulation(scenario, (20.0, 2.0, math.pi), wall_m=21.0).run("astern", np.array([[-50.0, 0.0]]))
     steps = len(behavior.statuses)
     assert behavior.outcome == "collision" and 5 < steps < 50
     row = table(scenario, 20.0, behavior).iloc[0]
@@ -66,37 +66,37 @@ def test_a_collision_has_no_other_reward_in_its_step() -> None:
     assert row["return"] == pytest.approx(sum(row[name] for name in row.index if name.startswith("reward_")))
 
 
-def through_the_intermediate_pose(scenario: Scenario) -> tuple[Stage, np.ndarray, Behavior]:
-    """Return a stage 4 m before the intermediate pose, and commands that reach it and stop there."""
+def through_the_intermediate_pose(scenario: Scenario) -> tuple[BehaviorSimulation, np.ndarray, Behavior]:
+    """Return a simulation that starts 4 m before the intermediate pose, and commands that stop there."""
     pose = scenario.task.intermediate
     assert pose is not None
     heading = math.radians(pose.heading_deg)
     before = (pose.x_m - 4 * math.cos(heading), pose.y_m - 4 * math.sin(heading), heading)
     commands = np.concatenate([np.tile([50.0, 0.0], (19, 1)), np.zeros((6, 2))])
-    stage = stage_of(scenario, before)
-    return stage, commands, stage.play(DOCKING, commands)
+    approach = simulation(scenario, before)
+    return approach, commands, approach.run(DOCKING, commands)
 
 
 def test_loitering_stops_just_before_the_intermediate_pose_is_reached() -> None:
     scenario = load("s3").scenario
-    stage, commands, reaching = through_the_intermediate_pose(scenario)
+    approach, commands, reaching = through_the_intermediate_pose(scenario)
     assert reaching.intermediate_step is not None
-    loitering = loiter_before_intermediate(stage, commands, reaching.intermediate_step)
+    loitering = loiter_before_intermediate(approach, commands, reaching.intermediate_step)
     assert loitering is not None
     assert (loitering.intermediate_step, loitering.outcome, len(loitering.statuses)) == (None, "timeout", 500)
     tolerance = scenario.task.intermediate_tolerance.distance_m
     assert tolerance < loitering.statuses[-1].distance_m[0] < tolerance + 0.4
     pushed = next(i for i, status in enumerate(loitering.statuses) if not status.command.any())
     longer = np.concatenate([commands[: pushed + 1], NOTHING])
-    assert stage.play("a step longer", longer).intermediate_step is not None
+    assert approach.run("a step longer", longer).intermediate_step is not None
 
 
 def test_a_boat_that_drifts_through_the_pose_cannot_loiter_before_it() -> None:
     scenario = load("s3").scenario
     pose = scenario.task.intermediate
     assert pose is not None
-    inside = stage_of(scenario, (pose.x_m, pose.y_m, math.radians(pose.heading_deg)))
-    reaching = inside.play(DOCKING, NOTHING)
+    inside = simulation(scenario, (pose.x_m, pose.y_m, math.radians(pose.heading_deg)))
+    reaching = inside.run(DOCKING, NOTHING)
     assert reaching.intermediate_step == 0
     assert loiter_before_intermediate(inside, NOTHING, reaching.intermediate_step) is None
 
@@ -104,9 +104,9 @@ def test_a_boat_that_drifts_through_the_pose_cannot_loiter_before_it() -> None:
 @pytest.mark.parametrize("unit_m", [20.0, 1.0])
 def test_docking_and_loitering_have_equal_returns_at_break_even(unit_m: float) -> None:
     scenario = load("s3").scenario
-    stage, commands, reaching = through_the_intermediate_pose(scenario)
+    approach, commands, reaching = through_the_intermediate_pose(scenario)
     assert reaching.intermediate_step is not None
-    loitering = loiter_before_intermediate(stage, commands, reaching.intermediate_step)
+    loitering = loiter_before_intermediate(approach, commands, reaching.intermediate_step)
     assert loitering is not None
     least = break_even(table(scenario, unit_m, reaching, loitering))
     assert least is not None
@@ -124,6 +124,6 @@ def test_docking_and_loitering_have_equal_returns_at_break_even(unit_m: float) -
 
 def test_without_an_intermediate_pose_there_is_no_break_even() -> None:
     scenario = load("s1").scenario
-    rows = table(scenario, 20.0, stage_of(scenario).play(DOCKING, NOTHING))
+    rows = table(scenario, 20.0, simulation(scenario).run(DOCKING, NOTHING))
     assert rows["intermediate_discount"].tolist() == [0.0]
     assert break_even(rows) is None

@@ -1,4 +1,4 @@
-"""Greedy episodes: order, refilling, what they record, and what is made of them."""
+"""Greedy episodes: order, refilling of rows, records and scores."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from dockctl.evaluation import rollout
-from dockctl.evaluation.rollout import play, score
+from dockctl.evaluation.rollout import run_episodes, score
 from dockctl.scenarios.loader import load
 from dockctl.sim.starts import given_start, own_site
 from tests.agents.toy import ToyDocking, starts_at
@@ -16,7 +16,7 @@ from tests.sim.worlds import walled
 
 
 class BrakeAtZero:
-    """Drive at 0.1 a step and stop in reach of zero; from 0.4 on run into the wall."""
+    """Drive at 0.1 per step and stop near zero; from 0.4 on, run into the wall."""
 
     def reset(self, rows: np.ndarray, info: dict[str, Any]) -> None:
         pass
@@ -28,15 +28,18 @@ class BrakeAtZero:
 
 
 @pytest.mark.parametrize("boats", [1, 2, 3, 7])
-def test_episodes_are_the_same_however_many_boats_play_them(boats: int) -> None:
+def test_episodes_do_not_depend_on_the_number_of_boats(boats: int) -> None:
     starts = starts_at(-0.95, 0.45, -0.55, -1.35, 0.4)
-    episodes = play(
-        ToyDocking(boats), BrakeAtZero(), starts, clearance=lambda start, way: float((0.5 - way[:, 0]).min())
+    episodes = run_episodes(
+        ToyDocking(boats),
+        BrakeAtZero(),
+        starts,
+        clearance=lambda start, poses: float((0.5 - poses[:, 0]).min()),
     )
     assert [e.outcome for e in episodes] == ["docked", "collision", "docked", "docked", "collision"]
     assert [e.collided_with for e in episodes] == ["", "wall", "", "", "wall"]
-    alone = [play(ToyDocking(1), BrakeAtZero(), starts[i : i + 1])[0] for i in range(len(starts))]
-    for together, single, start in zip(episodes, alone, starts, strict=True):
+    separate = [run_episodes(ToyDocking(1), BrakeAtZero(), starts[i : i + 1])[0] for i in range(len(starts))]
+    for together, single, start in zip(episodes, separate, starts, strict=True):
         assert together.start is start
         assert together.total_reward == single.total_reward
         for key, values in single.trajectory.items():
@@ -44,7 +47,7 @@ def test_episodes_are_the_same_however_many_boats_play_them(boats: int) -> None:
 
 
 def test_what_an_episode_records() -> None:
-    (episode,) = play(ToyDocking(1), BrakeAtZero(), starts_at(-0.35))
+    (episode,) = run_episodes(ToyDocking(1), BrakeAtZero(), starts_at(-0.35))
     np.testing.assert_allclose(
         episode.trajectory["pose"][:, 0], [-0.35, -0.25, -0.15, -0.05, -0.05], atol=1e-12
     )
@@ -59,9 +62,9 @@ def test_what_an_episode_records() -> None:
 
 
 def test_score_ranks_by_docked_episodes_and_then_by_mean_return() -> None:
-    played = play(ToyDocking(1), BrakeAtZero(), starts_at(-0.35, -0.35))
-    docked = sum(one.outcome == "docked" for one in played)
-    assert score(played) == (docked, pytest.approx(played[0].total_reward))
+    episodes = run_episodes(ToyDocking(1), BrakeAtZero(), starts_at(-0.35, -0.35))
+    docked = sum(episode.outcome == "docked" for episode in episodes)
+    assert score(episodes) == (docked, pytest.approx(episodes[0].total_reward))
 
 
 class FullAhead:
@@ -82,7 +85,7 @@ def test_conditions_of_an_episode_do_not_depend_on_the_number_of_boats(
     poses = []
     for boats in (1, 3, 16):
         monkeypatch.setattr(rollout, "PARALLEL_BOATS", boats)
-        episodes = rollout.Rollout(loaded, [walled()]).play(FullAhead(), starts)
+        episodes = rollout.Rollout(loaded, [walled()]).run(FullAhead(), starts)
         poses.append(np.array([episode.trajectory["pose"] for episode in episodes]))
     assert np.array_equal(poses[0], poses[1])
     assert np.array_equal(poses[0], poses[2])
