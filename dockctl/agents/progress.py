@@ -10,8 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dockctl.agents.interface import Info, Metrics
-from dockctl.analysis.learning import RECENT
-from dockctl.runs.tables import Value
+from dockctl.runs.tables import RECENT, Value
 from dockctl.scenarios.training import StopRule, Training
 
 REASONS = {

@@ -24,7 +24,6 @@ from dockctl.agents.checkpoint import (
 )
 from dockctl.agents.interface import Algorithm, Policy, Step, final_info, final_observation
 from dockctl.agents.progress import EpisodeRecorder, Progress, UpdateRecorder
-from dockctl.analysis.learning import RECENT
 from dockctl.compute.threads import workers
 from dockctl.runs.directory import (
     BEST,
@@ -35,7 +34,7 @@ from dockctl.runs.directory import (
     UPDATES_CSV,
     RunDirectory,
 )
-from dockctl.runs.tables import EPISODES, EVALUATIONS, TIMING, UPDATES, Value
+from dockctl.runs.tables import EPISODES, EVALUATIONS, RECENT, TIMING, UPDATES, Value
 from dockctl.scenarios.training import Training
 
 UPDATE_ROWS = 2000

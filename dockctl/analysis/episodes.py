@@ -1,12 +1,15 @@
-"""Summary of greedy episodes."""
+"""Summary of greedy episodes; smoothing and selection of training episodes."""
 
 from __future__ import annotations
 
 from collections import Counter
 from collections.abc import Mapping, Sequence
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from dockctl.analysis.statistics import wilson_interval
+
+if TYPE_CHECKING:
+    import pandas as pd
 
 AVERAGED = ("steps", "distance_m", "heading_error_deg", "speed_mps", "path_length_m", "control_changes")
 
@@ -48,3 +51,24 @@ def summarize(rows: Sequence[Mapping[str, Any]], control_period_s: float) -> dic
         "least_clearance_m": min(clearances, default=None),
         "mean_of_docked": {**means, "time_s": means["steps"] * control_period_s} if means else None,
     }
+
+
+def smoothing_window(table: pd.DataFrame) -> int:
+    """Number of rows to average over: about a fortieth of the table, 10 to 100."""
+    return min(max(len(table) // 40, 10), 100)
+
+
+def moving_average(values: pd.Series, window: int) -> pd.Series:
+    """Mean of each value and those before it, `window` in all; fewer at the beginning."""
+    return values.rolling(window, min_periods=1).mean()
+
+
+def from_initial_poses(episodes: pd.DataFrame) -> pd.DataFrame:
+    """Leave out episodes with exploring starts, unless there are no others."""
+    selected = episodes[episodes["start_kind"] != "exploring"]
+    return selected if len(selected) else episodes
+
+
+def term_columns(table: pd.DataFrame) -> list[str]:
+    """Names of the columns that hold the sum of a reward term per episode."""
+    return [str(column) for column in table if str(column).startswith("reward_")]

@@ -13,8 +13,8 @@ from rich.panel import Panel
 from rich.progress_bar import ProgressBar
 from rich.table import Table
 
-from dockctl.analysis.learning import RECENT
 from dockctl.console import print_text
+from dockctl.runs.tables import RECENT
 
 if TYPE_CHECKING:
     from dockctl.agents.progress import Progress

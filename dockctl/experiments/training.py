@@ -16,7 +16,6 @@ from dockctl.agents.checkpoint import LEARNER, POLICY, PolicyCard, load_pair, lo
 from dockctl.agents.interface import Algorithm, Policy
 from dockctl.agents.progress import REASONS, Progress
 from dockctl.agents.trainer import Trainer, Validation
-from dockctl.analysis.learning import RECENT
 from dockctl.console import print_text
 from dockctl.envs.vector import DockingVectorEnv
 from dockctl.errors import DockctlError, InputError
@@ -39,6 +38,7 @@ from dockctl.runs.directory import (
     require_writable,
 )
 from dockctl.runs.lock import exclusive_lock
+from dockctl.runs.tables import RECENT
 from dockctl.scenarios.content import mesh_files, with_paths
 from dockctl.scenarios.interface import PolicyInterface
 from dockctl.scenarios.loader import LoadedScenario, dump

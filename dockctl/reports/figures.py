@@ -9,12 +9,13 @@ import pandas as pd
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from dockctl.analysis.learning import RECENT, term_columns
-from dockctl.analysis.trajectories import Track, tracks_of
+from dockctl.analysis.episodes import term_columns
 from dockctl.drawing.scene import Scene
 from dockctl.reports import learning, plan_view, trajectory
+from dockctl.reports.plan_view import Track, split_tracks
 from dockctl.reports.style import titled_axes, titled_figure
 from dockctl.runs.reader import Run
+from dockctl.runs.tables import RECENT
 from dockctl.scenarios.schema import Task
 
 DrawEpisodes = Callable[[Axes, pd.DataFrame], None]
@@ -49,7 +50,7 @@ def figures(run: Run) -> Iterator[tuple[str, Figure]]:
     if run.evaluations is not None:
         yield "training-evaluations", evaluation_figure(run, run.evaluations)
     if run.trajectories is not None:
-        tracks = tracks_of(run.trajectories)
+        tracks = split_tracks(run.trajectories)
         yield "docking-poses", pose_figure(run, tracks)
         yield from docking_figures(run, tracks)
         if run.episodes is not None:

@@ -10,7 +10,7 @@ from matplotlib.axes import Axes
 from matplotlib.colors import to_rgba
 from matplotlib.ticker import MaxNLocator, PercentFormatter
 
-from dockctl.analysis.learning import from_initial_poses, moving_average, smoothing_window, term_columns
+from dockctl.analysis.episodes import from_initial_poses, moving_average, smoothing_window, term_columns
 from dockctl.drawing import palette
 from dockctl.reports.style import legend_above, thousands
 

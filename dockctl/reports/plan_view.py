@@ -1,18 +1,18 @@
-"""Plan view of the harbor with poses, boats and paths (thesis Figs. 3.13-3.15, 4.4, 4.14, 4.24)."""
+"""Plan view of the harbor with poses, boats and tracks (thesis Figs. 3.13-3.15, 4.4, 4.14, 4.24)."""
 
 from __future__ import annotations
 
 import math
 from collections.abc import Iterable, Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
 
 import numpy as np
+import pandas as pd
 from matplotlib.axes import Axes
 from matplotlib.collections import PolyCollection
 from matplotlib.patches import Circle, FancyArrowPatch, FancyBboxPatch, Polygon, Rectangle
 from numpy.typing import NDArray
 
-from dockctl.analysis.trajectories import Track, pose_label
 from dockctl.drawing import palette
 from dockctl.drawing.scene import Scene, strokes, water
 from dockctl.geometry import place_outline, pose_array
@@ -27,6 +27,35 @@ INTERVALS_S = (1.0, 2.0, 5.0, 10.0, 20.0, 50.0, 100.0)  # between outlines
 MOST_OUTLINES = 12  # along the longest path
 QUAY_M = 3.0  # width of the strip of land around the water
 SCALE_BARS_M = (1.0, 2.0, 5.0, 10.0, 20.0, 50.0)
+
+
+@dataclass(frozen=True)
+class Track:
+    """Trajectory of a greedy episode: start pose as text, color in every figure, and rows of the table."""
+
+    label: str
+    color: str
+    table: pd.DataFrame
+
+    @property
+    def docked(self) -> bool:
+        return bool(self.table["outcome"].iloc[-1] == "docked")
+
+    @property
+    def switch(self) -> int | None:
+        """First row after the intermediate pose; None if the phase never changes."""
+        changes = np.flatnonzero(np.diff(self.table["phase"].to_numpy()))
+        return int(changes[0]) + 1 if len(changes) else None
+
+
+def split_tracks(trajectories: pd.DataFrame) -> list[Track]:
+    """Split ``trajectories.csv`` by start pose; one track is blue, several have the colors of Table 4.3."""
+    groups = [rows.reset_index(drop=True) for _, rows in trajectories.groupby("pose", sort=False)]
+    colors = palette.SERIES if len(groups) > 1 else (palette.SINGLE,)
+    return [
+        Track(pose_label(*rows.loc[0, ["x_m", "y_m", "heading_deg"]]), colors[i % len(colors)], rows)
+        for i, rows in enumerate(groups)
+    ]
 
 
 def draw_harbor(ax: Axes, scene: Scene, view: Bounds) -> None:
@@ -284,6 +313,13 @@ def task_points(task: Task, tests: Sequence[Pose] = ()) -> Floats:
     """Positions of the poses of a task and of its test poses, (k, 2) [m]."""
     poses = [*task.initial, *tests, task.final, *([task.intermediate] if task.intermediate else [])]
     return np.array([[pose.x_m, pose.y_m] for pose in poses])
+
+
+def pose_label(x_m: float, y_m: float, heading_deg: float) -> str:
+    """Pose as text: ``(20, 2, 160°)``, at most two decimals, heading in 0 to 360, typographic minus signs."""
+    rounded = (round(x_m, 2), round(y_m, 2), round(heading_deg, 2) % 360)
+    x, y, heading = (f"{value + 0.0:g}".replace("-", "−") for value in rounded)
+    return f"({x}, {y}, {heading}°)"
 
 
 def pose_names(poses: Sequence[Pose]) -> str:

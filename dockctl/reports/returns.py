@@ -7,7 +7,7 @@ import pandas as pd
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from dockctl.analysis.learning import term_columns
+from dockctl.analysis.episodes import term_columns
 from dockctl.analysis.returns import DOCKING, INTERMEDIATE, break_even, unit_words, value
 from dockctl.drawing import palette
 from dockctl.reports.learning import OTHER_TERMS, TERM_COLORS

@@ -14,11 +14,11 @@ from matplotlib.figure import Figure
 from matplotlib.patches import Circle, Polygon, Rectangle, Wedge
 from numpy.typing import NDArray
 
-from dockctl.analysis.trajectories import pose_label
 from dockctl.drawing import palette
 from dockctl.drawing.scene import Scene, water
 from dockctl.geometry import sector_index
 from dockctl.reports import plan_view, view3d
+from dockctl.reports.plan_view import pose_label
 from dockctl.reports.style import HALO, titled_axes, titled_figure
 from dockctl.reports.view3d import Body, Camera
 from dockctl.scenarios.schema import Scenario

@@ -28,10 +28,10 @@ from dockctl.analysis.success_map import (
     within_distance,
     within_heading,
 )
-from dockctl.analysis.trajectories import pose_label
 from dockctl.drawing import palette
 from dockctl.drawing.scene import Scene
 from dockctl.reports import plan_view
+from dockctl.reports.plan_view import pose_label
 from dockctl.reports.style import HALO, legend_above, titled_figure
 from dockctl.scenarios.schema import Task
 

@@ -8,8 +8,8 @@ from collections.abc import Sequence
 import numpy as np
 from matplotlib.axes import Axes
 
-from dockctl.analysis.trajectories import Track
 from dockctl.drawing import palette
+from dockctl.reports.plan_view import Track
 from dockctl.reports.style import HALO, legend_above
 from dockctl.scenarios.schema import Task, Tolerance
 

@@ -17,6 +17,9 @@ EPISODES = (
 )  # fmt: skip
 """Training episodes; followed by one column ``reward_<term>`` per reward term."""
 
+RECENT = 100
+"""Number of most recent training episodes in progress summaries."""
+
 UPDATES = ("update", "env_steps", "loss", "td_error", "q_mean", "gradient_norm", "learning_rate")
 """Gradient steps, averaged over the updates since the previous row."""
 

@@ -8,7 +8,6 @@ from typing import Literal
 import numpy as np
 
 from dockctl.analysis.latency import THESIS_FORWARD_MS
-from dockctl.analysis.learning import RECENT
 from dockctl.analysis.returns import break_even, unit_words
 from dockctl.analysis.success_map import (
     SMALL_OFFSET_DEG,
@@ -18,6 +17,7 @@ from dockctl.analysis.success_map import (
     within_heading,
 )
 from dockctl.reports.success_map import THESIS_M
+from dockctl.runs.tables import RECENT
 from studies.thesis.data import SELECTION, TEST, Archive, ArchivedRun, Facts
 from studies.thesis.measures import Row, change_share, slowing_m
 from studies.thesis.text import (

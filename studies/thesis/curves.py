@@ -10,10 +10,11 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.ticker import MaxNLocator, PercentFormatter
 
-from dockctl.analysis.learning import RECENT, from_initial_poses, moving_average
+from dockctl.analysis.episodes import from_initial_poses, moving_average
 from dockctl.drawing import palette
 from dockctl.reports import learning
 from dockctl.reports.style import legend_above, thousands, titled_figure
+from dockctl.runs.tables import RECENT
 from studies.thesis.data import ArchivedRun
 from studies.thesis.text import POINTS, interquartile_mean, interval, on_common_grid
 

@@ -14,8 +14,8 @@ import pandas as pd
 import yaml
 from pydantic import BaseModel, ConfigDict, model_validator
 
+from dockctl.analysis.episodes import from_initial_poses
 from dockctl.analysis.latency import PARTS
-from dockctl.analysis.learning import RECENT, from_initial_poses
 from dockctl.analysis.success_map import COLUMNS as MAP_COLUMNS
 from dockctl.analysis.success_map import (
     SMALL_OFFSET_DEG,
@@ -24,10 +24,10 @@ from dockctl.analysis.success_map import (
     success_radius,
     within_heading,
 )
-from dockctl.analysis.trajectories import Track, tracks_of
 from dockctl.drawing.scene import Scene
 from dockctl.errors import DockctlError
 from dockctl.experiments.study import Experiment, Study
+from dockctl.reports.plan_view import Track, split_tracks
 from dockctl.runs.directory import (
     EVALUATION,
     LATENCY,
@@ -41,6 +41,7 @@ from dockctl.runs.directory import (
 )
 from dockctl.runs.files import reading
 from dockctl.runs.reader import Run, read_run, read_table
+from dockctl.runs.tables import RECENT
 from dockctl.scenarios.schema import Task
 
 OUTCOMES = ("docked", "collision", "timeout")
@@ -359,7 +360,7 @@ class Archive:
 def _recording(run: Run) -> Recording:
     if run.trajectories is None:
         raise DockctlError(f"{run.folder}: trajectories.csv is missing", code="not_found")
-    return Recording(run.task, run.scene, tracks_of(run.trajectories))
+    return Recording(run.task, run.scene, split_tracks(run.trajectories))
 
 
 def _json(path: Path) -> dict[str, Any]:

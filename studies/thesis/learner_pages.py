@@ -8,11 +8,11 @@ from functools import partial
 import pandas as pd
 
 from dockctl.analysis.latency import PARTS, THESIS_FORWARD_MS
-from dockctl.analysis.learning import RECENT
 from dockctl.analysis.returns import AT_START, DOCKING, unit_words, value, verdicts
 from dockctl.experiments.study import Experiment
 from dockctl.reports.latency import latency_figure
 from dockctl.reports.returns import returns_figure
+from dockctl.runs.tables import RECENT
 from studies.thesis import curves
 from studies.thesis.claims import collision_share
 from studies.thesis.data import (

@@ -9,10 +9,10 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure, SubFigure
 
-from dockctl.analysis.trajectories import Track
 from dockctl.drawing import palette
 from dockctl.drawing.scene import Scene
 from dockctl.reports import plan_view, trajectory
+from dockctl.reports.plan_view import Track
 from dockctl.reports.style import legend_above, titled_axes, titled_figure
 from dockctl.scenarios.schema import Task
 from dockctl.scenarios.vessel import Vessel

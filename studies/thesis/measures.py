@@ -6,8 +6,9 @@ from collections.abc import Callable, Iterable, Mapping, Sequence
 
 import numpy as np
 
-from dockctl.analysis.learning import RECENT, from_initial_poses
-from dockctl.analysis.trajectories import Track
+from dockctl.analysis.episodes import from_initial_poses
+from dockctl.reports.plan_view import Track
+from dockctl.runs.tables import RECENT
 from dockctl.scenarios.schema import Task
 from studies.thesis.data import ArchivedRun, Facts, FigureFact
 from studies.thesis.text import listed, share, spread

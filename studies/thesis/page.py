@@ -8,7 +8,7 @@ from typing import Any
 
 from matplotlib.figure import Figure
 
-from dockctl.analysis.learning import RECENT
+from dockctl.runs.tables import RECENT
 from studies.thesis.data import (
     SELECTION,
     TEST,

@@ -16,9 +16,9 @@ from dockctl.analysis.success_map import (
     within_distance,
     within_heading,
 )
-from dockctl.analysis.trajectories import pose_label
 from dockctl.experiments.study import Experiment
 from dockctl.reports.figures import overview
+from dockctl.reports.plan_view import pose_label
 from dockctl.reports.success_map import THESIS_M, map_figure
 from dockctl.runs.directory import FAILURES
 from dockctl.runs.tables import START_KINDS

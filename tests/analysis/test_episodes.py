@@ -1,12 +1,13 @@
-"""Summaries of episodes, by hand."""
+"""Summaries, smoothing and selection of episodes, by hand."""
 
 from __future__ import annotations
 
 from typing import Any
 
+import pandas as pd
 import pytest
 
-from dockctl.analysis.episodes import ending, summarize
+from dockctl.analysis.episodes import ending, from_initial_poses, moving_average, smoothing_window, summarize
 
 
 def row(outcome: str, steps: int, **values: Any) -> dict[str, Any]:
@@ -41,3 +42,19 @@ def test_endings_differ_by_obstacle_and_by_phase_of_a_timeout() -> None:
     assert "moored 3" in ending(row("collision", 1, collided_with="moored 3"))
     assert "harbor" in ending(row("collision", 1))
     assert ending(row("docked", 1, phase=0)) == ending(row("docked", 1, phase=1)) == "docked"
+
+
+@pytest.mark.parametrize(("count", "window"), [(3, 10), (800, 20), (100_000, 100)])
+def test_smoothing_window(count: int, window: int) -> None:
+    assert smoothing_window(pd.DataFrame(index=range(count))) == window
+
+
+def test_moving_average_starts_with_fewer_values() -> None:
+    assert moving_average(pd.Series([2.0, 4.0, 6.0, 9.0]), 3).tolist() == pytest.approx([2, 3, 4, 19 / 3])
+
+
+def test_exploring_starts_are_left_out_unless_there_are_no_others() -> None:
+    mixed = pd.DataFrame({"start_kind": ["pose", "exploring", "random"]})
+    assert from_initial_poses(mixed)["start_kind"].tolist() == ["pose", "random"]
+    exploring = mixed[mixed["start_kind"] == "exploring"]
+    assert from_initial_poses(exploring).equals(exploring)

@@ -1,4 +1,4 @@
-"""Plan view: harbor, views, paths and poses."""
+"""Plan view: harbor, views, tracks and poses."""
 
 from __future__ import annotations
 
@@ -13,10 +13,11 @@ from hypothesis import given
 from hypothesis import strategies as st
 from matplotlib.patches import Circle
 
-from dockctl.analysis.trajectories import Track, tracks_of
+from dockctl.drawing import palette
 from dockctl.drawing.scene import OPEN_WATER_M, Scene, strokes, water
 from dockctl.geometry import place_outline
 from dockctl.reports import plan_view
+from dockctl.reports.plan_view import Track, pose_label, split_tracks
 from dockctl.reports.style import house_style, titled_axes
 from dockctl.scenarios.schema import Task
 from tests.reports import synthetic
@@ -29,6 +30,7 @@ TASK = Task.model_validate(
     }
 )
 PLAN = synthetic.marina()
+STARTS = [(20.0, 3.0, 150.0), (20.0, 2.0, 160.0), (20.0, -1.5, 190.0)]
 
 
 def timed(seconds: float) -> Track:
@@ -83,7 +85,7 @@ def test_outlines_are_at_round_intervals(seconds: float, interval: float) -> Non
 def test_paths_and_outlines_are_those_of_the_table() -> None:
     with house_style():
         _, ax = titled_axes("", "")
-        tracks = tracks_of(synthetic.track(0, (23.0, -10.0, 90.0), intermediate=True))
+        tracks = split_tracks(synthetic.track(0, (23.0, -10.0, 90.0), intermediate=True))
         plan_view.draw_paths(ax, PLAN, tracks, TASK)
     table = tracks[0].table
     path = np.asarray(ax.lines[0].get_xydata())
@@ -129,3 +131,30 @@ def test_intervals_are_sorted() -> None:
 def test_scene_json_round_trip() -> None:
     again = Scene.from_json(PLAN.to_json())
     assert len(list(strokes(again))) == len(list(strokes(PLAN)))
+
+
+def test_labels_and_colors_of_tracks() -> None:
+    three = pd.concat([synthetic.track(i, start) for i, start in enumerate(STARTS)])
+    tracks = split_tracks(three)
+    assert [track.label for track in tracks] == ["(20, 3, 150°)", "(20, 2, 160°)", "(20, −1.5, 190°)"]
+    assert [track.color for track in tracks] == [palette.RED, palette.GREEN, palette.BLUE]
+    assert all(len(track.table) == len(three) / 3 for track in tracks)
+
+
+def test_a_single_track() -> None:
+    (track,) = split_tracks(synthetic.track(0, (23.0, -10.0, 90.0), intermediate=True, steps=20))
+    assert track.docked
+    assert track.color == palette.SINGLE
+    assert track.switch == 20
+
+
+@pytest.mark.parametrize(
+    ("pose", "text"),
+    [
+        ((20, 2, -200), "(20, 2, 160°)"),
+        ((-0.004, -1.25, 360), "(0, −1.25, 0°)"),
+        ((1, 1, 359.999), "(1, 1, 0°)"),
+    ],
+)
+def test_pose_labels(pose: tuple[float, float, float], text: str) -> None:
+    assert pose_label(*pose) == text

@@ -9,9 +9,9 @@ import pandas as pd
 import pytest
 from matplotlib.axes import Axes
 
-from dockctl.analysis.trajectories import tracks_of
 from dockctl.reports import trajectory
 from dockctl.reports.figures import DrawTracks
+from dockctl.reports.plan_view import split_tracks
 from dockctl.reports.style import house_style, titled_axes
 from dockctl.scenarios.schema import Task
 from tests.reports import synthetic
@@ -52,7 +52,7 @@ def two_phases() -> pd.DataFrame:
 def test_lines_are_the_columns(
     ax: Axes, three: pd.DataFrame, draw: DrawTracks, columns: list[str], unit: str
 ) -> None:
-    tracks = tracks_of(three)
+    tracks = split_tracks(three)
     draw(ax, tracks, TASK)
     drawn = {str(line.get_label()): line for line in ax.lines}
     for track in tracks:
@@ -66,12 +66,12 @@ def test_lines_are_the_columns(
 
 
 def test_commands_are_steps_that_end_at_their_row(ax: Axes, three: pd.DataFrame) -> None:
-    trajectory.draw_propeller(ax, tracks_of(three), TASK)
+    trajectory.draw_propeller(ax, split_tracks(three), TASK)
     assert {line.get_drawstyle() for line in ax.lines[:3]} == {"steps-pre"}
 
 
 def test_no_line_connects_two_goals(ax: Axes, two_phases: pd.DataFrame) -> None:
-    trajectory.draw_distance(ax, tracks_of(two_phases), TASK)
+    trajectory.draw_distance(ax, split_tracks(two_phases), TASK)
     values = np.asarray(ax.lines[0].get_ydata(), float)
     assert np.flatnonzero(np.isnan(values)).tolist() == [20]
     assert np.array_equal(np.delete(values, 20), two_phases["distance_m"])
@@ -81,30 +81,30 @@ def test_no_line_crosses_the_wrap_of_the_heading(ax: Axes, three: pd.DataFrame) 
     turning = three[three["pose"] == 0].copy()
     errors = np.linspace(170, 190, len(turning))
     turning["heading_error_deg"] = np.where(errors > 180, errors - 360, errors)
-    trajectory.draw_heading_error(ax, tracks_of(turning), TASK)
+    trajectory.draw_heading_error(ax, split_tracks(turning), TASK)
     values = np.asarray(ax.lines[0].get_ydata(), float)
     assert np.isnan(values).sum() == 1
     assert np.nanmax(np.abs(np.diff(values))) < 1
 
 
 def test_the_tolerance_follows_the_phase(ax: Axes, two_phases: pd.DataFrame) -> None:
-    trajectory.draw_distance(ax, tracks_of(two_phases), TASK)
+    trajectory.draw_distance(ax, split_tracks(two_phases), TASK)
     assert {text.get_text() for text in ax.texts} == {"tolerance 1.5 m", "tolerance 1 m"}
-    trajectory.mark_phases(ax, tracks_of(two_phases))
+    trajectory.mark_phases(ax, split_tracks(two_phases))
     assert {"to the intermediate pose", "to the berth"} <= {text.get_text() for text in ax.texts}
 
 
 def test_the_tolerance_of_a_boat_that_never_reaches_the_intermediate_pose(
     ax: Axes, two_phases: pd.DataFrame
 ) -> None:
-    trajectory.draw_distance(ax, tracks_of(two_phases[two_phases["phase"] == 0]), TASK)
+    trajectory.draw_distance(ax, split_tracks(two_phases[two_phases["phase"] == 0]), TASK)
     band = np.asarray(ax.collections[0].get_paths()[0].vertices)
     assert band[:, 1].max() == TASK.intermediate_tolerance.distance_m
 
 
 def test_long_command_sequences_have_their_mean(ax: Axes) -> None:
     table = synthetic.track(0, STARTS[0], steps=600)
-    trajectory.draw_propeller(ax, tracks_of(table), TASK)
+    trajectory.draw_propeller(ax, split_tracks(table), TASK)
     raw, mean = ax.lines[0], ax.lines[1]
     assert np.array_equal(raw.get_ydata(), table["propeller_n"])
     half = trajectory.MEAN_STEPS // 2
@@ -116,6 +116,6 @@ def test_long_command_sequences_have_their_mean(ax: Axes) -> None:
 def test_steps_are_as_narrow_as_the_shared_time_axis_makes_them(ax: Axes) -> None:
     table = synthetic.track(0, STARTS[0], steps=100)
     ax.set_xlim(0, 300)
-    trajectory.draw_propeller(ax, tracks_of(table), TASK)
+    trajectory.draw_propeller(ax, split_tracks(table), TASK)
     assert any("mean" in str(line.get_label()) for line in ax.lines)
     assert ax.get_xlim() == (0, 300)

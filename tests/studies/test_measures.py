@@ -7,7 +7,7 @@ from collections.abc import Sequence
 import pandas as pd
 import pytest
 
-from dockctl.analysis.trajectories import Track
+from dockctl.reports.plan_view import Track
 from dockctl.scenarios.loader import load
 from studies.thesis import measures
 
