@@ -337,8 +337,7 @@ def test_an_incomplete_class_is_refused_where_it_is_selected(write: Write, base:
     write(
         "half.py",
         "from typing import Literal\nfrom dockctl.plugins import ACTIONS\n"
-        "from dockctl.scenarios.extensions import ActionType\n"
-        "from dockctl.scenarios.kinds import Kind, register\n"
+        "from dockctl.scenarios.extensions import ActionType, Kind, register\n"
         f"@register(ACTIONS)\nclass Half({base}):\n    kind: Literal['half'] = 'half'\n",
     )
     with pytest.raises(InputError, match=missing) as caught:

@@ -25,8 +25,7 @@ from dockctl.plugins import (
 )
 from dockctl.rewards.terms import reward_term
 from dockctl.scenarios import catalog
-from dockctl.scenarios.extensions import Condition, Disturbance, RangeSensorSpec
-from dockctl.scenarios.kinds import register
+from dockctl.scenarios.extensions import Condition, Disturbance, RangeSensorSpec, register
 from dockctl.sim.lidar.planar import PlanarScanner, PlanarSensor
 from dockctl.sim.status import StepStatus
 

@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING, Any, ClassVar, Literal
 from dockctl.errors import Code, DockctlError
 from dockctl.plugins import ALGORITHMS
 from dockctl.scenarios.base import NonNegative
-from dockctl.scenarios.kinds import Kind, register
+from dockctl.scenarios.extensions import Kind, register
 
 if TYPE_CHECKING:
     from gymnasium.spaces import Space

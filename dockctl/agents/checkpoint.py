@@ -26,7 +26,7 @@ from dockctl.errors import DockctlError, nearest
 from dockctl.plugins import ALGORITHMS, UnknownNameError
 from dockctl.runs.directory import BEST, LAST, RunDirectory, shipped
 from dockctl.runs.files import write_atomically
-from dockctl.scenarios.interface import PolicyInterface
+from dockctl.scenarios.schema import PolicyInterface
 
 FORMAT = 1
 POLICY, LEARNER = "policy", "learner"

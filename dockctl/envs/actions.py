@@ -15,8 +15,7 @@ from pydantic import Field
 
 from dockctl.plugins import ACTIONS
 from dockctl.scenarios.base import FieldError, Number
-from dockctl.scenarios.extensions import ActionType
-from dockctl.scenarios.kinds import register
+from dockctl.scenarios.extensions import ActionType, register
 from dockctl.scenarios.vessel import Vessel
 from dockctl.sim.status import Floats
 

@@ -38,9 +38,8 @@ from dockctl.evaluation.libraries import PolicyError, onnx_policy, sb3_policy
 from dockctl.plugins import OBSERVATION_PARTS, POLICIES, Entry, naming_errors
 from dockctl.runs.directory import RUNS, SCENARIO, RunDirectory, shipped
 from dockctl.scenarios.content import first_difference
-from dockctl.scenarios.interface import PolicyInterface
 from dockctl.scenarios.loader import LoadedScenario, load
-from dockctl.scenarios.schema import Scenario
+from dockctl.scenarios.schema import PolicyInterface, Scenario
 from dockctl.sim.checks import load_checked
 
 Factory = Callable[[Scenario], Any]

@@ -8,7 +8,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 from dockctl.geometry import pose_array
-from dockctl.scenarios.berths import layouts
+from dockctl.scenarios.harbor import layouts
 from dockctl.scenarios.loader import LoadedScenario
 from dockctl.scenarios.schema import Scenario
 from dockctl.sim.checks import PoseCheck

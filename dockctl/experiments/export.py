@@ -24,8 +24,8 @@ from dockctl.runs.directory import EVALUATION, MESHES, PLUGINS, SCENARIO, RunDir
 from dockctl.runs.files import new_folder
 from dockctl.scenarios.base import NAME
 from dockctl.scenarios.content import mesh_files, with_paths
-from dockctl.scenarios.interface import PolicyInterface
 from dockctl.scenarios.loader import LoadedScenario, dump
+from dockctl.scenarios.schema import PolicyInterface
 
 CARD = "card.md"
 CHECKPOINT = ("policy.json", "policy.safetensors", SCENARIO, CARD)

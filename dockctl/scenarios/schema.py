@@ -1,18 +1,17 @@
-"""The scenario: the complete input of a run, immutable and validated."""
+"""The scenario: the complete input of a run, immutable and validated; and the interface of its policies."""
 
 from __future__ import annotations
 
 import math
 from typing import Annotated, Any, Self
 
-from pydantic import Field, field_validator, model_validator
+from pydantic import Field, ValidationError, field_validator, model_validator
 
+from dockctl.errors import DockctlError
 from dockctl.plugins import ACTIONS, CONDITIONS, RANGE_SENSORS
 from dockctl.scenarios.base import Count, FieldError, Model, Name, NonNegative, Number, Pose, Positive
-from dockctl.scenarios.berths import Berths, missing_berth
-from dockctl.scenarios.extensions import ActionType, Condition, RangeSensorSpec
-from dockctl.scenarios.harbor import HarborSpec
-from dockctl.scenarios.kinds import Kinds
+from dockctl.scenarios.extensions import ActionType, Condition, Kinds, RangeSensorSpec
+from dockctl.scenarios.harbor import Berths, HarborSpec, missing_berth
 from dockctl.scenarios.training import Evaluation, Training
 from dockctl.scenarios.vessel import Vessel
 
@@ -161,3 +160,39 @@ class Scenario(Model):
         if self.task.berths is not None and (flaw := missing_berth(self.harbor, self.task.berths)):
             raise FieldError("task.berths", flaw, "mismatch")
         return self
+
+
+class PolicyInterface(Model):
+    """The parts of a policy's observation, the number of sectors of its range sensor, and its actions."""
+
+    observation: tuple[ObservationPart, ...] = Field(min_length=1)
+    lidar_sectors: Count
+    actions: Annotated[ActionType, ACTION_KINDS]
+
+    @classmethod
+    def of(cls, scenario: Scenario) -> Self:
+        """Return the interface of policies trained on `scenario`."""
+        return cls(
+            observation=scenario.observation,
+            lidar_sectors=scenario.sensors.lidar.sectors,
+            actions=scenario.actions,
+        )
+
+    def on(self, scenario: Scenario) -> Scenario:
+        """Return `scenario` with the observation, sectors and actions of the policy.
+
+        Raises:
+            DockctlError: the policy's actions exceed the limits of the vessel.
+        """
+        lidar = scenario.sensors.lidar.model_copy(update={"sectors": self.lidar_sectors})
+        changed = {
+            "observation": self.observation,
+            "actions": self.actions,
+            "sensors": scenario.sensors.model_copy(update={"lidar": lidar}),
+        }
+        try:
+            return Scenario.model_validate({**dict(scenario), **changed})
+        except ValidationError as error:
+            reasons = "; ".join(str(detail.get("ctx", {}).get("error")) for detail in error.errors())
+            message = f"the policy's actions exceed the limits of the vessel of '{scenario.name}': {reasons}"
+            raise DockctlError(message, code="mismatch") from None

@@ -9,7 +9,7 @@ from pydantic import Field, model_validator
 
 from dockctl.plugins import ALGORITHMS
 from dockctl.scenarios.base import Count, FieldError, Fraction, Model, NonNegative, Pose, Positive
-from dockctl.scenarios.kinds import Kind, Kinds
+from dockctl.scenarios.extensions import Kind, Kinds
 
 ALGORITHM = Kinds(ALGORITHMS, default="dqn")
 Layer = Annotated[Count, Field(le=8192)]

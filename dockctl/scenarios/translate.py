@@ -14,7 +14,7 @@ from pydantic_core import ErrorDetails, PydanticUndefined
 from dockctl.errors import Code, Problem, nearest
 from dockctl.plugins import HARBORS, VESSELS
 from dockctl.scenarios.base import FieldError
-from dockctl.scenarios.kinds import Kind, Kinds
+from dockctl.scenarios.extensions import Kind, Kinds
 from dockctl.scenarios.yaml_tree import Location, Node, described
 
 Step = str | int

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from dockctl.errors import InputError
 from dockctl.geometry import place_outline, pose_array
 from dockctl.scenarios.base import Pose
-from dockctl.scenarios.berths import layouts
+from dockctl.scenarios.harbor import layouts
 from dockctl.scenarios.loader import LoadedScenario, load
 from dockctl.scenarios.schema import Scenario
 from dockctl.sim.collision import CollisionChecker, collision_checker

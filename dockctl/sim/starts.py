@@ -10,8 +10,7 @@ import numpy as np
 
 from dockctl.errors import InputError, Problem
 from dockctl.geometry import pose_array, transfer_poses, wrap
-from dockctl.scenarios.berths import BerthKind, BerthPlace, layouts
-from dockctl.scenarios.harbor import Marina
+from dockctl.scenarios.harbor import BerthKind, BerthPlace, Marina, layouts
 from dockctl.scenarios.schema import Scenario, Task
 from dockctl.scenarios.training import ExploringStarts
 from dockctl.sim.goal import TO_FINAL, TO_INTERMEDIATE, measure

@@ -12,8 +12,8 @@ import numpy as np
 
 from dockctl.compute.threads import workers
 from dockctl.drawing.scene import Scene
-from dockctl.scenarios.berths import layouts
 from dockctl.scenarios.extensions import RangeSensor, RangeSensorSpec
+from dockctl.scenarios.harbor import layouts
 from dockctl.scenarios.schema import Scenario
 from dockctl.scenarios.vessel import Hull
 from dockctl.sim.collision import collision_checker

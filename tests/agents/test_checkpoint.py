@@ -24,8 +24,8 @@ from dockctl.agents.checkpoint import (
 )
 from dockctl.agents.dqn.network import DuelingQNetwork, GreedyPolicy
 from dockctl.runs.files import new_folder
-from dockctl.scenarios.interface import PolicyInterface
 from dockctl.scenarios.loader import load
+from dockctl.scenarios.schema import PolicyInterface
 
 CARD = PolicyCard("toy", 4, 3, (8, 6), 1234, 7)
 

@@ -15,9 +15,8 @@ from dockctl.envs.actions import ContinuousActions, GridActions
 from dockctl.envs.single import DockingEnv
 from dockctl.envs.vector import DockingVectorEnv
 from dockctl.errors import InputError
-from dockctl.scenarios.interface import PolicyInterface
 from dockctl.scenarios.loader import dump, load
-from dockctl.scenarios.schema import Scenario
+from dockctl.scenarios.schema import PolicyInterface, Scenario
 from tests.sim.worlds import walled
 
 VESSEL = load("s1").scenario.vessel

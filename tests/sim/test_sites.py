@@ -9,8 +9,7 @@ import pytest
 from hypothesis import strategies as st
 
 from dockctl.errors import InputError
-from dockctl.scenarios.berths import BerthPlace, layouts
-from dockctl.scenarios.harbor import Marina
+from dockctl.scenarios.harbor import BerthPlace, Marina, layouts
 from dockctl.scenarios.loader import load
 from dockctl.sim.checks import check_poses
 from dockctl.sim.starts import StartSampler, free_sites, own_site, random_starts, sites

@@ -9,8 +9,7 @@ import numpy as np
 
 from dockctl.plugins import CONDITIONS
 from dockctl.scenarios.base import NonNegative, Number
-from dockctl.scenarios.extensions import Condition, Disturbance, Drawn, Floats, Ints, draw
-from dockctl.scenarios.kinds import register
+from dockctl.scenarios.extensions import Condition, Disturbance, Drawn, Floats, Ints, draw, register
 
 
 @register(CONDITIONS, group="water", source="not in the thesis; Fossen 2012")

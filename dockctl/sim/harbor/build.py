@@ -16,8 +16,7 @@ from numpy.typing import NDArray
 
 from dockctl.drawing.scene import Polygon, Scene
 from dockctl.errors import DockctlError, InputError, Problem
-from dockctl.scenarios.berths import BerthPlace
-from dockctl.scenarios.harbor import Basin, EndRow, Fleet, HarborSpec, Marina, Side, SideRow
+from dockctl.scenarios.harbor import Basin, BerthPlace, EndRow, Fleet, HarborSpec, Marina, Side, SideRow
 from dockctl.scenarios.vessel import Hull
 from dockctl.sim.harbor.fleet import MooredModel, moored_model
 from dockctl.sim.harbor.mesh_files import load_bodies

@@ -13,8 +13,7 @@ from pydantic import Field
 from dockctl.geometry import sector_index
 from dockctl.plugins import RANGE_SENSORS
 from dockctl.scenarios.base import Count, NonNegative
-from dockctl.scenarios.extensions import Floats, RangeSensor, RangeSensorSpec
-from dockctl.scenarios.kinds import register
+from dockctl.scenarios.extensions import Floats, RangeSensor, RangeSensorSpec, register
 
 if TYPE_CHECKING:
     from dockctl.sim.lidar.raycast import BoundingVolumes

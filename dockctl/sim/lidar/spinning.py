@@ -8,8 +8,7 @@ from pydantic import Field
 
 from dockctl.plugins import RANGE_SENSORS
 from dockctl.scenarios.base import Count, Model, NonNegative, Number
-from dockctl.scenarios.extensions import Floats, RangeSensor, RangeSensorSpec
-from dockctl.scenarios.kinds import register
+from dockctl.scenarios.extensions import Floats, RangeSensor, RangeSensorSpec, register
 
 
 class LidarMount(Model):

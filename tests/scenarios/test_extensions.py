@@ -11,7 +11,7 @@ from dockctl.errors import Problem
 from dockctl.plugins import Registry
 from dockctl.scenarios import translate
 from dockctl.scenarios.base import Model, Number, Positive
-from dockctl.scenarios.kinds import Kind, Kinds, register
+from dockctl.scenarios.extensions import Kind, Kinds, register
 from dockctl.scenarios.yaml_tree import read_text
 
 SHAPES: Registry[type[Any]] = Registry("shape")
