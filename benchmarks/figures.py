@@ -10,7 +10,7 @@ from matplotlib.figure import Figure
 from matplotlib.ticker import FuncFormatter, NullFormatter, NullLocator
 
 from dockctl.drawing import palette
-from dockctl.reports.style import legend_above, titled_figure
+from dockctl.reports.style import legend_above, make_figure
 
 OURS, PEER = palette.SINGLE, palette.SECOND_MEAN
 Json = dict[str, Any]
@@ -57,7 +57,7 @@ def short(value: float) -> str:
 def growth_figure(growth: Json) -> Figure:
     """Return the figure of times over rays, triangles and batch, compared with other libraries."""
     subtitle = "one core; error bars from the minimum to the maximum of the rounds"
-    figure = titled_figure("Scaling", subtitle, (10.4, 4.0))
+    figure = make_figure("Scaling", subtitle, (10.4, 4.0))
     panels = (
         ("rays", "rays per scan", "time of a scan [ms]", "trimesh + embree + numpy"),
         ("triangles", "triangles in the harbor", "time of a scan [ms]", "trimesh + embree + numpy"),
@@ -77,7 +77,7 @@ def boats_figure(environment: Json) -> Figure:
     """Return the figure of the time per step and the memory over the number of boats."""
     facts = environment["facts"]
     subtitle = f"environment of scenario 3, all rays, {facts['cores']} cores"
-    figure = titled_figure("Time and memory per boat", subtitle)
+    figure = make_figure("Time and memory per boat", subtitle)
     left, right = figure.subplots(1, 2)
     curve(left, facts["boats"], facts["processor_seconds"], 1e6, OURS)
     logarithmic(left, facts["boats"], "boats", "CPU time per boat and step [µs]")
@@ -97,7 +97,7 @@ def scan_figure(lidar: Json) -> Figure:
     """Return the figure of the time of a scan on one core with each library, on a logarithmic scale."""
     facts = lidar["facts"]
     subtitle = f"{facts['rays']:,} rays, {facts['triangles']:,} triangles; one core, median of the rounds"
-    figure = titled_figure("Time of a scan of the marina", subtitle, (7.6, 2.7))
+    figure = make_figure("Time of a scan of the marina", subtitle, (7.6, 2.7))
     ax = figure.add_subplot()
     times = [(name, 1e3 * s["median"]) for name, s in lidar["seconds"].items() if "wall clock" not in name]
     times.sort(key=lambda time: -time[1])

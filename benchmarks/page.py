@@ -14,7 +14,7 @@ from bench import BUSY, RESULTS
 from figures import Json, boats_figure, growth_figure, number, scan_figure
 from matplotlib.figure import Figure
 
-from dockctl.reports.style import house_style
+from dockctl.reports.style import figure_style
 
 DOCS = Path(__file__).parents[1] / "docs"
 SCRIPTS = ("lidar", "reference", "environment", "growth", "learner", "gpu", "latency", "start", "training")
@@ -277,7 +277,7 @@ def page(found: dict[str, Json]) -> Iterator[str]:
 
 def main() -> None:
     found = results()
-    with house_style():
+    with figure_style():
         for name, (script, draw) in FIGURES.items():
             if script in found:
                 path = DOCS / "figures" / f"performance-{name}.png"

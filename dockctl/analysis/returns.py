@@ -11,7 +11,7 @@ BEFORE_INTERMEDIATE = "loiter before the intermediate pose"
 INTERMEDIATE = "reward_intermediate"
 
 
-def unit_words(unit_m: float) -> str:
+def format_unit(unit_m: float) -> str:
     """Distance unit as text."""
     return "meters" if unit_m == 1 else f"units of {unit_m:g} m"
 

@@ -84,9 +84,9 @@ def save_figure(name: str, draw: Callable[[], Any], folder: Path) -> None:
     Raises:
         DockctlError: the folder cannot be written.
     """
-    from dockctl.reports.style import house_style, save
+    from dockctl.reports.style import figure_style, save
 
-    with house_style():
+    with figure_style():
         written = save({name: draw()}, folder)
     for path in written:
         print_text(Console(), str(path))

@@ -20,14 +20,14 @@ def plot(
     Example: dockctl plot runs/s3/20250101-120000-seed0
     """
     from dockctl.reports.figures import figures
-    from dockctl.reports.style import house_style, save
+    from dockctl.reports.style import figure_style, save
     from dockctl.runs.directory import FIGURES, RUNS, RunDirectory
     from dockctl.runs.reader import read_run
 
     folder = RunDirectory.latest(RUNS).path if run is None else run
     if not os.path.isdir(folder):
         raise DockctlError(f"{folder}: no such run folder", code="not_found")
-    with house_style():
+    with figure_style():
         data = read_run(folder)
         written = save(dict(figures(data)), out or folder / FIGURES)
     if data.missing:

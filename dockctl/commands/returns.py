@@ -77,7 +77,7 @@ def units_of(text: str) -> tuple[float, ...]:
 
 def _print(result: Returns) -> None:
     """Print the returns with every unit, the highest first, and what follows from them."""
-    from dockctl.analysis.returns import unit_words, verdicts
+    from dockctl.analysis.returns import format_unit, verdicts
 
     console, gamma = table_console(), result.scenario.training.gamma
     print_text(
@@ -86,7 +86,7 @@ def _print(result: Returns) -> None:
         f" episode of {result.policy.description}",
     )
     for unit, rows in result.table.groupby("distance_unit_m", sort=False):
-        title = f"δd in {unit_words(float(str(unit)))}"
+        title = f"δd in {format_unit(float(str(unit)))}"
         table = Table(title=title, title_justify="left", box=box.SIMPLE_HEAD)
         table.add_column("behavior")
         for name in ("ends", "time", "return"):

@@ -39,7 +39,7 @@ def show(
     Example: dockctl show s3 --pose 30,0.5,175
     """
     from dockctl.reports.show import figures
-    from dockctl.reports.style import house_style, save
+    from dockctl.reports.style import figure_style, save
     from dockctl.runs.directory import require_writable
     from dockctl.sim.checks import PoseCheck, load_checked
     from dockctl.sim.harbor.build import build_harbor, scene_of
@@ -53,7 +53,7 @@ def show(
     folder = out or Path("figures") / spec.name
     require_writable(folder)
     measured = scan(spec, harbor, start)
-    with house_style():
+    with figure_style():
         drawn = figures(scene_of(harbor, spec.vessel.hull), spec, *bodies(spec, harbor), measured)
         written = save(drawn, folder)
     console = Console()

@@ -16,7 +16,7 @@ from matplotlib.ticker import MaxNLocator, PercentFormatter
 from dockctl.analysis.contrast import MEASURES, SUCCESS, Contrast, Measure, contrasts
 from dockctl.analysis.statistics import wilson_interval
 from dockctl.drawing import palette
-from dockctl.reports.style import HALO, titled_figure
+from dockctl.reports.style import HALO, make_figure
 
 ROW_IN = 0.46
 """Height per policy [inches]."""
@@ -38,7 +38,7 @@ def compare_figure(table: pd.DataFrame, kinds: Mapping[str, str], caption: str) 
     found = list(contrasts(table))
     rows = len(shown) * (len(policies) * ROW_IN + 0.75)
     title = f"{len(policies)} policies on the same episodes"
-    figure = titled_figure(title, f"{caption}; Δ to {policies[0]}, paired", (12.4, 1.55 + rows))
+    figure = make_figure(title, f"{caption}; Δ to {policies[0]}, paired", (12.4, 1.55 + rows))
     grid = figure.subplots(
         len(shown),
         2 + len(MEASURES),

@@ -13,7 +13,7 @@ from dockctl.analysis.episodes import term_columns
 from dockctl.drawing.scene import Scene
 from dockctl.reports import learning, plan_view, trajectory
 from dockctl.reports.plan_view import Track, split_tracks
-from dockctl.reports.style import titled_axes, titled_figure
+from dockctl.reports.style import make_axes, make_figure
 from dockctl.runs.reader import Run
 from dockctl.runs.tables import RECENT
 from dockctl.scenarios.schema import Task
@@ -67,7 +67,7 @@ def training_figures(run: Run, episodes: pd.DataFrame) -> Iterator[tuple[str, Fi
         }
         if is_empty.get(draw):
             continue
-        figure, ax = titled_axes(title, f"{run.caption}, {len(episodes):,} episodes")
+        figure, ax = make_axes(title, f"{run.caption}, {len(episodes):,} episodes")
         draw(ax, episodes)
         yield name, figure
 
@@ -75,7 +75,7 @@ def training_figures(run: Run, episodes: pd.DataFrame) -> Iterator[tuple[str, Fi
 def updates_figure(run: Run, updates: pd.DataFrame, columns: Sequence[str]) -> Figure:
     """Loss, TD error, Q and gradient norm of the updates, one panel each."""
     rows = -(-len(columns) // 2)
-    figure = titled_figure("Network updates", run.caption, (10.0, 0.9 + 2.4 * rows))
+    figure = make_figure("Network updates", run.caption, (10.0, 0.9 + 2.4 * rows))
     axes = figure.subplots(rows, 2, sharex=True, squeeze=False).ravel()
     learning.draw_updates(axes[: len(columns)], updates, columns)
     for ax in axes[len(columns) :]:
@@ -87,7 +87,7 @@ def updates_figure(run: Run, updates: pd.DataFrame, columns: Sequence[str]) -> F
 def evaluation_figure(run: Run, evaluations: pd.DataFrame) -> Figure:
     """Outcomes of the greedy policy from each test pose during training."""
     rows = evaluations["pose"].nunique()
-    figure, ax = titled_axes("Greedy evaluations during training", run.caption, (7.6, 2.3 + 0.3 * rows))
+    figure, ax = make_axes("Greedy evaluations during training", run.caption, (7.6, 2.3 + 0.3 * rows))
     at_berths = run.task.berths is not None  # evaluated from random starts there, not from the test poses
     names = [] if at_berths else [plan_view.pose_names([pose]) for pose in run.tests]
     learning.draw_evaluations(ax, evaluations, names)
@@ -99,7 +99,7 @@ def pose_figure(run: Run, tracks: Sequence[Track]) -> Figure:
     plan, view = _plan_and_view(run, tracks)
     height = 6.9 * (view[3] - view[1]) / (view[2] - view[0]) + (1.45 if len(tracks) > 1 else 1.2)
     interval = plan_view.outline_interval(tracks)
-    figure, ax = titled_axes(
+    figure, ax = make_axes(
         "Trajectories of the best policy", f"{run.caption}, one outline every {interval:g} s", (7.8, height)
     )
     plan_view.draw_harbor(ax, plan, view)
@@ -111,7 +111,7 @@ def pose_figure(run: Run, tracks: Sequence[Track]) -> Figure:
 def docking_figures(run: Run, tracks: Sequence[Track]) -> Iterator[tuple[str, Figure]]:
     """Yield distance, heading error, velocities and commands over time (Figs. 4.5-4.10)."""
     for name, (title, draw) in DOCKING.items():
-        figure, ax = titled_axes(f"{title} while docking", run.caption)
+        figure, ax = make_axes(f"{title} while docking", run.caption)
         draw(ax, tracks, run.task)
         trajectory.mark_phases(ax, tracks)
         yield name, figure
@@ -122,7 +122,7 @@ def docking_figures(run: Run, tracks: Sequence[Track]) -> Iterator[tuple[str, Fi
 def _command_figure(run: Run, tracks: Sequence[Track], title: str, draw: DrawTracks) -> Figure:
     """One row of axes per track."""
     size = (7.6, 4.3) if len(tracks) == 1 else (7.6, 1.2 + 1.25 * len(tracks))
-    figure = titled_figure(f"{title} while docking", run.caption, size)
+    figure = make_figure(f"{title} while docking", run.caption, size)
     axes = np.atleast_1d(figure.subplots(len(tracks), sharex=True, sharey=True))
     axes[0].set_xlim(0, 1.015 * max(track.table["time_s"].iloc[-1] for track in tracks))
     for ax, track in zip(axes, tracks, strict=True):
@@ -143,7 +143,7 @@ def overview(run: Run, episodes: pd.DataFrame, tracks: Sequence[Track]) -> Figur
     docked = sum(track.docked for track in tracks)
     last = episodes.tail(RECENT)
     share = float((last["outcome"] == "docked").mean())
-    figure = titled_figure(
+    figure = make_figure(
         f"Overview of scenario {run.scenario}",
         f"seed {run.seed}, {len(episodes):,} training episodes, {share:.0%} of the last {len(last)} docked; "
         f"the best policy docks from {docked} of {len(tracks)} evaluation pose{'s' * (len(tracks) > 1)}",

@@ -10,7 +10,7 @@ from matplotlib.ticker import FuncFormatter, NullFormatter
 
 from dockctl.analysis.latency import PARTS, STATISTICS, THESIS_FORWARD_MS, summarize
 from dockctl.drawing import palette
-from dockctl.reports.style import HALO, titled_figure
+from dockctl.reports.style import HALO, make_figure
 
 COLORS = {
     "scan_ms": palette.BLUE,
@@ -28,7 +28,7 @@ def latency_figure(samples: pd.DataFrame, subtitle: str, control_period_ms: floa
         subtitle: policy and scenario.
         control_period_ms: time available for a decision.
     """
-    figure = titled_figure("Decision time", subtitle, (7.8, 5.6))
+    figure = make_figure("Decision time", subtitle, (7.8, 5.6))
     axes = figure.subplots(len(PARTS), sharex=True)
     shortest, longest = float(samples.to_numpy().min()), float(samples.to_numpy().max())
     edges = np.geomspace(max(shortest, 1e-4) / 1.5, 2.5 * max(longest, control_period_ms), 140)

@@ -8,10 +8,10 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from dockctl.analysis.episodes import term_columns
-from dockctl.analysis.returns import DOCKING, INTERMEDIATE, break_even, unit_words, value
+from dockctl.analysis.returns import DOCKING, INTERMEDIATE, break_even, format_unit, value
 from dockctl.drawing import palette
 from dockctl.reports.learning import OTHER_TERMS, TERM_COLORS
-from dockctl.reports.style import HALO, legend_above, thousands, titled_figure
+from dockctl.reports.style import HALO, legend_above, make_figure, thousands
 
 UNIT_COLORS = (palette.MEAN, palette.SECOND_MEAN, palette.PURPLE, palette.GREEN)
 ENDINGS = {"docked": "docks", "collision": "collides", "timeout": "timeout"}
@@ -28,7 +28,7 @@ def returns_figure(table: pd.DataFrame, caption: str) -> Figure:
     by_unit = [table[table["distance_unit_m"] == unit] for unit in units]
     has_intermediate = break_even(by_unit[0]) is not None
     widths = [1.0] * len(units) + [0.8] * has_intermediate
-    figure = titled_figure(
+    figure = make_figure(
         "Discounted returns of behaviors, by reward term",
         caption,
         (2.2 + 4.3 * sum(widths), 1.9 + 0.46 * len(by_unit[0])),
@@ -36,7 +36,7 @@ def returns_figure(table: pd.DataFrame, caption: str) -> Figure:
     axes = np.atleast_1d(figure.subplots(1, len(widths), width_ratios=widths))
     for i, (unit, rows) in enumerate(zip(units, by_unit, strict=True)):
         draw_returns(axes[i], rows)
-        axes[i].set_xlabel(f"Discounted return, δd in {unit_words(unit)}")
+        axes[i].set_xlabel(f"Discounted return, δd in {format_unit(unit)}")
         axes[i].tick_params(labelleft=i == 0)
     terms = [(column.removeprefix("reward_"), _color(table, column)) for column in term_columns(table)]
     legend_above(axes[0], terms, columns=6)
@@ -44,7 +44,7 @@ def returns_figure(table: pd.DataFrame, caption: str) -> Figure:
         colors = [UNIT_COLORS[i % len(UNIT_COLORS)] for i in range(len(units))]
         for rows, color in zip(by_unit, colors, strict=True):
             draw_advantage(axes[-1], rows, color)
-        names = [f"δd in {unit_words(unit)}" for unit in units]
+        names = [f"δd in {format_unit(unit)}" for unit in units]
         legend_above(axes[-1], list(zip(names, colors, strict=True)), columns=2)
     return figure
 

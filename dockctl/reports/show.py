@@ -19,7 +19,7 @@ from dockctl.drawing.scene import Scene, water
 from dockctl.geometry import sector_index
 from dockctl.reports import plan_view, view3d
 from dockctl.reports.plan_view import pose_label
-from dockctl.reports.style import HALO, titled_axes, titled_figure
+from dockctl.reports.style import HALO, make_axes, make_figure
 from dockctl.reports.view3d import Body, Camera
 from dockctl.scenarios.schema import Scenario
 
@@ -93,7 +93,7 @@ def harbor_figure(plan: Scene, scenario: Scenario) -> Figure:
     shape = (whole[2] - whole[0]) / (whole[3] - whole[1])
     height = 8.2
     width_of_whole = float(np.clip((height - 1.2) * shape + 0.7, 2.6, 9.0))
-    figure = titled_figure(
+    figure = make_figure(
         f"Harbor and poses of scenario {scenario.name}", _list_poses(scenario), (width_of_whole + 7.4, height)
     )
     left, right = figure.subplots(1, 2, width_ratios=(width_of_whole, 7.2))
@@ -115,15 +115,15 @@ def marina_figure(plan: Scene, scenario: Scenario, bodies: Sequence[Body]) -> Fi
         [[x0 - QUAY_STRIP_M, y0 - QUAY_STRIP_M, -np.inf], [x1 + QUAY_STRIP_M, y1 + QUAY_STRIP_M, np.inf]]
     )
     trimmed = [Body(body.name, body.kind, np.clip(body.triangles, *edge)) for body in bodies]
-    cameras = [view3d.overlook(bounds, turn, height) for height in HEIGHT_SHARES for turn in TURNS_DEG]
+    cameras = [view3d.overview_camera(bounds, turn, height) for height in HEIGHT_SHARES for turn in TURNS_DEG]
     own = [body.triangles for body in trimmed if body.kind == "own"]
     others = [body.triangles for body in trimmed if body.kind != "own"]
-    camera = view3d.clearest(cameras, np.concatenate(own), np.concatenate(others))
+    camera = view3d.least_occluded(cameras, np.concatenate(own), np.concatenate(others))
     corners = np.array([[x, y, 0.0] for x in edge[:, 0] for y in edge[:, 1]])
     tops = np.concatenate([body.triangles.reshape(-1, 3) for body in trimmed])
     extent = view3d.extent(camera, np.concatenate([corners, tops[tops[:, 2] > 0]]))
     width, height = extent[1] - extent[0]
-    figure, ax = titled_axes(
+    figure, ax = make_axes(
         f"The harbor '{plan.name}'",
         f"scenario {scenario.name}; the docking boat is red",
         (10.4, 10.0 * height / width + 0.9),
@@ -139,7 +139,7 @@ def cloud_figure(plan: Scene, scenario: Scenario, boat: Body, scan: Scan) -> Fig
     points = view3d.to_world(scan.points, scan.pose)
     center = np.array([scan.pose[0], scan.pose[1], 0.0])
     camera = Camera(tuple((center + CLOUD_EYE_M).tolist()), tuple(center.tolist()))
-    figure, ax = titled_axes(
+    figure, ax = make_axes(
         f"{len(points):,} LiDAR points around the boat",
         f"scenario {scenario.name}, one scan from {scan.label}; dark outlines: plan of the harbor",
         (9.6, 6.6),
@@ -159,7 +159,7 @@ def cloud_figure(plan: Scene, scenario: Scenario, boat: Body, scan: Scan) -> Fig
 
 def sectors_figure(plan: Scene, scenario: Scenario, scan: Scan) -> Figure:
     """The points of one scan from above, with the distance in each sector (Fig. 3.9)."""
-    figure, ax = titled_axes(
+    figure, ax = make_axes(
         f"The {len(scan.ranges_m)} distances that the policy observes",
         f"scenario {scenario.name}, from {scan.label}: points from above, the nearest of each sector marked",
         (7.6, 8.1),

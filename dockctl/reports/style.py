@@ -70,7 +70,7 @@ Entry = tuple[str, str] | tuple[str, str, str]
 
 
 @contextmanager
-def house_style() -> Iterator[None]:
+def figure_style() -> Iterator[None]:
     """Context in which figures are drawn and saved; matplotlib's settings are restored afterwards."""
     with mpl.rc_context():
         mpl.rcdefaults()
@@ -78,7 +78,7 @@ def house_style() -> Iterator[None]:
         yield
 
 
-def titled_figure(title: str, subtitle: str, size_in: tuple[float, float] = (7.6, 4.3)) -> Figure:
+def make_figure(title: str, subtitle: str, size_in: tuple[float, float] = (7.6, 4.3)) -> Figure:
     """Return an empty figure with a bold title and a subtitle, left-aligned."""
     width, height = size_in
     head = 0.62 / height  # the two lines take 0.62 inches
@@ -90,9 +90,9 @@ def titled_figure(title: str, subtitle: str, size_in: tuple[float, float] = (7.6
     return figure
 
 
-def titled_axes(title: str, subtitle: str, size_in: tuple[float, float] = (7.6, 4.3)) -> tuple[Figure, Axes]:
+def make_axes(title: str, subtitle: str, size_in: tuple[float, float] = (7.6, 4.3)) -> tuple[Figure, Axes]:
     """Return a titled figure with one pair of axes."""
-    figure = titled_figure(title, subtitle, size_in)
+    figure = make_figure(title, subtitle, size_in)
     return figure, figure.add_subplot()
 
 

@@ -32,7 +32,7 @@ from dockctl.drawing import palette
 from dockctl.drawing.scene import Scene
 from dockctl.reports import plan_view
 from dockctl.reports.plan_view import pose_label
-from dockctl.reports.style import HALO, legend_above, titled_figure
+from dockctl.reports.style import HALO, legend_above, make_figure
 from dockctl.scenarios.schema import Task
 
 Floats = NDArray[np.float64]
@@ -71,7 +71,7 @@ def map_figure(table: pd.DataFrame, plan: Scene, task: Task, caption: str) -> Fi
     )
     parts = [table[table["dheading_deg"] == heading] for heading in headings]
     dashed = " (dashed)" if any(success_radius(free_starts(part), limit) for part in parts) else ""
-    figure = titled_figure(
+    figure = make_figure(
         f"Success by start pose, within ±{limit:g} m of {pose}",
         f"{caption}; {len(free):,} free starts, {free['docked'].mean():.0%} dock. Success radius, up to which"
         f" every free start docks{dashed}: {straight} with the heading of the pose, {small} with heading"

@@ -149,7 +149,7 @@ def frame(ax: Axes, extent: Floats, background: str) -> None:
     ax.spines[:].set_visible(False)
 
 
-def overlook(
+def overview_camera(
     bounds: tuple[float, float, float, float], turn_deg: float = 0.0, height_share: float = 0.5
 ) -> Camera:
     """Camera that looks down on a rectangle of water across its longer side, from the west or the south.
@@ -168,7 +168,7 @@ def overlook(
     return Camera(tuple(eye.tolist()), tuple(center.tolist()))
 
 
-def clearest(cameras: Sequence[Camera], boat: Floats, others: Floats) -> Camera:
+def least_occluded(cameras: Sequence[Camera], boat: Floats, others: Floats) -> Camera:
     """Return the first camera with the fewest triangles in front of the boat.
 
     Args:

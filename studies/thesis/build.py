@@ -13,7 +13,7 @@ from matplotlib.figure import Figure
 from PIL import Image
 
 from dockctl.experiments.study import Experiment, load_study
-from dockctl.reports.style import house_style
+from dockctl.reports.style import figure_style
 from dockctl.runs.files import write_atomically, writing
 from studies.thesis.claims import claim_rows
 from studies.thesis.data import (
@@ -180,7 +180,7 @@ def build(results: Path = RESULTS, docs: Path = DOCS) -> None:
         (docs / "results").mkdir(exist_ok=True)
     for page, text in pages:
         print(write_atomically(docs / page.path, text.encode()))
-        with house_style():
+        with figure_style():
             for name, draw in page.figures.items():
                 write_atomically(figures / f"{name}.png", png(draw()))
     shown = {f"{name}.png" for page, _ in pages for name in page.figures}

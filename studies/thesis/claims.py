@@ -8,7 +8,7 @@ from typing import Literal
 import numpy as np
 
 from dockctl.analysis.latency import THESIS_FORWARD_MS
-from dockctl.analysis.returns import break_even, unit_words
+from dockctl.analysis.returns import break_even, format_unit
 from dockctl.analysis.success_map import (
     SMALL_OFFSET_DEG,
     format_radius,
@@ -183,7 +183,7 @@ def intermediate_reward(facts: Facts, archive: Archive) -> Measured:
         found = [break_even(table[table["distance_unit_m"] == unit]) for table in tables]
         least = [value for value in found if value is not None]
         above = f"above {spread(least, '{:,.0f}')}" if max(least) > 0 else "any"
-        parts.append(f"δd in {unit_words(float(unit))}: {above}")
+        parts.append(f"δd in {format_unit(float(unit))}: {above}")
         needed.append(min(least) > final)
     text = "r_pre-final at which docking is worth more than loitering in front of the intermediate pose, "
     return text + "; ".join(parts), _graded(all(needed), any(needed))

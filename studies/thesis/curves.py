@@ -13,7 +13,7 @@ from matplotlib.ticker import MaxNLocator, PercentFormatter
 from dockctl.analysis.episodes import from_initial_poses, moving_average
 from dockctl.drawing import palette
 from dockctl.reports import learning
-from dockctl.reports.style import legend_above, thousands, titled_figure
+from dockctl.reports.style import legend_above, make_figure, thousands
 from dockctl.runs.tables import RECENT
 from studies.thesis.data import ArchivedRun
 from studies.thesis.text import POINTS, interquartile_mean, interval, on_common_grid
@@ -41,7 +41,7 @@ def training_figure(title: str, runs: Sequence[ArchivedRun], cited: Sequence[str
     """
     has_phase = runs[0].run.task.intermediate is not None
     panels = (REWARD, DURATION, PHASE if has_phase else EPSILON, DOCKED)
-    figure = titled_figure(
+    figure = make_figure(
         title,
         f"{_seeds(runs)}; episodes from an initial pose, means of {WINDOW}; dark: interquartile mean of the"
         " seeds with its 95 % bootstrap interval; dot: end of a training, whose last value is used after it",
@@ -88,7 +88,7 @@ def compared_figure(
         groups: runs by title of the panel and name of the set.
     """
     rows = -(-len(groups) // columns)
-    figure = titled_figure(title, subtitle, (12.4, 0.8 + 3.1 * rows))
+    figure = make_figure(title, subtitle, (12.4, 0.8 + 3.1 * rows))
     axes = np.atleast_1d(figure.subplots(rows, columns, sharey=True)).ravel()
     for ax, (name, sets) in zip(axes, groups.items(), strict=False):
         longest = 0.0
@@ -113,7 +113,7 @@ def compared_figure(
 def endings_figure(title: str, runs: Sequence[tuple[str, ArchivedRun]], columns: int = 2) -> Figure:
     """Outcomes of the episodes of single runs over the training."""
     rows = -(-len(runs) // columns)
-    figure = titled_figure(
+    figure = make_figure(
         title, f"share of the last {RECENT} episodes by outcome; dark: share past the intermediate pose",
         (12.4, 0.8 + 2.6 * rows),
     )  # fmt: skip
@@ -136,7 +136,7 @@ def endings_figure(title: str, runs: Sequence[tuple[str, ArchivedRun]], columns:
 
 def losses_figure(title: str, runs: Sequence[tuple[str, ArchivedRun]]) -> Figure:
     """Mean absolute TD error and mean value of single runs over the training."""
-    figure = titled_figure(
+    figure = make_figure(
         title, "left: mean |TD error| of the updates, right: mean Q; in units of the reward", (12.4, 4.6)
     )
     left, right = figure.subplots(1, 2)

@@ -8,7 +8,7 @@ from functools import partial
 import pandas as pd
 
 from dockctl.analysis.latency import PARTS, THESIS_FORWARD_MS
-from dockctl.analysis.returns import AT_START, DOCKING, unit_words, value, verdicts
+from dockctl.analysis.returns import AT_START, DOCKING, format_unit, value, verdicts
 from dockctl.experiments.study import Experiment
 from dockctl.reports.latency import latency_figure
 from dockctl.reports.returns import returns_figure
@@ -60,7 +60,7 @@ def reward_page(facts: Facts, archive: Archive) -> Page:
         figures[f"{name}-returns"] = partial(returns_figure, run.returns, caption)
         lines = []
         for unit, rows in run.returns.groupby("distance_unit_m", sort=False):
-            words = unit_words(float(str(unit)))
+            words = format_unit(float(str(unit)))
             lines.append(f"δd in {words}: {' '.join(verdicts(rows))}")
             collisions.append(_collision_row(name, words, rows))
         returns.append({"number": name[1:], "lines": lines})
@@ -192,7 +192,7 @@ def thesis_learner_page(facts: Facts, archive: Archive) -> Page:
 
 
 def _unit(run: ArchivedRun) -> str:
-    return unit_words(float(run.resolved["reward"]["distance_unit_m"]))
+    return format_unit(float(run.resolved["reward"]["distance_unit_m"]))
 
 
 def _td_errors(run: ArchivedRun) -> tuple[float, float, float]:

@@ -13,7 +13,7 @@ from dockctl.drawing import palette
 from dockctl.drawing.scene import Scene
 from dockctl.reports import plan_view, trajectory
 from dockctl.reports.plan_view import Track
-from dockctl.reports.style import legend_above, titled_axes, titled_figure
+from dockctl.reports.style import legend_above, make_axes, make_figure
 from dockctl.scenarios.schema import Task
 from dockctl.scenarios.vessel import Vessel
 from studies.thesis.data import ArchivedRun, Recording
@@ -46,7 +46,7 @@ def maneuver_figure(
         cited: the seven figures of the thesis, in its order.
     """
     lower_height = 0.55 + 0.85 * len(tracks)
-    figure = titled_figure(title, subtitle, (13.0, 7.6 + lower_height))
+    figure = make_figure(title, subtitle, (13.0, 7.6 + lower_height))
     rows = figure.add_gridspec(2, 1, height_ratios=(6.9, lower_height))
     upper, lower = figure.add_subfigure(rows[0]), figure.add_subfigure(rows[1])
     columns = upper.add_gridspec(1, 2, width_ratios=(1.0, 1.12))
@@ -79,7 +79,7 @@ def trajectories_figure(title: str, subtitle: str, panels: Sequence[tuple[str, R
     """Trajectories of several policies side by side."""
     columns = min(3, len(panels))
     rows = -(-len(panels) // columns)
-    figure = titled_figure(title, subtitle, (max(4.5 * columns, TITLED_IN), 0.8 + 4.5 * rows))
+    figure = make_figure(title, subtitle, (max(4.5 * columns, TITLED_IN), 0.8 + 4.5 * rows))
     axes = np.atleast_1d(figure.subplots(rows, columns)).ravel()
     before: list[str] = []
     for ax, (name, recording) in zip(axes, panels, strict=False):
@@ -102,7 +102,7 @@ def starts_figure(runs: Sequence[tuple[str, str, ArchivedRun]]) -> Figure:
     Args:
         runs: name, figure of the thesis and one run of each scenario.
     """
-    figure = titled_figure(
+    figure = make_figure(
         "Start and goal poses of the scenarios",
         "blue: initial poses, violet: further evaluation poses, red: goals",
         (13.6, 5.6),
@@ -131,7 +131,7 @@ def surge_figure(vessel: Vessel, seconds: float = 30.0) -> Figure:
     time = np.linspace(0, seconds, 301)
     decay = np.exp(-root * time / mass)
     speed = top * (1 - decay) / (1 + decay * (root - linear) / (root + linear))
-    figure, ax = titled_axes(
+    figure, ax = make_axes(
         "Surge at full force", f"{force:g} N and rudder amidships, from rest; limit {top:.4f} m/s"
     )
     ax.plot(time, speed, color=palette.SINGLE)

@@ -6,7 +6,7 @@ import re
 
 import pytest
 
-from dockctl.analysis.returns import BEFORE_INTERMEDIATE, break_even, unit_words, verdicts
+from dockctl.analysis.returns import BEFORE_INTERMEDIATE, break_even, format_unit, verdicts
 from tests.reports.synthetic import returns
 
 
@@ -35,6 +35,6 @@ def test_docking_can_return_more_without_any_reward_of_the_intermediate_pose() -
     assert numbers(verdict) == ["-1,000"]
 
 
-def test_unit_words() -> None:
-    assert unit_words(1.0) == "meters"
-    assert unit_words(0.5) == "units of 0.5 m"
+def test_format_unit() -> None:
+    assert format_unit(1.0) == "meters"
+    assert format_unit(0.5) == "units of 0.5 m"

@@ -9,7 +9,7 @@ import pytest
 
 from dockctl.analysis.contrast import contrasts
 from dockctl.reports.compare import compare_figure
-from dockctl.reports.style import house_style, save
+from dockctl.reports.style import figure_style, save
 from tests.analysis.test_contrast import DOCKED, two_policies
 
 KINDS = {"random": "random starts", "pose": "test poses"}
@@ -17,7 +17,7 @@ KINDS = {"random": "random starts", "pose": "test poses"}
 
 def test_outcome_shares_and_differences() -> None:
     table = two_policies()
-    with house_style():
+    with figure_style():
         figure = compare_figure(table, KINDS, "caption")
     outcomes, success = figure.axes[:2]
     docked = [bar.get_width() for bar in outcomes.patches if bar.get_x() == 0 and bar.get_width()]
@@ -33,13 +33,13 @@ def test_outcome_shares_and_differences() -> None:
 
 def test_tables_without_pairs_or_without_random_starts_are_drawn() -> None:
     table = two_policies()
-    with house_style():
+    with figure_style():
         for other in (table.assign(outcome="timeout"), table[table["start_kind"] == "pose"]):
             compare_figure(other, KINDS, "caption").draw_without_rendering()
 
 
 def test_files_are_reproducible(tmp_path: Path) -> None:
-    with house_style():
+    with figure_style():
         save({name: compare_figure(two_policies(), KINDS, "caption") for name in ("one", "same")}, tmp_path)
     for suffix in ("svg", "png"):
         assert (tmp_path / f"one.{suffix}").read_bytes() == (tmp_path / f"same.{suffix}").read_bytes()

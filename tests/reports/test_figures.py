@@ -9,7 +9,7 @@ import pytest
 from matplotlib.figure import Figure
 
 from dockctl.reports.figures import figures
-from dockctl.reports.style import house_style, save
+from dockctl.reports.style import figure_style, save
 from dockctl.runs.reader import read_run
 from tests.reports.synthetic import episodes, updates, write_run
 
@@ -22,7 +22,7 @@ ALL = {
 
 
 def drawn(folder: Path) -> dict[str, Figure]:
-    with house_style():
+    with figure_style():
         return dict(figures(read_run(folder)))
 
 
@@ -59,7 +59,7 @@ def test_figures_without_a_table_are_left_out(tmp_path: Path, removed: str, expe
 
 def test_a_run_of_one_episode_can_be_drawn(tmp_path: Path) -> None:
     folder = write_run(tmp_path / "run", count=1)
-    with house_style():
+    with figure_style():
         written = save(dict(figures(read_run(folder))), tmp_path / "figures")
     assert len(written) == 2 * len(ALL)
     assert all(path.stat().st_size > 5000 for path in written)

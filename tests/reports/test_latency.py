@@ -8,7 +8,7 @@ import pytest
 
 from dockctl.analysis.latency import PARTS
 from dockctl.reports.latency import latency_figure
-from dockctl.reports.style import house_style
+from dockctl.reports.style import figure_style
 
 
 @pytest.fixture
@@ -17,7 +17,7 @@ def samples() -> pd.DataFrame:
 
 
 def test_every_decision_is_counted_and_the_limits_are_marked(samples: pd.DataFrame) -> None:
-    with house_style():
+    with figure_style():
         figure = latency_figure(samples, "test", 500.0)
     assert len(figure.axes) == len(PARTS)
     for ax in figure.axes:

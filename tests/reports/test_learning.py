@@ -13,14 +13,14 @@ from matplotlib.colors import to_hex
 from dockctl.drawing import palette
 from dockctl.reports import learning
 from dockctl.reports.figures import DrawEpisodes
-from dockctl.reports.style import house_style, titled_axes
+from dockctl.reports.style import figure_style, make_axes
 from tests.reports import synthetic
 
 
 @pytest.fixture
 def ax() -> Iterator[Axes]:
-    with house_style():
-        yield titled_axes("", "")[1]
+    with figure_style():
+        yield make_axes("", "")[1]
 
 
 @pytest.fixture

@@ -18,7 +18,7 @@ from dockctl.drawing.scene import OPEN_WATER_M, Scene, strokes, water
 from dockctl.geometry import place_outline
 from dockctl.reports import plan_view
 from dockctl.reports.plan_view import Track, pose_label, split_tracks
-from dockctl.reports.style import house_style, titled_axes
+from dockctl.reports.style import figure_style, make_axes
 from dockctl.scenarios.schema import Task
 from tests.reports import synthetic
 
@@ -83,8 +83,8 @@ def test_outlines_are_at_round_intervals(seconds: float, interval: float) -> Non
 
 
 def test_paths_and_outlines_are_those_of_the_table() -> None:
-    with house_style():
-        _, ax = titled_axes("", "")
+    with figure_style():
+        _, ax = make_axes("", "")
         tracks = split_tracks(synthetic.track(0, (23.0, -10.0, 90.0), intermediate=True))
         plan_view.draw_paths(ax, PLAN, tracks, TASK)
     table = tracks[0].table
@@ -104,8 +104,8 @@ def test_paths_and_outlines_are_those_of_the_table() -> None:
 
 
 def test_tolerances_are_circles_around_the_goals() -> None:
-    with house_style():
-        _, ax = titled_axes("", "")
+    with figure_style():
+        _, ax = make_axes("", "")
         plan_view.draw_poses(ax, PLAN, TASK, ())
     circles = {(circle.center, circle.radius) for circle in ax.patches if isinstance(circle, Circle)}
     assert circles == {((36.0, 0.0), 1.0), ((18.0, 3.0), 1.5)}
@@ -113,8 +113,8 @@ def test_tolerances_are_circles_around_the_goals() -> None:
 
 
 def test_the_harbor_is_drawn_to_scale() -> None:
-    with house_style():
-        _, ax = titled_axes("", "")
+    with figure_style():
+        _, ax = make_axes("", "")
         view = plan_view.whole_view(PLAN)
         plan_view.draw_harbor(ax, PLAN, view)
         plan_view.draw_compass(ax, view)

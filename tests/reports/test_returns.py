@@ -7,7 +7,7 @@ import pandas as pd
 import pytest
 
 from dockctl.reports.returns import returns_figure
-from dockctl.reports.style import house_style
+from dockctl.reports.style import figure_style
 from tests.reports.synthetic import returns
 
 
@@ -16,7 +16,7 @@ from tests.reports.synthetic import returns
 def test_one_bar_per_behavior_and_unit(intermediate: bool, units: tuple[float, ...]) -> None:
     rows = returns(intermediate=intermediate)
     table = pd.concat([rows.assign(distance_unit_m=unit) for unit in units], ignore_index=True)
-    with house_style():
+    with figure_style():
         figure = returns_figure(table, "caption")
         figure.draw_without_rendering()
     assert len(figure.axes) == len(units) + intermediate
@@ -32,7 +32,7 @@ def test_one_bar_per_behavior_and_unit(intermediate: bool, units: tuple[float, .
 
 
 def test_the_advantage_of_docking_is_zero_at_break_even() -> None:
-    with house_style():
+    with figure_style():
         figure = returns_figure(returns(), "caption")
     line, scenario, even = figure.axes[-1].lines[:3]
     x, y = (np.asarray(values, float) for values in (line.get_xdata(), line.get_ydata()))

@@ -10,7 +10,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from dockctl.reports import show, view3d
-from dockctl.reports.style import house_style, titled_axes
+from dockctl.reports.style import figure_style, make_axes
 from dockctl.reports.view3d import Body, Camera
 from tests.reports import synthetic
 
@@ -23,8 +23,8 @@ def test_the_nearest_point_of_each_sector_is_marked_with_its_distance() -> None:
     for x, y, _ in points:
         sector = math.floor((math.atan2(y, x) + math.pi) / (math.pi / 4))
         ranges[sector] = min(ranges[sector], math.hypot(x, y))
-    with house_style():
-        _, ax = titled_axes("", "")
+    with figure_style():
+        _, ax = make_axes("", "")
         show.draw_sectors(ax, points, ranges, synthetic.marina().hull, 100.0)
     texts = [text.get_text() for text in ax.texts]
     assert texts.count("d5  3.16 m") == 1  # port bow
@@ -37,8 +37,8 @@ def test_the_nearest_point_of_each_sector_is_marked_with_its_distance() -> None:
 
 
 def test_a_scan_without_returns() -> None:
-    with house_style():
-        _, ax = titled_axes("", "")
+    with figure_style():
+        _, ax = make_axes("", "")
         show.draw_sectors(ax, np.empty((0, 3)), np.full(8, 100.0), synthetic.marina().hull, 100.0)
         show.draw_cloud(ax, CAMERA, np.empty((0, 3)), 1.0)
     assert len([text for text in ax.texts if text.get_text().endswith("nothing")]) == 8
@@ -70,8 +70,8 @@ def test_back_faces_and_underwater_faces_are_not_drawn() -> None:
         Body("turned away", "quay", wall(1.0, 0.0, 1)),
         Body("sunk", "quay", wall(2.0, -3.0, -1)),
     ]
-    with house_style():
-        _, ax = titled_axes("", "")
+    with figure_style():
+        _, ax = make_axes("", "")
         view3d.draw_bodies(ax, CAMERA, bodies)
     assert len(ax.collections[-1].get_paths()) == 1
 
@@ -87,17 +87,17 @@ def test_extent_contains_its_points_at_the_given_ratio(ratio: float | None) -> N
         assert (high - low)[0] / (high - low)[1] == pytest.approx(ratio)
 
 
-def test_overlook_is_across_the_longer_side() -> None:
-    tall, wide = view3d.overlook((0, 0, 10, 80)), view3d.overlook((0, 0, 80, 10))
+def test_overview_camera_is_across_the_longer_side() -> None:
+    tall, wide = view3d.overview_camera((0, 0, 10, 80)), view3d.overview_camera((0, 0, 80, 10))
     assert abs(tall.eye[0] - 5) > abs(tall.eye[1] - 40)
     assert abs(wide.eye[1] - 5) > abs(wide.eye[0] - 40)
 
 
-def test_clearest_camera() -> None:
+def test_least_occluded_camera() -> None:
     boat = np.array([[[-1.0, -1.0, 0.0], [1.0, -1.0, 0.0], [0.0, 1.0, 0.5]]])
     mast = np.array([[[-5.0, -0.1, 0.0], [-5.0, 0.1, 0.0], [-5.0, 0.0, 9.0]]])
     west, south = view3d.Camera((-20, 0, 3), (0, 0, 0)), view3d.Camera((0, -20, 3), (0, 0, 0))
     behind = view3d.Camera((20, 0, 3), (0, 0, 0))
-    assert view3d.clearest([west, south], boat, mast) is south
-    assert view3d.clearest([west, behind], boat, mast) is behind
-    assert view3d.clearest([west, south], boat, mast + (0.0, 30.0, 0.0)) is west  # the first
+    assert view3d.least_occluded([west, south], boat, mast) is south
+    assert view3d.least_occluded([west, behind], boat, mast) is behind
+    assert view3d.least_occluded([west, south], boat, mast + (0.0, 30.0, 0.0)) is west  # the first

@@ -8,12 +8,12 @@ import matplotlib as mpl
 import pytest
 
 from dockctl.errors import DockctlError
-from dockctl.reports.style import house_style, legend_above, save, thousands, titled_axes
+from dockctl.reports.style import figure_style, legend_above, make_axes, save, thousands
 
 
 def draw(folder: Path) -> list[Path]:
-    with house_style():
-        figure, ax = titled_axes("Title", "subtitle")
+    with figure_style():
+        figure, ax = make_axes("Title", "subtitle")
         ax.plot([0, 1000, 2000], [3, -2, 5], label="line")
         legend_above(ax, [("one", "red"), ("two", "blue", ":")])
         thousands(ax)
@@ -36,7 +36,7 @@ def test_resolution(tmp_path: Path) -> None:
 
 def test_settings_are_restored() -> None:
     before = dict(mpl.rcParams)
-    with house_style():
+    with figure_style():
         assert mpl.rcParams["svg.hashsalt"] == "dockctl"
     assert dict(mpl.rcParams) == before
 
@@ -48,7 +48,7 @@ def test_an_output_folder_that_cannot_be_created(tmp_path: Path) -> None:
 
 
 def test_thousands() -> None:
-    with house_style():
-        _, ax = titled_axes("", "")
+    with figure_style():
+        _, ax = make_axes("", "")
         thousands(ax, "y")
         assert ax.yaxis.get_major_formatter()(-12000.0, None) == "−12,000"

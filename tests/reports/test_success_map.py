@@ -9,7 +9,7 @@ from matplotlib.patches import Circle
 
 from dockctl.analysis.success_map import free_starts
 from dockctl.drawing import palette
-from dockctl.reports.style import house_style, titled_axes
+from dockctl.reports.style import figure_style, make_axes
 from dockctl.reports.success_map import THESIS_M, draw_by_distance, draw_by_heading, draw_cells, map_figure
 from dockctl.scenarios.schema import Task, Tolerance
 from tests.reports.synthetic import FINAL, OFFSETS, marina, success_map
@@ -25,8 +25,8 @@ TASK = Task.model_validate(
 
 def test_one_cell_per_start_in_the_color_of_its_outcome() -> None:
     table = success_map(failing={(2.0, 2.0), (4.0, 0.0)}, blocked={(-4.0, -4.0)})
-    with house_style():
-        _, ax = titled_axes("", "")
+    with figure_style():
+        _, ax = make_axes("", "")
         draw_cells(ax, table, marina().hull, 4.0)
     counts = {
         to_hex(cells.get_facecolor()[0]): len(cells.get_paths())
@@ -42,7 +42,7 @@ def test_one_cell_per_start_in_the_color_of_its_outcome() -> None:
 @pytest.mark.parametrize("headings", [(0.0,), (0.0, 45.0, -45.0, 90.0, 180.0)])
 def test_one_panel_per_heading_offset_with_its_numbers(headings: tuple[float, ...]) -> None:
     table = success_map(failing={(0.0, 4.0)}, blocked={(4.0, 4.0)}, headings=headings)
-    with house_style():
+    with figure_style():
         figure = map_figure(table, marina(), TASK, "caption")
         figure.draw_without_rendering()
     panels = [ax for sub in figure.subfigs for ax in sub.axes if ax.get_visible()]
@@ -55,10 +55,10 @@ def test_one_panel_per_heading_offset_with_its_numbers(headings: tuple[float, ..
 
 def test_success_by_distance_and_heading() -> None:
     free = free_starts(success_map(failing={(0.0, 4.0), (0.0, 2.0)}, headings=(0.0, 90.0)))
-    with house_style():
-        _, by_distance = titled_axes("", "")
+    with figure_style():
+        _, by_distance = make_axes("", "")
         draw_by_distance(by_distance, free, 4.0)
-        _, by_heading = titled_axes("", "")
+        _, by_heading = make_axes("", "")
         draw_by_heading(by_heading, free)
     curve = by_distance.lines[0]
     assert np.asarray(curve.get_xdata(), float).tolist() == [0.0, 2.0, 4.0]
@@ -69,8 +69,8 @@ def test_success_by_distance_and_heading() -> None:
 @pytest.mark.parametrize("limit_m", [2.0, 4.0])
 def test_the_axis_label_mentions_dotted_lines_only_where_they_are_drawn(limit_m: float) -> None:
     free = free_starts(success_map())
-    with house_style():
-        _, ax = titled_axes("", "")
+    with figure_style():
+        _, ax = make_axes("", "")
         draw_by_distance(ax, free[free["offset_m"] <= limit_m], limit_m)
     expected = [distance for distance in THESIS_M if distance <= limit_m]
     vertical = [line.get_xdata()[0] for line in ax.lines if line.get_linestyle() != "-"]
@@ -82,7 +82,7 @@ def test_the_axis_label_mentions_dotted_lines_only_where_they_are_drawn(limit_m:
 def test_the_subtitle_mentions_dashed_circles_only_where_they_are_drawn(
     failing: set[tuple[float, float]],
 ) -> None:
-    with house_style():
+    with figure_style():
         figure = map_figure(success_map(failing=failing), marina(), TASK, "caption")
         figure.draw_without_rendering()
     circles = [p for sub in figure.subfigs for ax in sub.axes for p in ax.patches if isinstance(p, Circle)]

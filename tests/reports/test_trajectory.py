@@ -12,7 +12,7 @@ from matplotlib.axes import Axes
 from dockctl.reports import trajectory
 from dockctl.reports.figures import DrawTracks
 from dockctl.reports.plan_view import split_tracks
-from dockctl.reports.style import house_style, titled_axes
+from dockctl.reports.style import figure_style, make_axes
 from dockctl.scenarios.schema import Task
 from tests.reports import synthetic
 
@@ -24,8 +24,8 @@ STARTS = [(20.0, 3.0, 150.0), (20.0, 2.0, 160.0), (20.0, -1.5, 190.0)]
 
 @pytest.fixture
 def ax() -> Iterator[Axes]:
-    with house_style():
-        yield titled_axes("", "")[1]
+    with figure_style():
+        yield make_axes("", "")[1]
 
 
 @pytest.fixture

@@ -14,7 +14,7 @@ from matplotlib.figure import Figure
 
 from dockctl.errors import DockctlError
 from dockctl.experiments.study import load_study, make_jobs
-from dockctl.reports.style import house_style
+from dockctl.reports.style import figure_style
 from studies.thesis import build
 from studies.thesis.claims import MEASURES
 from studies.thesis.data import Archive, load_facts
@@ -186,7 +186,7 @@ def test_missing_runs_are_reported(tmp_path: Path) -> None:
 
 def test_figures_repeat_byte_for_byte(pages: Pages) -> None:
     draw = pages["results/scenarios.md"][0].figures["surge"]
-    with house_style():
+    with figure_style():
         assert build.png(draw()) == build.png(draw())
 
 
