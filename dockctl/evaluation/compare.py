@@ -1,4 +1,4 @@
-"""Compare policies: the same starts for each, and paired differences from the first."""
+"""Compare policies from the same starts: paired differences from the first one."""
 
 from __future__ import annotations
 
@@ -35,7 +35,11 @@ class Comparison:
 
     def rows(self) -> list[dict[str, Value]]:
         """Return the rows of `table`."""
-        return [{"policy": name, **row} for name, one in self.evaluations.items() for row in one.rows()]
+        return [
+            {"policy": name, **row}
+            for name, evaluation in self.evaluations.items()
+            for row in evaluation.rows()
+        ]
 
     @cached_property
     def contrasts(self) -> list[Contrast]:
@@ -43,13 +47,13 @@ class Comparison:
         return list(contrasts(self.table))
 
     def as_json(self) -> dict[str, Any]:
-        """Return everything that was measured except the episodes themselves."""
+        """Return all results except the single episodes."""
         return {
             "scenario": self.first.scenario.name,
             "random_seed": self.first.seed,
             "policies": {
-                name: {"policy": one.policy.facts(), **one.summaries}
-                for name, one in self.evaluations.items()
+                name: {"policy": evaluation.policy.facts(), **evaluation.summaries}
+                for name, evaluation in self.evaluations.items()
             },
             "differences": [
                 {
@@ -88,7 +92,7 @@ def compare(
         episodes, seed: of the random starts; see `evaluate`.
 
     Raises:
-        DockctlError: fewer than two policies, or one is not there or does not fit the scenario.
+        DockctlError: fewer than two policies, or one does not exist or does not fit the scenario.
     """
     if len(policies) < 2:
         raise DockctlError("a comparison needs two or more policies", code="missing_key")
@@ -99,7 +103,7 @@ def compare(
 
 
 def _names(policies: Sequence[LoadedPolicy]) -> list[str]:
-    """Return a short name for each policy, no two the same."""
+    """Return a short and unique name for each policy."""
     names = [policy.name for policy in policies]
     longer = [
         policy.long_name if names.count(name) > 1 else name

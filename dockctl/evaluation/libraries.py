@@ -15,21 +15,19 @@ from dockctl.envs.vector import DockingVectorEnv
 from dockctl.errors import DockctlError, nearest
 
 
-class PolicyError(DockctlError):
-    """A policy that cannot be loaded, or that does not fit the scenario."""
-
-    code = "mismatch"
-
-
 def sb3_policy(file: Path, algorithm: str, env: DockingVectorEnv) -> Policy:
-    """Load a Stable-Baselines3 archive, which runs code of its pickles; hence its class is named."""
+    """Load a Stable-Baselines3 archive; its pickles can run code.
+
+    Args:
+        algorithm: class of Stable-Baselines3, which the file does not name.
+    """
     try:
         import stable_baselines3
         from stable_baselines3.common.base_class import BaseAlgorithm
 
         from dockctl.agents.stable_baselines import GreedyPolicy
     except ImportError:
-        raise PolicyError(
+        raise DockctlError(
             f"{file}: needs Stable-Baselines3; install it with: pip install 'dockctl[sb3]'",
             code="unavailable",
         ) from None
@@ -40,7 +38,7 @@ def sb3_policy(file: Path, algorithm: str, env: DockingVectorEnv) -> Policy:
     }
     if algorithm not in classes:
         listed = ", ".join(sorted(classes))
-        raise PolicyError(
+        raise DockctlError(
             f"{file}: unknown algorithm '{algorithm}' (known: {listed})",
             code="unknown_name",
             suggestion=nearest(algorithm, classes),
@@ -57,12 +55,15 @@ def onnx_policy(file: Path, env: DockingVectorEnv) -> Policy:
     try:
         import onnxruntime
     except ImportError:
-        raise PolicyError(
+        raise DockctlError(
             f"{file}: needs ONNX Runtime; install it with: pip install 'dockctl[onnx]'", code="unavailable"
         ) from None
     space = env.single_action_space
     if not isinstance(space, Discrete):
-        raise PolicyError(f"{file}: gives action values, but '{env.scenario.name}' has the actions {space}")
+        raise DockctlError(
+            f"{file}: outputs action values, but '{env.scenario.name}' has the actions {space}",
+            code="mismatch",
+        )
     session = onnxruntime.InferenceSession(str(file), providers=["CPUExecutionProvider"])
     policy = _OnnxPolicy(session, file, (env.single_observation_space.shape or (0,))[0])
     shape = policy.values(np.zeros((1, policy.size))).shape
@@ -71,21 +72,23 @@ def onnx_policy(file: Path, env: DockingVectorEnv) -> Policy:
 
 
 class _OnnxPolicy(Policy):
-    """The action of the highest value of an ONNX model.
+    """The greedy policy of an ONNX model of action values.
 
     Raises:
-        PolicyError: the model has several inputs, or takes other observations than `size` numbers.
+        DockctlError: the model has several inputs, or its observations do not have `size` numbers.
     """
 
     def __init__(self, session: Any, file: Path, size: int) -> None:
         self.session, self.size = session, size
         names = [given.name for given in session.get_inputs()]
         if len(names) != 1:
-            raise PolicyError(f"{file}: has the inputs {', '.join(names)}; expected one, the observation")
+            raise DockctlError(
+                f"{file}: has the inputs {', '.join(names)}; expected one, the observation", code="mismatch"
+            )
         self.name, shape = names[0], session.get_inputs()[0].shape
         if len(shape) != 2 or (isinstance(shape[1], int) and shape[1] != size):
             _require_same(file, "observations", shape, ["n", size])
-        self.one_by_one = isinstance(shape[0], int)  # a batch size in the file; 1 is the only useful one
+        self.one_by_one = isinstance(shape[0], int)  # the file fixes the batch size; 1 is assumed
 
     def act(self, observation: NDArray[Any], info: Info) -> NDArray[Any]:
         """Return an action (n,) for each boat."""
@@ -101,4 +104,6 @@ class _OnnxPolicy(Policy):
 
 def _require_same(file: Path, what: str, found: Any, expected: Any) -> None:
     if found != expected:
-        raise PolicyError(f"{file}: the policy has {what} {found}, but the scenario has {expected}")
+        raise DockctlError(
+            f"{file}: the policy has {what} {found}, but the scenario has {expected}", code="mismatch"
+        )

@@ -1,6 +1,6 @@
-"""Policies to evaluate, however they are given, and the scenario that each of them runs in.
+"""Load policies from any supported source, with the scenario that each one runs in.
 
-A policy is given as
+Sources:
 
 - a checkpoint: a run folder, a checkpoint folder or file, or the name of a shipped checkpoint;
 - the name of a registered policy (`dockctl.plugins.policy`);
@@ -34,7 +34,7 @@ from dockctl.agents.dqn.network import DuelingQNetwork, GreedyPolicy
 from dockctl.agents.interface import Info, Policy
 from dockctl.envs.vector import DockingVectorEnv
 from dockctl.errors import DockctlError, nearest
-from dockctl.evaluation.libraries import PolicyError, onnx_policy, sb3_policy
+from dockctl.evaluation.libraries import onnx_policy, sb3_policy
 from dockctl.plugins import OBSERVATION_PARTS, POLICIES, Entry, naming_errors
 from dockctl.runs.directory import RUNS, SCENARIO, RunDirectory, shipped
 from dockctl.scenarios.content import first_difference
@@ -43,39 +43,46 @@ from dockctl.scenarios.schema import PolicyInterface, Scenario
 from dockctl.sim.checks import load_checked
 
 Factory = Callable[[Scenario], Any]
+Build = Callable[[DockingVectorEnv], Any]
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class LoadedPolicy(ABC):
-    """A policy that was found; `make` builds it for an environment.
+    """A policy and where it comes from; `make` builds it for an environment.
 
     Attributes:
         name: short name, for tables and figures.
-        long_name: distinguishes it from another policy of the same short name.
-        description: what it is, for the first line of a report.
-        caption: what it is, for a figure.
-        own_scenario: the scenario that it belongs to, file or name; None if there is none.
+        long_name: distinguishes policies with the same short name.
+        own_scenario: its scenario, file or name; None if it has none.
         run: the run folder that contains it, if any.
     """
 
     name: str
     long_name: str
-    description: str
-    caption: str
     own_scenario: str | None = None
     run: RunDirectory | None = None
+
+    @property
+    def description(self) -> str:
+        """Text for the first line of a report."""
+        return self.long_name
+
+    @property
+    def caption(self) -> str:
+        """Text for a figure."""
+        return f"policy {self.name}"
 
     @abstractmethod
     def make(self, env: DockingVectorEnv) -> Policy:
         """Build the policy for an environment.
 
         Raises:
-            DockctlError: it takes other observations or gives other actions, or its code fails.
+            DockctlError: its observations or actions do not match the environment, or its code fails.
         """
 
     @abstractmethod
     def facts(self) -> dict[str, Any]:
-        """Return what identifies the policy, as plain data for JSON."""
+        """Return the identity of the policy, as plain data for JSON."""
 
     def scenario(self, source: str | Path | None = None, overrides: Sequence[str] = ()) -> LoadedScenario:
         """Load the scenario to run in, by default the policy's own.
@@ -88,7 +95,7 @@ class LoadedPolicy(ABC):
         """
         source = source or self.own_scenario
         if source is None:
-            raise PolicyError(
+            raise DockctlError(
                 f"{self.long_name}: has no scenario of its own; give one with --scenario", code="missing_key"
             )
         return load_checked(source, overrides=overrides)
@@ -100,7 +107,7 @@ class LoadedPolicy(ABC):
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class CheckpointPolicy(LoadedPolicy):
-    """A trained policy on disk. Its observation and its actions go with it to any scenario.
+    """A trained policy on disk. It uses its own observation and actions in every scenario.
 
     Attributes:
         file: its JSON file.
@@ -110,6 +117,15 @@ class CheckpointPolicy(LoadedPolicy):
     policy: Policy
     card: PolicyCard
     own_scenario: str
+
+    @property
+    def description(self) -> str:
+        card = self.card
+        return f"{self.file} (trained on '{card.scenario}', seed {card.seed}, {card.env_steps:,} steps)"
+
+    @property
+    def caption(self) -> str:
+        return f"policy trained on {self.card.scenario}, seed {self.card.seed}"
 
     def make(self, env: DockingVectorEnv) -> Policy:
         spaces = env.single_observation_space, env.single_action_space
@@ -125,8 +141,9 @@ class CheckpointPolicy(LoadedPolicy):
         loaded = super().scenario(source, overrides)
         given = PolicyInterface.of(loaded.scenario)
         if overrides and self.card.interface and PolicyInterface.of(load(source).scenario) != given:
-            raise PolicyError(
-                "--set: observation, actions and sensors.lidar.sectors belong to the policy; leave them out"
+            raise DockctlError(
+                "--set: observation, actions and sensors.lidar.sectors belong to the policy; leave them out",
+                code="mismatch",
             )
         return replace(loaded, scenario=self._with_interface(loaded.scenario))
 
@@ -134,7 +151,7 @@ class CheckpointPolicy(LoadedPolicy):
         try:
             own = self._with_interface(load(self.own_scenario).scenario)
             return first_difference(own, scenario, ignore=("training",)) is not None
-        except (DockctlError, OSError):  # its own is gone
+        except (DockctlError, OSError):  # the policy's own scenario no longer exists
             return True
 
     def _with_interface(self, scenario: Scenario) -> Scenario:
@@ -157,11 +174,11 @@ class BuiltPolicy(LoadedPolicy):
 
     Attributes:
         build: returns the policy for an environment.
-        file: the file that holds it, for its hash and for the lines of errors.
+        file: its source file, for the hash and for the lines of errors.
         params: parameters of the factory.
     """
 
-    build: Callable[[DockingVectorEnv], Any]
+    build: Build
     file: Path | None = None
     params: Mapping[str, Any] = field(default_factory=dict)
 
@@ -170,7 +187,7 @@ class BuiltPolicy(LoadedPolicy):
             policy = self.build(env)
         for method in ("reset", "act"):
             if not callable(getattr(policy, method, None)):
-                raise PolicyError(
+                raise DockctlError(
                     f"policy {self.long_name}: the factory returned a {type(policy).__name__} without the"
                     f" method '{method}'; a policy has reset(rows, info) and act(observation, info)",
                     code="plugin",
@@ -186,7 +203,7 @@ class BuiltPolicy(LoadedPolicy):
 
 
 class _Checked:
-    """A policy whose errors are located and whose actions are checked against the action space."""
+    """Wraps a policy: locates its errors and checks its actions against the action space."""
 
     def __init__(self, policy: Policy, name: str, file: Path | None, space: Space[Any]) -> None:
         self._policy, self._name, self._file, self._space = policy, name, file, space
@@ -203,22 +220,18 @@ class _Checked:
             actions = actions.astype(dtype)
             if all(map(self._space.contains, actions)):
                 return actions
-        raise PolicyError(
-            f"policy {self._name}: act returned actions {_short(actions)}; expected an array of shape {shape}"
-            f" with rows in {self._space}",
+        raise DockctlError(
+            f"policy {self._name}: act returned actions of shape {actions.shape} and type {actions.dtype}:"
+            f" {np.array2string(actions.ravel()[:4])}; expected shape {shape} with rows in {self._space}",
             code="plugin",
         )
 
 
-def _short(actions: NDArray[Any]) -> str:
-    return f"of shape {actions.shape} and type {actions.dtype}: {np.array2string(actions.ravel()[:4])}"
-
-
 def load_policy(policy: str | Path | LoadedPolicy | None = None, **params: Any) -> LoadedPolicy:
-    """Find a policy by whatever names it; see the list at the top of this module.
+    """Load a policy from any source in the module docstring.
 
     Args:
-        policy: what names it; None for the latest run in ``runs/``.
+        policy: the source; None for the latest run in ``runs/``.
         params: keyword parameters of a factory.
 
     Raises:
@@ -234,7 +247,7 @@ def load_policy(policy: str | Path | LoadedPolicy | None = None, **params: Any) 
     if suffix in (".py", ".zip") and not colon:
         example = {".py": "my_factory", ".zip": "DQN"}[suffix]
         suggestion = f"{given}:{example}"
-        raise PolicyError(
+        raise DockctlError(
             f"{given}: name what to load from it as well", code="missing_key", suggestion=suggestion
         )
     if suffix == ".onnx":
@@ -253,7 +266,7 @@ def load_policy(policy: str | Path | LoadedPolicy | None = None, **params: Any) 
     if given in POLICIES:
         return _from_factory(given, POLICIES.get(given).value, params)
     known = [*shipped(), *POLICIES.names()]
-    raise PolicyError(
+    raise DockctlError(
         f"{given}: no such run folder, checkpoint or policy (known: {', '.join(known)}); a controller is"
         " given as file.py:factory or module:factory",
         code="not_found",
@@ -283,8 +296,6 @@ def load_checkpoint(path: Path | None = None) -> CheckpointPolicy:
     return CheckpointPolicy(
         name=f"{card.scenario} seed {card.seed}" if path.exists() else str(path),
         long_name=path.resolve().name,
-        description=f"{file} (trained on '{card.scenario}', seed {card.seed}, {card.env_steps:,} steps)",
-        caption=f"policy trained on {card.scenario}, seed {card.seed}",
         own_scenario=scenarios[0] if scenarios else card.scenario,
         run=run,
         file=file,
@@ -294,20 +305,24 @@ def load_checkpoint(path: Path | None = None) -> CheckpointPolicy:
 
 
 def untrained(scenario: str) -> LoadedPolicy:
-    """Return a new network with random weights, which decides as fast as a trained one."""
+    """Return a new network with random weights; it takes as long per decision as a trained one."""
 
     def build(env: DockingVectorEnv) -> Policy:
         sizes = env.scenario.training.hidden_sizes
         actions = flatdim(env.single_action_space)
         return GreedyPolicy(DuelingQNetwork(len(env.observation_names), actions, sizes))
 
-    name = "a new network with random weights"
-    return replace(_built(name, build), caption=name, own_scenario=scenario)
+    return BuiltPolicy(
+        name="with random weights",
+        long_name="a new network with random weights",
+        own_scenario=scenario,
+        build=build,
+    )
 
 
 def _existing(file: str) -> Path:
     if not os.path.isfile(file):
-        raise PolicyError(f"{file}: no such file", code="not_found")
+        raise DockctlError(f"{file}: no such file", code="not_found")
     return Path(file)
 
 
@@ -320,7 +335,7 @@ def _attribute(module: ModuleType, name: str, given: str) -> Factory:
     """Return the factory `name` of a module.
 
     Raises:
-        PolicyError: there is none, or it cannot be called.
+        DockctlError: there is none, or it cannot be called.
     """
     factory = getattr(module, name, None)
     if callable(factory):
@@ -329,7 +344,7 @@ def _attribute(module: ModuleType, name: str, given: str) -> Factory:
         key for key, value in vars(module).items() if callable(value) and value.__module__ == module.__name__
     ]
     what = "is not callable" if hasattr(module, name) else "does not exist"
-    raise PolicyError(
+    raise DockctlError(
         f"{given}: the factory '{name}' {what}", code="unknown_name", suggestion=nearest(name, known)
     )
 
@@ -345,18 +360,7 @@ def _from_factory(given: str, factory: Factory, params: Mapping[str, Any]) -> Bu
 
 
 def _built(
-    given: str,
-    build: Callable[[DockingVectorEnv], Any],
-    file: Path | None = None,
-    params: Mapping[str, Any] | None = None,
+    given: str, build: Build, file: Path | None, params: Mapping[str, Any] | None = None
 ) -> BuiltPolicy:
-    name = given.rpartition("/")[2]
-    return BuiltPolicy(
-        name=name,
-        long_name=given,
-        description=given,
-        caption=f"policy {name}",
-        build=build,
-        file=file,
-        params=params or {},
-    )
+    short = given.rpartition("/")[2]
+    return BuiltPolicy(name=short, long_name=given, build=build, file=file, params=params or {})
