@@ -18,12 +18,11 @@ import trimesh
 from numpy.typing import NDArray
 from trimesh.ray.ray_pyembree import RayMeshIntersector
 
+from dockctl.geometry import Floats
 from dockctl.scenarios.loader import load
 from dockctl.sim.lidar import array as lidar_module
 from dockctl.sim.lidar.array import LidarArray
 from dockctl.sim.world import build_worlds
-
-Floats = NDArray[np.float64]
 
 FAIRWAY = ((14.5, -14.0, -np.pi), (27.0, 14.0, np.pi))
 BERTH = ((28.0, -1.0, 2.8), (36.0, 1.0, 3.5))

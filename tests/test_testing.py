@@ -26,8 +26,8 @@ from dockctl.plugins import (
 from dockctl.rewards.terms import reward_term
 from dockctl.scenarios import catalog
 from dockctl.scenarios.extensions import Condition, Disturbance, RangeSensorSpec, register
+from dockctl.sim.goal import StepStatus
 from dockctl.sim.lidar.planar import PlanarScanner, PlanarSensor
-from dockctl.sim.status import StepStatus
 
 catalog.fill()
 CURRENT = {"speed_mps": [0.0, 0.2], "direction_deg": [0, 360]}

@@ -6,11 +6,9 @@ import math
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.stats import binomtest, bootstrap
 
-Floats = NDArray[np.float64]
-Bools = NDArray[np.bool_]
+from dockctl.geometry import Bools, Floats
 
 RESAMPLES = 10_000
 BATCH = 100

@@ -7,11 +7,10 @@ from dataclasses import dataclass
 from typing import Any, Self
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from dockctl.drawing import palette
-
-Floats = NDArray[np.float64]
+from dockctl.geometry import Floats
 
 KINDS = (
     "quay",  # land around the basin

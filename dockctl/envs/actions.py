@@ -13,11 +13,11 @@ import numpy as np
 from numpy.typing import NDArray
 from pydantic import Field
 
+from dockctl.geometry import Floats
 from dockctl.plugins import ACTIONS
 from dockctl.scenarios.base import FieldError, Number
 from dockctl.scenarios.extensions import ActionType, register
 from dockctl.scenarios.vessel import Vessel
-from dockctl.sim.status import Floats
 
 if TYPE_CHECKING:
     import gymnasium

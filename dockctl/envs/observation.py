@@ -15,11 +15,10 @@ from gymnasium.spaces import Box
 from numpy.typing import ArrayLike, NDArray
 
 from dockctl.errors import DockctlError
-from dockctl.geometry import wrap
+from dockctl.geometry import Floats, Ints, wrap
 from dockctl.plugins import OBSERVATION_PARTS
 from dockctl.scenarios.base import Positive
 from dockctl.scenarios.schema import ObservationPart
-from dockctl.sim.status import Floats, Ints
 
 if TYPE_CHECKING:  # slow to import, and not needed to check a scenario
     from dockctl.sim.simulator import Simulator

@@ -11,9 +11,8 @@ from PIL import Image, ImageColor, ImageDraw
 
 from dockctl.drawing import palette
 from dockctl.drawing.scene import Scene, strokes, water
-from dockctl.geometry import place_outline
+from dockctl.geometry import Floats, place_outline
 
-Floats = NDArray[np.float64]
 Frame = NDArray[np.uint8]
 
 SUPERSAMPLING = 4  # everything is drawn this much larger and averaged down, for smooth edges

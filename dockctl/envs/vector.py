@@ -14,13 +14,14 @@ from numpy.typing import NDArray
 
 from dockctl.envs.observation import ObservationEncoder, View
 from dockctl.errors import DockctlError, nearest
+from dockctl.geometry import Bools, Floats, Ints
 from dockctl.rewards.compose import RewardFunction
 from dockctl.scenarios.loader import LoadedScenario
 from dockctl.scenarios.schema import Scenario
 from dockctl.sim.checks import load_checked
+from dockctl.sim.goal import StepStatus
 from dockctl.sim.simulator import Simulator
 from dockctl.sim.starts import Start, StartSampler, free_sites, given_start, own_site
-from dockctl.sim.status import Bools, Floats, Ints, StepStatus
 from dockctl.sim.world import World, build_worlds
 
 Observations = NDArray[np.float32]

@@ -9,23 +9,21 @@ from pathlib import Path
 
 import numpy as np
 import pandas as pd
-from numpy.typing import NDArray
 
 from dockctl.analysis.returns import AT_START, BEFORE_INTERMEDIATE, DOCKING
 from dockctl.errors import DockctlError
 from dockctl.evaluation.policies import LoadedPolicy, load_policy
 from dockctl.evaluation.rollout import Rollout
+from dockctl.geometry import Floats
 from dockctl.plugins import REWARD_TERMS
 from dockctl.rewards.compose import RewardFunction
 from dockctl.runs.tables import RETURNS, Value, all_columns, to_csv
 from dockctl.scenarios.schema import Reward, Scenario
+from dockctl.sim.goal import StepStatus
 from dockctl.sim.simulator import Simulator
 from dockctl.sim.starts import Start, given_start, own_site
-from dockctl.sim.status import StepStatus
 from dockctl.sim.vessel import VesselModel
 from dockctl.sim.world import World
-
-Floats = NDArray[np.float64]
 
 UNITS_M = (20.0, 1.0)
 CONSTANT_COMMANDS = (

@@ -13,13 +13,12 @@ from numpy.typing import NDArray
 
 from dockctl.agents.interface import Info, Policy, final_info
 from dockctl.envs.vector import DockingVectorEnv
+from dockctl.geometry import Floats
 from dockctl.runs.tables import TRAJECTORIES, Value, all_columns, to_csv
 from dockctl.scenarios.loader import LoadedScenario
 from dockctl.sim import starts as sim_starts
 from dockctl.sim.collision import hull_reach_m, least_clearance
 from dockctl.sim.world import World, build_worlds
-
-Floats = NDArray[np.float64]
 
 PARALLEL_BOATS = 16
 

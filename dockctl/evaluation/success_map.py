@@ -10,7 +10,6 @@ from pathlib import Path
 
 import numpy as np
 import pandas as pd
-from numpy.typing import NDArray
 
 from dockctl.agents.interface import Policy
 from dockctl.drawing.scene import Scene
@@ -18,11 +17,10 @@ from dockctl.errors import DockctlError
 from dockctl.evaluation.policies import LoadedPolicy, load_policy
 from dockctl.evaluation.rollout import Rollout
 from dockctl.evaluation.starts import pose_check
+from dockctl.geometry import Floats
 from dockctl.runs.tables import MAP, Value, to_csv
 from dockctl.scenarios.schema import Scenario
 from dockctl.sim.starts import given_start, own_site
-
-Floats = NDArray[np.float64]
 
 MAX_STARTS = 100_000
 MAX_HEADING_DEG = 360.0

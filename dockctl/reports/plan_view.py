@@ -11,16 +11,14 @@ import pandas as pd
 from matplotlib.axes import Axes
 from matplotlib.collections import PolyCollection
 from matplotlib.patches import Circle, FancyArrowPatch, FancyBboxPatch, Polygon, Rectangle
-from numpy.typing import NDArray
 
 from dockctl.drawing import palette
 from dockctl.drawing.scene import Scene, strokes, water
-from dockctl.geometry import place_outline, pose_array
+from dockctl.geometry import Floats, place_outline, pose_array
 from dockctl.reports.style import HALO, legend_above
 from dockctl.scenarios.base import Pose
 from dockctl.scenarios.schema import Task
 
-Floats = NDArray[np.float64]
 Bounds = tuple[float, float, float, float]
 
 INTERVALS_S = (1.0, 2.0, 5.0, 10.0, 20.0, 50.0, 100.0)  # between outlines

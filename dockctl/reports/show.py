@@ -12,18 +12,15 @@ from matplotlib.collections import PathCollection, PolyCollection
 from matplotlib.colors import LinearSegmentedColormap, PowerNorm
 from matplotlib.figure import Figure
 from matplotlib.patches import Circle, Polygon, Rectangle, Wedge
-from numpy.typing import NDArray
 
 from dockctl.drawing import palette
 from dockctl.drawing.scene import Scene, water
-from dockctl.geometry import sector_index
+from dockctl.geometry import Floats, sector_index
 from dockctl.reports import plan_view, view3d
 from dockctl.reports.plan_view import pose_label
 from dockctl.reports.style import HALO, make_axes, make_figure
 from dockctl.reports.view3d import Body, Camera
 from dockctl.scenarios.schema import Scenario
-
-Floats = NDArray[np.float64]
 
 QUAY_STRIP_M = 5.0
 """Width of the quays in the 3-D view."""

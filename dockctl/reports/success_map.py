@@ -15,7 +15,6 @@ from matplotlib.collections import PatchCollection
 from matplotlib.figure import Figure, FigureBase
 from matplotlib.patches import Circle, Patch, Rectangle
 from matplotlib.ticker import MultipleLocator, PercentFormatter
-from numpy.typing import NDArray
 
 from dockctl.analysis.statistics import wilson_interval
 from dockctl.analysis.success_map import (
@@ -30,12 +29,11 @@ from dockctl.analysis.success_map import (
 )
 from dockctl.drawing import palette
 from dockctl.drawing.scene import Scene
+from dockctl.geometry import Floats
 from dockctl.reports import plan_view
 from dockctl.reports.plan_view import pose_label
 from dockctl.reports.style import HALO, legend_above, make_figure
 from dockctl.scenarios.schema import Task
-
-Floats = NDArray[np.float64]
 
 HEADING_LIMITS_DEG = (SMALL_OFFSET_DEG, 45.0, 180.0)
 DISTANCE_LIMITS_M = (3.0, 6.0, 10.0)

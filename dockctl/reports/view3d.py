@@ -11,11 +11,9 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.collections import PolyCollection
 from matplotlib.colors import to_rgb
-from numpy.typing import NDArray
 
 from dockctl.drawing import palette
-
-Floats = NDArray[np.float64]
+from dockctl.geometry import Floats
 
 SUN = np.array([-0.45, -0.35, 0.82]) / np.linalg.norm([-0.45, -0.35, 0.82])
 NEAR_M = 1.0

@@ -8,9 +8,10 @@ import numpy as np
 
 import dockctl.rewards.terms  # noqa: F401 - registers the terms
 from dockctl.errors import DockctlError
+from dockctl.geometry import Bools, Floats
 from dockctl.plugins import REWARD_TERMS
 from dockctl.scenarios.schema import Reward, WeightedTerm
-from dockctl.sim.status import Bools, Floats, StepStatus
+from dockctl.sim.goal import StepStatus
 
 
 class RewardFunction:

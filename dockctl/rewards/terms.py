@@ -14,9 +14,10 @@ from typing import Literal, get_args
 import numpy as np
 
 from dockctl.errors import DockctlError, nearest
+from dockctl.geometry import Floats
 from dockctl.plugins import REWARD_TERMS
 from dockctl.scenarios.base import Number, Positive
-from dockctl.sim.status import Floats, StepStatus
+from dockctl.sim.goal import StepStatus
 
 Kind = Literal["collision", "intermediate", "final", "dense"]
 Term = Callable[..., Floats]

@@ -31,6 +31,7 @@ from pydantic_core import CoreSchema, PydanticKnownError, core_schema
 
 from dockctl import plugins
 from dockctl.errors import DockctlError
+from dockctl.geometry import Floats, Ints
 from dockctl.plugins import Registry
 from dockctl.scenarios.base import Count, FieldError, Model, Positive
 from dockctl.scenarios.vessel import Vessel
@@ -40,8 +41,6 @@ if TYPE_CHECKING:
 
 T = TypeVar("T")
 K = TypeVar("K", bound="type[Kind]")
-Floats = NDArray[np.float64]
-Ints = NDArray[np.int64]
 
 
 class Kind(Model):

@@ -8,10 +8,9 @@ from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import NDArray
 
 from dockctl.errors import InputError
-from dockctl.geometry import place_outline, pose_array
+from dockctl.geometry import Floats, place_outline, pose_array
 from dockctl.scenarios.base import Pose
 from dockctl.scenarios.harbor import layouts
 from dockctl.scenarios.loader import LoadedScenario, load
@@ -20,8 +19,6 @@ from dockctl.sim.collision import CollisionChecker, collision_checker
 from dockctl.sim.harbor.build import Harbor, build_harbor
 from dockctl.sim.harbor.solids import hull_outline
 from dockctl.sim.starts import free_sites, own_site
-
-Floats = NDArray[np.float64]
 
 SEARCH_RADII_M = np.arange(1, 41) * 0.25
 SEARCH_DIRECTIONS = np.array([(math.cos(a), math.sin(a), 0.0) for a in np.arange(16) * (math.pi / 8)])

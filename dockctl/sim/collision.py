@@ -9,16 +9,11 @@ from functools import cache, lru_cache
 import fcl
 import numpy as np
 import trimesh
-from numpy.typing import NDArray
 
-from dockctl.geometry import wrap
+from dockctl.geometry import Bools, Floats, Ints, wrap
 from dockctl.scenarios.vessel import Hull
 from dockctl.sim.harbor.build import Harbor
 from dockctl.sim.harbor.solids import hull_mesh
-
-Floats = NDArray[np.float64]
-Bools = NDArray[np.bool_]
-Ints = NDArray[np.int64]
 
 
 class CollisionChecker:

@@ -8,10 +8,10 @@ from typing import Any, TypeVar, cast
 import numpy as np
 from numpy.typing import NDArray
 
+from dockctl.geometry import Floats, Ints
 from dockctl.scenarios.schema import Scenario
-from dockctl.sim.goal import TO_FINAL, measure, reached
+from dockctl.sim.goal import TO_FINAL, StepStatus, measure, reached
 from dockctl.sim.starts import Start
-from dockctl.sim.status import Floats, Ints, StepStatus
 from dockctl.sim.vessel import VesselModel
 from dockctl.sim.world import World, prepare
 

@@ -9,13 +9,12 @@ from typing import get_args
 import numpy as np
 
 from dockctl.errors import InputError, Problem
-from dockctl.geometry import pose_array, transfer_poses, wrap
+from dockctl.geometry import Bools, Floats, pose_array, transfer_poses, wrap
 from dockctl.scenarios.harbor import BerthKind, BerthPlace, Marina, layouts
 from dockctl.scenarios.schema import Scenario, Task
 from dockctl.scenarios.training import ExploringStarts
 from dockctl.sim.goal import TO_FINAL, TO_INTERMEDIATE, measure
 from dockctl.sim.harbor.build import berth_pose
-from dockctl.sim.status import Bools, Floats
 
 MAX_DRAWS = 100
 SAME_POSE = 1e-3

@@ -14,8 +14,8 @@ from typing import Any
 import numpy as np
 
 from dockctl.compute.jit import compiled
+from dockctl.geometry import Floats
 from dockctl.scenarios.vessel import Vessel
-from dockctl.sim.status import Floats
 
 
 def inertia(vessel: Vessel) -> Floats:

@@ -12,13 +12,13 @@ import numpy as np
 
 from dockctl.compute.threads import workers
 from dockctl.drawing.scene import Scene
+from dockctl.geometry import Bools, Floats
 from dockctl.scenarios.extensions import RangeSensor, RangeSensorSpec
 from dockctl.scenarios.harbor import layouts
 from dockctl.scenarios.schema import Scenario
 from dockctl.scenarios.vessel import Hull
 from dockctl.sim.collision import collision_checker
 from dockctl.sim.harbor.build import Harbor, build_harbor, scene_of
-from dockctl.sim.status import Bools, Floats
 
 
 class Obstacles(Protocol):

@@ -15,10 +15,10 @@ from dockctl.agents.interface import Policy
 from dockctl.drawing.scene import Scene
 from dockctl.envs.single import DockingEnv
 from dockctl.envs.vector import DockingVectorEnv
+from dockctl.geometry import Bools, Floats
 from dockctl.scenarios.loader import dump
 from dockctl.scenarios.schema import Scenario
 from dockctl.sim.checks import load_checked
-from dockctl.sim.status import Bools, Floats
 from dockctl.sim.world import World, build_worlds
 
 SECTORS = 8  # of `open_water`

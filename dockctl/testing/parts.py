@@ -12,16 +12,17 @@ from gymnasium import Space
 from gymnasium.vector.utils import batch_space
 
 from dockctl.envs.observation import Columns, ObservationEncoder, View
+from dockctl.geometry import Floats
 from dockctl.plugins import ACTIONS, CONDITIONS, OBSERVATION_PARTS, RANGE_SENSORS, REWARD_TERMS, Registry
 from dockctl.rewards.terms import Kind as RewardKind
 from dockctl.scenarios import catalog
 from dockctl.scenarios.extensions import ActionType, Condition, RangeSensorSpec
 from dockctl.scenarios.loader import load, load_harbor, load_vessel
 from dockctl.scenarios.schema import ObservationPart, Scenario
+from dockctl.sim.goal import StepStatus
 from dockctl.sim.harbor.build import build_harbor, scene_of
 from dockctl.sim.simulator import Simulator
 from dockctl.sim.starts import given_start, own_site
-from dockctl.sim.status import Floats, StepStatus
 from dockctl.sim.vessel import VesselModel
 from dockctl.testing.environments import SECTORS, Rows, check_environment, open_water
 

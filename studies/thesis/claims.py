@@ -16,12 +16,12 @@ from dockctl.analysis.success_map import (
     within_distance,
     within_heading,
 )
+from dockctl.geometry import Floats
 from dockctl.reports.success_map import THESIS_M
 from dockctl.runs.tables import RECENT
 from studies.thesis.data import SELECTION, TEST, Archive, ArchivedRun, Facts
 from studies.thesis.measures import Row, change_share, slowing_m
 from studies.thesis.text import (
-    Floats,
     interquartile_mean,
     interval,
     middle,

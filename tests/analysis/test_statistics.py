@@ -10,13 +10,12 @@ import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
-from numpy.typing import NDArray
 from scipy import stats
 
 from dockctl.analysis import statistics
 from dockctl.analysis.statistics import mcnemar_p, mean_difference, success_difference, wilson_interval
+from dockctl.geometry import Bools
 
-Bools = NDArray[np.bool_]
 counts = st.integers(0, 60)
 
 

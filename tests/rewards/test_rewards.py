@@ -17,7 +17,7 @@ from dockctl.rewards.compose import RewardFunction
 from dockctl.rewards.terms import reward_term
 from dockctl.scenarios.loader import load
 from dockctl.scenarios.schema import Reward
-from dockctl.sim.status import StepStatus
+from dockctl.sim.goal import StepStatus
 
 S1, S3 = load("s1").scenario.reward, load("s3").scenario.reward
 IN_METERS = S1.model_copy(update={"distance_unit_m": 1.0})

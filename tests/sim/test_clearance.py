@@ -6,9 +6,9 @@ import numpy as np
 from hypothesis import given
 from hypothesis import strategies as st
 
+from dockctl.geometry import Floats
 from dockctl.scenarios.vessel import Hull
 from dockctl.sim.collision import hull_reach_m, least_clearance
-from dockctl.sim.status import Floats
 
 PILES = np.array([[0.0, 0.0], [3.0, 1.0], [-2.0, 4.0]])
 KEEL = np.array([[-1.5, 0.0], [0.0, 0.3], [1.5, 0.0]])

@@ -9,10 +9,11 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from dockctl.geometry import Floats
 from dockctl.scenarios.loader import load
 from dockctl.scenarios.schema import Scenario
 from dockctl.sim.starts import Start, StartSampler, exploring_start, given_start, own_site, random_starts
-from tests.sim.worlds import Floats, Wall
+from tests.sim.worlds import Wall
 
 S1, S2, S3 = (load(name).scenario for name in ("s1", "s2", "s3"))
 seeds = st.integers(0, 10_000)

@@ -9,15 +9,13 @@ import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
-from numpy.typing import NDArray
 from pydantic import ValidationError
 from scipy.integrate import solve_ivp
 
+from dockctl.geometry import Floats
 from dockctl.scenarios.loader import load
 from dockctl.scenarios.vessel import Vessel
 from dockctl.sim.vessel import VesselModel, coriolis, damping, inertia
-
-Floats = NDArray[np.float64]
 
 THESIS = load("s1").scenario.vessel
 OTHER = THESIS.model_copy(

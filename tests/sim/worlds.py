@@ -6,9 +6,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dockctl.drawing.scene import Scene
+from dockctl.geometry import Floats
 from dockctl.sim.world import World
-
-Floats = NDArray[np.float64]
 
 
 class Wall:

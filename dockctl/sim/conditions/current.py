@@ -7,9 +7,10 @@ from typing import Literal
 
 import numpy as np
 
+from dockctl.geometry import Floats, Ints
 from dockctl.plugins import CONDITIONS
 from dockctl.scenarios.base import NonNegative, Number
-from dockctl.scenarios.extensions import Condition, Disturbance, Drawn, Floats, Ints, draw, register
+from dockctl.scenarios.extensions import Condition, Disturbance, Drawn, draw, register
 
 
 @register(CONDITIONS, group="water", source="not in the thesis; Fossen 2012")

@@ -10,9 +10,9 @@ import numpy as np
 import trimesh
 from numpy.typing import ArrayLike, NDArray
 
+from dockctl.geometry import Floats
 from dockctl.scenarios.vessel import Hull
 
-Floats = NDArray[np.float64]
 Points = Floats | Sequence[Sequence[float] | Floats]
 """Points, (k, 3) or (k, 2)."""
 

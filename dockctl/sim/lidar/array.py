@@ -16,13 +16,13 @@ from numpy.typing import NDArray
 
 from dockctl.compute.cache import Arrays, cached
 from dockctl.compute.threads import usable_cores, workers
+from dockctl.geometry import Floats
 from dockctl.sim.lidar import height_grid, scan
 from dockctl.sim.lidar.height_grid import FINEST_CELL_M, MAX_CELLS, HeightGrid
 from dockctl.sim.lidar.raycast import BoundingVolumes, closest_hits
 from dockctl.sim.lidar.scan import Levels, ShellTable, needed_radii, sector_of, sector_ranges
 from dockctl.sim.lidar.spinning import LidarMount, SpinningLidars
 
-Floats = NDArray[np.float64]
 Ints = NDArray[np.int32]
 Tables = tuple[ShellTable, HeightGrid, Levels]
 

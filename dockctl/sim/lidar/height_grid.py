@@ -14,9 +14,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dockctl.compute.jit import compiled
+from dockctl.geometry import Floats
 from dockctl.sim.lidar.raycast import MISS, compiled_bare, corner_and_edges, hit_triangle
 
-Floats = NDArray[np.float64]
 Singles = NDArray[np.float32]
 Ints = NDArray[np.int32]
 Bands = NDArray[np.int64]

@@ -10,10 +10,10 @@ import numpy as np
 from numpy.typing import NDArray
 from pydantic import Field
 
-from dockctl.geometry import sector_index
+from dockctl.geometry import Floats, sector_index
 from dockctl.plugins import RANGE_SENSORS
 from dockctl.scenarios.base import Count, NonNegative
-from dockctl.scenarios.extensions import Floats, RangeSensor, RangeSensorSpec, register
+from dockctl.scenarios.extensions import RangeSensor, RangeSensorSpec, register
 
 if TYPE_CHECKING:
     from dockctl.sim.lidar.raycast import BoundingVolumes

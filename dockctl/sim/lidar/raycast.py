@@ -12,8 +12,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dockctl.compute.jit import compiled
+from dockctl.geometry import Floats
 
-Floats = NDArray[np.float64]
 Ints = NDArray[np.int32]
 
 LEAF_TRIANGLES = 4

@@ -20,7 +20,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dockctl.compute.jit import compiled
-from dockctl.geometry import sector_index
+from dockctl.geometry import Floats, sector_index
 from dockctl.sim.lidar.height_grid import (
     SLACK_M,
     HeightGrid,
@@ -33,7 +33,6 @@ from dockctl.sim.lidar.height_grid import (
 )
 from dockctl.sim.lidar.raycast import MISS, compiled_bare
 
-Floats = NDArray[np.float64]
 Ints = NDArray[np.int32]
 Runs = NDArray[np.void]
 Pose = tuple[float, float, float, float]  # x, y [m], cosine and sine of the heading

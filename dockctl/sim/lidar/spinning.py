@@ -6,9 +6,10 @@ from typing import Literal
 
 from pydantic import Field
 
+from dockctl.geometry import Floats
 from dockctl.plugins import RANGE_SENSORS
 from dockctl.scenarios.base import Count, Model, NonNegative, Number
-from dockctl.scenarios.extensions import Floats, RangeSensor, RangeSensorSpec, register
+from dockctl.scenarios.extensions import RangeSensor, RangeSensorSpec, register
 
 
 class LidarMount(Model):

@@ -4,8 +4,9 @@ from __future__ import annotations
 
 import numpy as np
 
+from dockctl.geometry import Floats
 from dockctl.rewards.terms import reward_term
-from dockctl.sim.status import Floats, StepStatus
+from dockctl.sim.goal import StepStatus
 
 
 @reward_term("smooth_propeller", kind="dense", source="dockctl-smooth")
