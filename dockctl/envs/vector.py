@@ -1,4 +1,4 @@
-"""n boats as a native Gymnasium vector environment; the single environment is its row 0."""
+"""Gymnasium vector environment with n boats; the single environment is row 0 of it."""
 
 from __future__ import annotations
 
@@ -107,7 +107,7 @@ class DockingVectorEnv(VectorEnv[Observations, NDArray[Any], NDArray[Any]]):
         """Start an episode in every row.
 
         Args:
-            seed: one seed, from which a seed for each row is spawned, or n seeds; None keeps the generators.
+            seed: one seed, from which a seed for each row is spawned, or n seeds; None for no reseeding.
             options: `poses`: (n, 3) start poses x [m], y [m] and heading [rad], at rest.
                 `starts`: n `dockctl.sim.starts.Start`, which also define goals, phase and harbor.
                 `reset_mask`: (n,) bool, the rows to reset; the others continue.
@@ -183,12 +183,12 @@ class DockingVectorEnv(VectorEnv[Observations, NDArray[Any], NDArray[Any]]):
         return tuple(draw_frame(scene, eta, goal, np.array(trail)) for scene, eta, goal, trail in boats)
 
     def _reseed(self, seed: int | Sequence[int | None] | None) -> None:
-        """Give every row its own generator; without a seed, rows keep their generators."""
+        """Create a generator for each row; without a seed, continue the existing generators."""
         if isinstance(seed, Sequence):
             if len(seed) != self.num_envs:
                 message = f"expected {self.num_envs} seeds, one per boat, got {len(seed)}"
                 raise DockctlError(message, code="mismatch")
-            sources = [np.random.SeedSequence(one).spawn(1)[0] for one in seed]
+            sources = [np.random.SeedSequence(row_seed).spawn(1)[0] for row_seed in seed]
         elif seed is not None or not self._rngs:
             sources = np.random.SeedSequence(seed).spawn(self.num_envs)
         else:
@@ -216,7 +216,7 @@ class DockingVectorEnv(VectorEnv[Observations, NDArray[Any], NDArray[Any]]):
             self._trails[row] = [self.simulator.eta[row].copy()]
 
     def _restart(self, observations: Observations, info: Info) -> tuple[Observations, Info]:
-        """Start the next episode of the rows that ended; their final observation and info go into `info`."""
+        """Start the next episode of the rows that ended; add their final observation and info to `info`."""
         ended = self._ended.copy()
         rows = np.flatnonzero(ended)
         final_obs = np.full(self.num_envs, None, object)

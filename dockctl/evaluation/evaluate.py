@@ -28,7 +28,7 @@ class Evaluation:
     """The episodes of one policy in one scenario.
 
     Attributes:
-        is_transfer: whether the scenario is another than the policy's own.
+        is_transfer: whether the scenario differs from the policy's own.
         overrides: changed values of the scenario, ``key=value``.
         seed: of the random starts.
         groups: episodes by kind of start, keys of `START_KINDS`.
@@ -47,7 +47,7 @@ class Evaluation:
 
     @property
     def stem(self) -> str:
-        """Name of the result's files in the run folder."""
+        """Stem of the names of the result files."""
         changes = [re.sub(r"[^\w.=-]+", "_", override) for override in self.overrides]
         place = [self.scenario.name] if self.is_transfer or changes else []
         return "-".join([EVALUATION, *place, *changes])[:MAX_STEM]
@@ -59,7 +59,7 @@ class Evaluation:
 
     @cached_property
     def summaries(self) -> dict[str, dict[str, Any]]:
-        """Success with its interval, endings and means by kind of start."""
+        """Success rate with interval, outcomes and means, by kind of start."""
         return {
             kind: summarize([episode.row() for episode in group], self.control_period_s)
             for kind, group in self.groups.items()
@@ -116,7 +116,7 @@ def evaluate(
     Args:
         policy: see `dockctl.evaluation.policies.load_policy`; the latest run by default.
         scenario: file or name; the policy's own by default.
-        episodes: random starts; as many as the scenario says by default.
+        episodes: number of random starts; the scenario's by default.
         seed: of the random starts; the scenario's by default.
         overrides: changed values of the scenario, ``key=value``.
 

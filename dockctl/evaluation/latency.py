@@ -1,4 +1,4 @@
-"""Time the parts of a decision in greedy episodes."""
+"""Measure the duration of the parts of a decision, in greedy episodes."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ from dockctl.runs.provenance import hardware
 from dockctl.scenarios.schema import Scenario
 
 WARM_UP = 20
-"""Decisions that do not count: they compile and fill tables and caches."""
+"""Decisions before the first that counts: these compile code and fill tables and caches."""
 
 
 @dataclass(frozen=True, eq=False)

@@ -1,4 +1,4 @@
-"""Record greedy episodes step by step, in a folder that reports read like a run."""
+"""Record greedy episodes step by step, in a folder with the format of a run folder."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ FILES = (SCENARIO, SCENE, TRAJECTORIES_CSV)
 
 @dataclass(frozen=True, eq=False)
 class Recording:
-    """Greedy episodes, with the scenario and the plan view of the harbor that they ran in."""
+    """Greedy episodes with their scenario and the plan view of its harbor."""
 
     scenario: Scenario
     scene: Scene
@@ -49,7 +49,7 @@ def record(
     scenario: str | Path | None = None,
     poses: Sequence[Pose] = (),
 ) -> Recording:
-    """Run a policy from each pose; by default from those whose trajectories a training stores.
+    """Run a policy from each pose; by default from the trajectory starts of the training.
 
     Args:
         policy: see `dockctl.evaluation.policies.load_policy`; the latest run by default.

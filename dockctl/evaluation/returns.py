@@ -75,7 +75,7 @@ class Returns:
 
     Attributes:
         csv: text of ``returns.csv``.
-        table: the same as a table, columns `dockctl.runs.tables.RETURNS`.
+        table: its content, columns `dockctl.runs.tables.RETURNS`.
     """
 
     policy: LoadedPolicy

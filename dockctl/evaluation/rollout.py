@@ -16,15 +16,15 @@ from dockctl.envs.vector import DockingVectorEnv
 from dockctl.geometry import Floats
 from dockctl.runs.tables import TRAJECTORIES, Value, all_columns, to_csv
 from dockctl.scenarios.loader import LoadedScenario
-from dockctl.sim import starts as sim_starts
 from dockctl.sim.collision import hull_reach_m, least_clearance
+from dockctl.sim.starts import Start
 from dockctl.sim.world import World, build_worlds
 
 PARALLEL_BOATS = 16
 
 
-class Start(Protocol):
-    """The part of a start that an episode reports; the environment reads more of it."""
+class HasPose(Protocol):
+    """What an episode reports of its start, which may be one of another environment."""
 
     @property
     def eta(self) -> Floats: ...
@@ -47,13 +47,13 @@ class Episode:
     Attributes:
         outcome: ``docked``, ``collision`` or ``timeout``.
         collided_with: name of the obstacle, or empty.
-        phase: 0 or 1, the phase in which it ended.
+        phase: 0 or 1, the last phase.
         total_reward: undiscounted return.
         trajectory: arrays of steps + 1 rows by info key, and ``reward``; row 0 is the start.
         clearance_m: least distance between hull and harbor; NaN if it was not measured.
     """
 
-    start: Start
+    start: HasPose
     outcome: str
     collided_with: str
     phase: int
@@ -121,7 +121,7 @@ class Rollout:
             self._environments[boats] = DockingVectorEnv(self.loaded, boats, worlds=self.worlds)
         return self._environments[boats]
 
-    def run(self, policy: Policy, starts: Sequence[sim_starts.Start]) -> list[Episode]:
+    def run(self, policy: Policy, starts: Sequence[Start]) -> list[Episode]:
         """Run one episode from each start, with its clearance; in the order of the starts.
 
         The conditions of episode i are drawn from seed i: they depend neither on the policy nor on the number
@@ -132,14 +132,14 @@ class Rollout:
         seeded = [replace(start, seed=index) for index, start in enumerate(starts)]
         return run_episodes(self.env(min(PARALLEL_BOATS, len(starts))), policy, seeded, self._clearance)
 
-    def _clearance(self, start: sim_starts.Start, poses: Floats) -> float:
+    def _clearance(self, start: Start, poses: Floats) -> float:
         return least_clearance(poses, self.worlds[start.harbor].obstacles.clearance, self._reach_m)
 
 
 def run_episodes(
     env: VectorEnv[Any, Any, Any],
     policy: Policy,
-    starts: Sequence[Start],
+    starts: Sequence[HasPose],
     clearance: Clearance | None = None,
     *,
     seed: int = 0,
@@ -156,9 +156,9 @@ def run_episodes(
         k episodes in the order of the starts.
     """
     boats = range(env.num_envs)
-    assigned = list(boats)  # the start of each boat; a number past the last start is an idle boat
+    assigned = list(boats)  # the start of each boat; numbers past the last start are idle boats
 
-    def next_starts() -> list[Start]:
+    def next_starts() -> list[HasPose]:
         return [starts[min(number, len(starts) - 1)] for number in assigned]
 
     observation, info = env.reset(seed=seed, options={"starts": next_starts()})
@@ -185,7 +185,7 @@ def run_episodes(
 
 
 class _Recorder:
-    """Collects the trajectory of one boat."""
+    """Records the trajectory of one boat."""
 
     def __init__(self, info: Info, boat: int) -> None:
         self._records = {key: [np.array(info[key][boat])] for key in RECORDED}
@@ -196,7 +196,7 @@ class _Recorder:
             record.append(info[key][boat])
         self._rewards.append(reward)
 
-    def episode(self, info: Info, boat: int, start: Start, clearance: Clearance | None) -> Episode:
+    def episode(self, info: Info, boat: int, start: HasPose, clearance: Clearance | None) -> Episode:
         trajectory = {key: np.stack(record) for key, record in self._records.items()}
         return Episode(
             start=start,
@@ -210,7 +210,7 @@ class _Recorder:
 
 
 def score(episodes: Sequence[Episode]) -> tuple[int, float]:
-    """Return what policies are ranked by: episodes docked, then mean return."""
+    """Return the sort key of policies: number of docked episodes, then mean return."""
     return sum(e.docked for e in episodes), float(np.mean([e.total_reward for e in episodes]))
 
 

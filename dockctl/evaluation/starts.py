@@ -1,4 +1,4 @@
-"""Which starts a scenario's policies are validated, tested, drawn and shipped with.
+"""Start poses for validation, tests, plots and export.
 
 `dockctl.sim.starts` draws a single start; this module selects sets of them.
 """
@@ -80,7 +80,7 @@ def training_starts(scenario: Scenario, worlds: Sequence[World]) -> list[Start]:
 
 
 def pose_check(loaded: LoadedScenario) -> PoseCheck:
-    """Return the check of poses in the harbor for which the task is written."""
+    """Return the check of poses in the harbor in which the berth of the task is vacant."""
     scenario = loaded.scenario
     layout = layouts(scenario.harbor, scenario.task.berths)[own_site(scenario).harbor]
     return PoseCheck.of(scenario, build_harbor(layout.harbor, loaded.base_dir))

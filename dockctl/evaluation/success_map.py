@@ -1,4 +1,4 @@
-"""Map the starts from which a policy docks: a grid of positions and headings around a pose."""
+"""Success map: greedy episodes from a grid of start positions and headings around a pose."""
 
 from __future__ import annotations
 
@@ -33,7 +33,7 @@ class Grid:
     Attributes:
         reach_m: half-width of the square of positions [m].
         step_m: distance between neighboring positions [m].
-        headings_deg: heading offsets; every position is tried with each.
+        headings_deg: heading offsets at each position [°].
     """
 
     reach_m: float = 10.0
@@ -57,7 +57,7 @@ class Grid:
 
     @property
     def positions_m(self) -> Floats:
-        """Offsets along one axis [m], with zero in the middle."""
+        """Offsets along one axis [m], zero in the middle."""
         count = math.floor(self.reach_m / self.step_m + 1e-9)
         return self.step_m * np.arange(-count, count + 1, dtype=np.float64)
 
@@ -73,8 +73,8 @@ class SuccessMap:
 
     Attributes:
         csv: text of ``map.csv``.
-        table: the same as a table, columns `dockctl.runs.tables.MAP`.
-        plan: the harbor from above, for the figure.
+        table: its content, columns `dockctl.runs.tables.MAP`.
+        plan: plan view of the harbor, for the figure.
     """
 
     policy: LoadedPolicy

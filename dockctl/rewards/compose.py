@@ -48,18 +48,21 @@ class RewardFunction:
                     code="plugin",
                 )
             breakdown[name] += np.where(applies[kind], weight * value, 0.0)
-        return sum(breakdown.values(), np.zeros(len(status.phase))), breakdown
+        return sum(breakdown.values(), np.zeros(len(status.phase))), breakdown  # eq. 3.10 or 3.13
 
 
 def _cases(status: StepStatus) -> dict[str, Bools]:
-    """Return for each kind of term the boats (n,) that it applies to; exactly one kind applies to a boat."""
+    """Return the case of eqs. 3.10 and 3.13 for each boat: by kind of term, the boats (n,) it applies to.
+
+    Exactly one kind applies to a boat. Eq. 3.10 has no intermediate pose.
+    """
     final = status.reached_final & ~status.collided
     intermediate = status.reached_intermediate & ~status.collided & ~final
     return {
-        "collision": status.collided,
-        "final": final,
-        "intermediate": intermediate,
-        "dense": ~(status.collided | final | intermediate),
+        "collision": status.collided,  # eqs. 3.10, 3.13: r_collision
+        "final": final,  # eqs. 3.10, 3.13: r_final
+        "intermediate": intermediate,  # eq. 3.13: r_pre-final
+        "dense": ~(status.collided | final | intermediate),  # eqs. 3.10, 3.13: otherwise
     }
 
 

@@ -57,7 +57,7 @@ def test_a_written_scenario_loads_as_equal(tmp_path: Any) -> None:
     assert load(file).scenario == CONTINUOUS.scenario
 
 
-def test_commands_beyond_the_limits_are_refused_where_they_are_written(tmp_path: Any) -> None:
+def test_commands_beyond_the_limits_are_rejected_where_they_are_written(tmp_path: Any) -> None:
     file = tmp_path / "strong.yaml"
     file.write_text("extends: s1\nactions:\n  propeller_n: [-60, 0]\n")
     with pytest.raises(InputError) as caught:

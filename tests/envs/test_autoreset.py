@@ -28,7 +28,7 @@ def boats(count: int, *, steps: int = 500, wall: float = math.inf, **options: An
     return DockingVectorEnv(scenario(steps), count, worlds=[walled(wall)], **options)
 
 
-def placed(env: DockingVectorEnv, *poses: tuple[float, float, float]) -> Any:
+def reset_at(env: DockingVectorEnv, *poses: tuple[float, float, float]) -> Any:
     return env.reset(seed=0, options={"poses": np.array([(x, y, math.radians(deg)) for x, y, deg in poses])})
 
 
@@ -41,7 +41,7 @@ def test_same_step_is_declared() -> None:
 
 def test_a_collision_ends_the_episode_of_one_boat_only() -> None:
     env = boats(3, wall=25.0)
-    placed(env, AWAY, (24.99, 0, 0), AWAY)
+    reset_at(env, AWAY, (24.99, 0, 0), AWAY)
     for _ in range(10):
         _, reward, terminated, truncated, info = env.step(np.full(3, AHEAD))
         if terminated.any():
@@ -59,7 +59,7 @@ def test_a_collision_ends_the_episode_of_one_boat_only() -> None:
     assert info["final_obs"][1] in env.single_observation_space
 
 
-def test_after_an_end_the_row_is_the_first_of_the_next_episode() -> None:
+def test_the_row_after_an_end_is_the_first_of_the_next_episode() -> None:
     env = boats(2, steps=3)
     first, _ = env.reset(seed=0)
     for _ in range(3):
@@ -82,7 +82,7 @@ def test_steps_without_an_end_have_no_final_entries() -> None:
 
 def test_docking_on_the_last_step_is_not_a_timeout() -> None:
     env = boats(1, steps=2)
-    placed(env, (18, 3, 150))
+    reset_at(env, (18, 3, 150))
     assert env.step(np.array([STOP]))[1].tolist() == [30_000]
     env.simulator.eta[0] = 36, 0, math.pi
     _, reward, terminated, truncated, info = env.step(np.array([STOP]))
@@ -103,7 +103,7 @@ def test_a_collision_on_the_last_step_is_not_a_timeout() -> None:
 
 def test_disabled_requires_a_reset_of_the_ended_rows() -> None:
     env = boats(2, wall=25.0, autoreset_mode=AutoresetMode.DISABLED)
-    placed(env, AWAY, (24.999, 0, 0))
+    reset_at(env, AWAY, (24.999, 0, 0))
     ended = np.zeros(2, bool)
     while not ended.any():
         observations, _, terminated, truncated, info = env.step(np.full(2, AHEAD))
@@ -137,8 +137,8 @@ def test_equals_gymnasiums_synchronous_vector_of_single_boats() -> None:
 
 def assert_same(mine: Any, peer: Any) -> None:
     """Compare where Gymnasium's masks are true; the other values are undefined."""
-    for one, other in zip(mine[:-1], peer[:-1], strict=True):
-        assert np.array_equal(one, other)
+    for ours, theirs in zip(mine[:-1], peer[:-1], strict=True):
+        assert np.array_equal(ours, theirs)
     assert_same_info(mine[-1], peer[-1])
 
 

@@ -97,14 +97,14 @@ def test_every_view_is_within_the_bounds(values: Sequence[float], phase: int) ->
     assert encode.space.contains(encode(view)[0])
 
 
-def test_wrong_names_are_refused() -> None:
+def test_wrong_names_are_rejected() -> None:
     with pytest.raises(DockctlError, check=lambda error: error.suggestion == "lidar"):
         encoder("lydar")
     with pytest.raises(DockctlError, check=lambda error: error.suggestion == "cap_m"):
         encoder({"lidar": {"cap": 3}})
 
 
-def test_parts_of_a_wrong_shape_are_refused() -> None:
+def test_parts_of_a_wrong_shape_are_rejected() -> None:
     @observation_part("flat")
     def flat(view: View) -> Columns:
         return Columns(["speed"], view.nu[:, 0], -1, 1)

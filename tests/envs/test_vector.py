@@ -38,9 +38,9 @@ def actions() -> np.ndarray:
 
 
 def test_the_same_seed_gives_the_same_bits(actions: np.ndarray) -> None:
-    one, two = record(env(8), 11, actions), record(env(8), 11, actions)
-    assert all(np.array_equal(a, b) for a, b in zip(one, two, strict=True))
-    assert not np.array_equal(one[1], record(env(8), 12, actions[:1])[1])
+    first, second = record(env(8), 11, actions), record(env(8), 11, actions)
+    assert all(np.array_equal(a, b) for a, b in zip(first, second, strict=True))
+    assert not np.array_equal(first[1], record(env(8), 12, actions[:1])[1])
 
 
 def test_a_boat_does_not_depend_on_the_number_of_boats(actions: np.ndarray) -> None:
@@ -49,18 +49,18 @@ def test_a_boat_does_not_depend_on_the_number_of_boats(actions: np.ndarray) -> N
     assert sum(steps.sum() for steps in (*three[4::6], *three[5::6])) > 20  # terminated, truncated
 
 
-def test_a_row_seeded_alone_is_the_same_boat(actions: np.ndarray) -> None:
+def test_a_row_with_its_own_seed_is_the_same_boat(actions: np.ndarray) -> None:
     seeds = list(range(20, 28))
     eight = record(env(8), seeds, actions)
     for row in (0, 5):
-        for alone in (
+        for single in (
             record(env(1), [seeds[row]], actions[:, [row]]),
             record(env(1), seeds[row], actions[:, [row]]),
         ):
-            assert all(np.array_equal(a[[row]], b) for a, b in zip(eight, alone, strict=True))
+            assert all(np.array_equal(a[[row]], b) for a, b in zip(eight, single, strict=True))
 
 
-def test_a_reset_without_seed_keeps_the_generators() -> None:
+def test_a_reset_without_seed_continues_the_generators() -> None:
     vector = env(8)
     first = vector.reset(seed=0)[1]["pose"]
     second = vector.reset()[1]["pose"]
@@ -69,7 +69,7 @@ def test_a_reset_without_seed_keeps_the_generators() -> None:
     assert np.array_equal(vector.reset()[1]["pose"], second)
 
 
-def test_scenario_two_begins_at_all_its_poses() -> None:
+def test_scenario_2_starts_at_all_its_initial_poses() -> None:
     _, info = env(40, source=S2, exploring=False).reset(seed=0)
     assert set(info["start_index"]) == {0, 1, 2}
     assert set(info["start_kind"]) == {"pose"}
@@ -121,14 +121,14 @@ def test_a_mask_resets_its_rows() -> None:
         ({"pose": [[20, 0, 0], [20, 0, 0]]}, "unknown_key"),
     ],
 )
-def test_wrong_options_are_refused(options: dict[str, Any], code: str) -> None:
+def test_wrong_options_are_rejected(options: dict[str, Any], code: str) -> None:
     with pytest.raises(DockctlError) as caught:
         env(2).reset(seed=0, options=options)
     assert caught.value.code == code
     assert caught.value.suggestion == ("poses" if "pose" in options else "")
 
 
-def test_a_scenario_whose_boat_starts_in_a_quay_is_refused(tmp_path: Path) -> None:
+def test_a_scenario_whose_boat_starts_in_a_quay_is_rejected(tmp_path: Path) -> None:
     (tmp_path / "ashore.yaml").write_text(
         "extends: s1\ntask: {initial: [{x_m: 45, y_m: 0, heading_deg: 0}]}\n"
     )
@@ -142,27 +142,27 @@ def test_a_scenario_whose_boat_starts_in_a_quay_is_refused(tmp_path: Path) -> No
     ("argument", "code"),
     [({"render_mode": "human"}, "unknown_name"), ({"autoreset_mode": "NextStep"}, "unknown_name")],
 )
-def test_wrong_arguments_are_refused(argument: dict[str, str], code: str) -> None:
+def test_wrong_arguments_are_rejected(argument: dict[str, str], code: str) -> None:
     with pytest.raises(DockctlError) as caught:
         DockingVectorEnv(S3, 1, worlds=[walled()], **argument)  # type: ignore[arg-type]
     assert caught.value.code == code
 
 
-def test_a_wrong_number_of_seeds_is_refused() -> None:
+def test_a_wrong_number_of_seeds_is_rejected() -> None:
     with pytest.raises(DockctlError) as caught:
         env(2).reset(seed=[1, 2, 3])
     assert caught.value.code == "mismatch"
 
 
 @pytest.mark.parametrize("actions", [[0], [0, 77], [-1, 0], [0, 0, 0]])
-def test_wrong_actions_are_refused(actions: list[int]) -> None:
+def test_wrong_actions_are_rejected(actions: list[int]) -> None:
     vector = env(2)
     vector.reset(seed=0)
     with pytest.raises(InvalidAction):
         vector.step(np.array(actions))
 
 
-def test_a_step_before_the_first_reset_is_refused() -> None:
+def test_a_step_before_the_first_reset_is_rejected() -> None:
     with pytest.raises(ResetNeeded):
         env(2).step(np.array([0, 0]))
 

@@ -1,4 +1,4 @@
-"""Every way in which a policy can be given, and each way in which that goes wrong."""
+"""Every source of a policy, and the errors of each."""
 
 from __future__ import annotations
 
@@ -77,7 +77,7 @@ def actions(policy: LoadedPolicy, boats: int = 2) -> np.ndarray:
     return built.act(observation, info)
 
 
-def test_the_controller_keeps_the_contract_of_a_policy() -> None:
+def test_the_controller_meets_the_contract_of_a_policy() -> None:
     env = DockingVectorEnv("s1", 3)
     check_policy(load_policy(f"{CONTROLLER}:Reverse").make(env), env)
 
@@ -135,8 +135,8 @@ def test_every_command_takes_a_controller(
     assert {path.name for path in (tmp_path / "out").iterdir()} == files
 
 
-class Holding:
-    """Holds one action."""
+class Constant:
+    """Always the same action."""
 
     def __init__(self, action: int) -> None:
         self.action = action
@@ -153,8 +153,8 @@ def test_a_registered_policy() -> None:
     try:
 
         @plugins.policy("hold")
-        def hold(scenario: Any, *, action: int = 38) -> Holding:
-            return Holding(action)
+        def hold(scenario: Any, *, action: int = 38) -> Constant:
+            return Constant(action)
 
         assert load_policy("hold").facts()["name"] == "hold"
         assert actions(load_policy("hold", action=4)).tolist() == [4, 4]
