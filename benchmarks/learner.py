@@ -28,7 +28,7 @@ from numpy.typing import NDArray
 from torch import nn
 
 from dockctl.agents.dqn.network import DuelingQNetwork, GreedyPolicy
-from dockctl.agents.dqn.replay import Replay, Transitions
+from dockctl.agents.dqn.replay import Batch, Replay, Transitions
 from dockctl.agents.dqn.update import DoubleDQN
 from dockctl.envs.single import DockingEnv
 from dockctl.scenarios.training import Training
@@ -47,7 +47,7 @@ def network(env: DockingEnv) -> DuelingQNetwork:
     return DuelingQNetwork(env.observation_space.shape[0], int(env.action_space.n))
 
 
-def transitions(env: DockingEnv) -> Transitions:
+def transitions(env: DockingEnv) -> Batch:
     rng, size = np.random.default_rng(0), env.observation_space.shape[0]
     return Transitions(
         rng.normal(size=(STORED, size)).astype(np.float32),
@@ -91,7 +91,7 @@ def sbx(env: DockingEnv, batch: int) -> Learn:
     return lambda count: model.train(batch, count)
 
 
-def fill(buffer: object, stored: Transitions) -> None:
+def fill(buffer: object, stored: Batch) -> None:
     """Put transitions into a replay buffer of Stable-Baselines3, which sbx uses too."""
     buffer.observations[:, 0], buffer.next_observations[:, 0] = stored.observation, stored.next_observation
     buffer.actions[:, 0, 0], buffer.rewards[:, 0], buffer.full = stored.action, stored.reward, True

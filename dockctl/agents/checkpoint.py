@@ -5,6 +5,7 @@ from __future__ import annotations
 import hashlib
 import json
 import os
+from collections import defaultdict
 from collections.abc import Mapping
 from dataclasses import dataclass, field, fields, replace
 from pathlib import Path
@@ -223,14 +224,22 @@ def load_optimizer(optimizer: torch.optim.Optimizer, tensors: Tensors) -> None:
     optimizer.load_state_dict({**optimizer.state_dict(), "state": state})
 
 
-def prefixed(prefix: str, tensors: Tensors) -> dict[str, NDArray[Any]]:
-    """Return the tensors with `prefix` before each name."""
-    return {prefix + name: array for name, array in tensors.items()}
+def flatten(groups: Mapping[str, Tensors], separator: str = ".") -> dict[str, NDArray[Any]]:
+    """Return the tensors of all groups, named ``<group><separator><name>``."""
+    return {
+        f"{group}{separator}{name}": array
+        for group, tensors in groups.items()
+        for name, array in tensors.items()
+    }
 
 
-def without_prefix(prefix: str, tensors: Tensors) -> dict[str, NDArray[Any]]:
-    """Return the tensors whose names start with `prefix`, by the rest of their names."""
-    return {name.removeprefix(prefix): array for name, array in tensors.items() if name.startswith(prefix)}
+def nest(tensors: Tensors, separator: str = ".") -> Mapping[str, dict[str, NDArray[Any]]]:
+    """Return the groups that `flatten` joined; a group that was empty is empty again."""
+    groups: dict[str, dict[str, NDArray[Any]]] = defaultdict(dict)
+    for name, array in tensors.items():
+        group, _, rest = name.partition(separator)
+        groups[group][rest] = array
+    return groups
 
 
 def torch_device(name: str) -> torch.device:

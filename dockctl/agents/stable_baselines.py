@@ -24,12 +24,12 @@ from stable_baselines3.common.vec_env import DummyVecEnv
 
 from dockctl.agents.algorithms import AlgorithmError, StableBaselines3
 from dockctl.agents.checkpoint import (
+    flatten,
     load_optimizer,
     load_parameters,
+    nest,
     numpy_tensors,
     optimizer_tensors,
-    prefixed,
-    without_prefix,
 )
 from dockctl.agents.interface import Info, Metrics, Policy, Step, Tensors
 from dockctl.errors import nearest
@@ -153,7 +153,7 @@ class GreedyPolicy(Policy):
 
 
 class StableBaselines:
-    """Drives a model: its own exploration, replay buffer and gradient steps, at the trainer's pace.
+    """Drives a model: its own exploration, replay buffer and gradient steps, stepped by the trainer.
 
     Args:
         spec: class, policy, hyperparameters and action noise.
@@ -250,23 +250,25 @@ class StableBaselines:
 
     def state(self) -> tuple[Tensors, dict[str, Any]]:
         """Return optimizers and other variables, but not the replay; see `Algorithm`."""
-        tensors: dict[str, NDArray[Any]] = {}
-        modules, variables = self.model._get_torch_save_params()
-        for name in modules:
-            if name.endswith("optimizer"):
-                tensors |= prefixed(f"{name}/", optimizer_tensors(attrgetter(name)(self.model)))
-        tensors |= numpy_tensors({name: getattr(self.model, name) for name in variables})
+        optimizers, variables = self._parts()
+        moments = {name: optimizer_tensors(optimizer) for name, optimizer in optimizers.items()}
+        tensors = {**flatten(moments, "/"), **numpy_tensors(variables)}
         return tensors, {"updates": self.updates, "calls": getattr(self.model, "_n_calls", 0)}
+
+    def _parts(self) -> tuple[dict[str, torch.optim.Optimizer], dict[str, torch.Tensor]]:
+        """Return the model's optimizers and its other variables, by name."""
+        modules, variables = self.model._get_torch_save_params()
+        optimizers = {name: attrgetter(name)(self.model) for name in modules if name.endswith("optimizer")}
+        return optimizers, {name: getattr(self.model, name) for name in variables}
 
     def restore(self, policy: Tensors, tensors: Tensors, facts: Mapping[str, Any]) -> None:
         """Continue with an empty replay and new random numbers; see `Algorithm`."""
         load_parameters(self.model.policy, policy)
-        modules, variables = self.model._get_torch_save_params()
-        for name in modules:
-            if name.endswith("optimizer"):
-                load_optimizer(attrgetter(name)(self.model), without_prefix(f"{name}/", tensors))
-        for name in variables:
-            getattr(self.model, name).data.copy_(torch.from_numpy(tensors[name]))
+        (optimizers, variables), moments = self._parts(), nest(tensors, "/")
+        for name, optimizer in optimizers.items():
+            load_optimizer(optimizer, moments[name])
+        for name, variable in variables.items():
+            variable.data.copy_(torch.from_numpy(tensors[name]))
         self.model._n_updates = facts["updates"]
         setattr(self.model, "_n_calls", facts["calls"])  # noqa: B010  # only DQN has it
         seed = np.random.SeedSequence((self.training.seed, self.updates)).generate_state(1)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -10,12 +11,12 @@ import torch
 from numpy.typing import NDArray
 
 from dockctl.agents.checkpoint import (
+    flatten,
     load_optimizer,
     load_parameters,
+    nest,
     numpy_tensors,
     optimizer_tensors,
-    prefixed,
-    without_prefix,
 )
 from dockctl.agents.dqn.network import DuelingQNetwork, GreedyPolicy
 from dockctl.agents.dqn.replay import NStep, Replay
@@ -58,16 +59,7 @@ class DQN:
 
     def store(self, step: Step) -> None:
         """Store the n-step transitions that `step` completes; see `Algorithm`."""
-        self.replay.add(
-            self.n_step.add(
-                step.observation,
-                step.action,
-                step.reward * self.training.reward_scale,
-                step.next_observation,
-                step.terminated,
-                step.truncated,
-            )
-        )
+        self.replay.add(self.n_step.add(replace(step, reward=step.reward * self.training.reward_scale)))
 
     def learn(self, env_steps: int) -> Iterator[Metrics]:
         """Make the updates due after `env_steps`, one at a time; see `Algorithm`."""
@@ -90,20 +82,21 @@ class DQN:
     def state(self) -> tuple[Tensors, dict[str, Any]]:
         """Return target network, optimizer, replay and random generators; see `Algorithm`."""
         tensors = {
-            **prefixed("target.", numpy_tensors(self.learner.target.state_dict())),
-            **prefixed("optimizer.", optimizer_tensors(self.learner.optimizer)),
-            **prefixed("replay.", self.replay.state()),
+            "target": numpy_tensors(self.learner.target.state_dict()),
+            "optimizer": optimizer_tensors(self.learner.optimizer),
+            "replay": self.replay.state(),
         }
         generators = {"exploration": self.exploration, "sampling": self.replay.rng}
         states = {name: generator.bit_generator.state for name, generator in generators.items()}
-        return tensors, {"updates": self.updates, **states}
+        return flatten(tensors), {"updates": self.updates, **states}
 
     def restore(self, policy: Tensors, tensors: Tensors, facts: Mapping[str, Any]) -> None:
         """Continue from a saved state; the n-step windows start empty; see `Algorithm`."""
         load_parameters(self.learner.online, policy)
-        load_parameters(self.learner.target, without_prefix("target.", tensors))
-        load_optimizer(self.learner.optimizer, without_prefix("optimizer.", tensors))
-        self.replay.load(without_prefix("replay.", tensors))
+        nested = nest(tensors)
+        load_parameters(self.learner.target, nested["target"])
+        load_optimizer(self.learner.optimizer, nested["optimizer"])
+        self.replay.load(nested["replay"])
         self.learner.updates = facts["updates"]
         self.exploration.bit_generator.state = facts["exploration"]
         self.replay.rng.bit_generator.state = facts["sampling"]

@@ -3,30 +3,35 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, Generic, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
 
-Floats = NDArray[np.float32]
+from dockctl.agents.interface import Step
+
+Array = TypeVar("Array")  # of numpy or torch
 
 
 @dataclass(frozen=True)
-class Transitions:
-    """A batch of m n-step transitions.
+class Transitions(Generic[Array]):
+    """A batch of m n-step transitions, as arrays or as tensors.
 
     Attributes:
-        observation, next_observation: (m, observation_size); the return is bootstrapped at the next one.
+        observation, next_observation: (m, observation_size) float32; the return is bootstrapped at the next.
         action: (m,) index of the action taken in `observation`.
         reward: (m,) discounted sum of the k rewards between the two.
         discount: (m,) weight of the value of `next_observation`: gamma^k, or 0 where the episode terminated.
     """
 
-    observation: Floats
-    action: NDArray[np.int64]
-    reward: Floats
-    discount: Floats
-    next_observation: Floats
+    observation: Array
+    action: Array
+    reward: Array
+    discount: Array
+    next_observation: Array
+
+
+Batch = Transitions[NDArray[Any]]
 
 
 class NStep:
@@ -45,24 +50,14 @@ class NStep:
         self._age = np.arange(n)[:, None]
         self._gamma = gamma
 
-    def add(
-        self,
-        observation: NDArray[Any],
-        action: NDArray[Any],
-        reward: NDArray[Any],
-        next_observation: NDArray[Any],
-        terminated: NDArray[np.bool_],
-        truncated: NDArray[np.bool_],
-    ) -> Transitions:
-        """Add one step of all boats, and return the transitions that became ready, any number of them.
-
-        `next_observation` is the one before any reset: the final observation where an episode ended.
-        """
-        n, done = len(self._age), terminated | truncated
-        for buffer, newest in ((self._observation, observation), (self._action, action), (self._reward, 0.0)):
+    def add(self, step: Step) -> Batch:
+        """Add one step of all boats, and return the transitions that became ready, any number of them."""
+        n, done = len(self._age), step.terminated | step.truncated
+        newest = ((self._observation, step.observation), (self._action, step.action), (self._reward, 0.0))
+        for buffer, values in newest:
             buffer[1:] = buffer[:-1]
-            buffer[0] = newest
-        self._reward += self._gamma**self._age * reward
+            buffer[0] = values
+        self._reward += self._gamma**self._age * step.reward
         self._waiting += 1
         ready = (self._age < self._waiting) & ((self._age == n - 1) | done)
         age, boat = np.nonzero(ready)
@@ -71,8 +66,8 @@ class NStep:
             observation=self._observation[age, boat],
             action=self._action[age, boat],
             reward=self._reward[age, boat].astype(np.float32),
-            discount=(self._gamma ** (age + 1) * ~terminated[boat]).astype(np.float32),
-            next_observation=next_observation[boat].astype(np.float32),
+            discount=(self._gamma ** (age + 1) * ~step.terminated[boat]).astype(np.float32),
+            next_observation=step.next_observation[boat].astype(np.float32),
         )
 
 
@@ -95,14 +90,14 @@ class Replay:
         """Return the memory of a replay of this capacity [bytes]."""
         return capacity * record(observation_size).itemsize
 
-    def add(self, transitions: Transitions) -> None:
+    def add(self, transitions: Batch) -> None:
         """Store a batch; in a full memory it overwrites the oldest transitions."""
         slots = (self._added + np.arange(len(transitions.action))) % len(self._records)
         for name, values in vars(transitions).items():
             self._records[name][slots] = values
         self._added += len(slots)
 
-    def sample(self, batch_size: int) -> Transitions:
+    def sample(self, batch_size: int) -> Batch:
         """Draw a batch uniformly, with replacement."""
         drawn = self._records.take(self.rng.integers(len(self), size=batch_size))
         return Transitions(**{name: drawn[name] for name in drawn.dtype.names or ()})

@@ -5,7 +5,6 @@ from __future__ import annotations
 import copy
 import math
 from collections.abc import Callable
-from dataclasses import dataclass
 
 import torch
 from torch import Tensor
@@ -13,30 +12,17 @@ from torch.nn import functional
 from torch.nn.utils import clip_grad_norm_
 
 from dockctl.agents.dqn.network import DuelingQNetwork
-from dockctl.agents.dqn.replay import Transitions
+from dockctl.agents.dqn.replay import Batch, Transitions
 from dockctl.agents.interface import Metrics
 from dockctl.scenarios.training import Training
 
 QFunction = Callable[[Tensor], Tensor]
 
 
-@dataclass(frozen=True)
-class Batch:
-    """`Transitions` as tensors."""
-
-    observation: Tensor
-    action: Tensor
-    reward: Tensor
-    discount: Tensor
-    next_observation: Tensor
-
-    @classmethod
-    def of(cls, transitions: Transitions, device: torch.device) -> Batch:
-        return cls(**{name: torch.from_numpy(array).to(device) for name, array in vars(transitions).items()})
-
-
 @torch.no_grad()
-def td_target(batch: Batch, online: QFunction, target: QFunction, largest: float = math.inf) -> Tensor:
+def td_target(
+    batch: Transitions[Tensor], online: QFunction, target: QFunction, largest: float = math.inf
+) -> Tensor:
     """Return the TD target of double DQN, at most `largest`, (m,)."""
     next_action = online(batch.next_observation).argmax(dim=1, keepdim=True)
     next_value = target(batch.next_observation).gather(1, next_action).squeeze(1)
@@ -48,6 +34,12 @@ def td_loss(q: Tensor, target: Tensor, huber_delta: float | None) -> Tensor:
     if huber_delta is None:
         return functional.mse_loss(q, target)
     return functional.huber_loss(q, target, delta=huber_delta)
+
+
+def to_tensors(transitions: Batch, device: torch.device) -> Transitions[Tensor]:
+    """Copy a batch to the device."""
+    tensors = {name: torch.from_numpy(array).to(device) for name, array in vars(transitions).items()}
+    return Transitions(**tensors)
 
 
 class DoubleDQN:
@@ -67,9 +59,9 @@ class DoubleDQN:
         else:  # Keras' defaults, because the thesis used Keras
             self.optimizer = torch.optim.RMSprop(online.parameters(), alpha=0.9, eps=1e-7, foreach=True)
 
-    def update(self, transitions: Transitions, learning_rate: float) -> Metrics:
+    def update(self, transitions: Batch, learning_rate: float) -> Metrics:
         """Make one gradient step on a batch, and copy to the target network when a copy is due."""
-        training, batch = self.training, Batch.of(transitions, self.device)
+        training, batch = self.training, to_tensors(transitions, self.device)
         target = td_target(batch, self.online, self.target, training.largest_target)
         q = self.online(batch.observation).gather(1, batch.action.unsqueeze(1)).squeeze(1)
         loss = td_loss(q, target, training.huber_delta)

@@ -9,7 +9,8 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from dockctl.agents.dqn.replay import NStep, Replay, Transitions
+from dockctl.agents.dqn.replay import Batch, NStep, Replay, Transitions
+from dockctl.agents.interface import Step
 
 GAMMA = 0.5
 """Powers of one half are exact, so that returns compare exactly."""
@@ -66,14 +67,15 @@ def test_transitions_are_those_of_whole_episodes(boats: list[list[tuple[list[flo
     for at in range(length):
         now = [own[at] for own in steps]
         observation = np.array([name for name, *_ in now], float)
-        batch = n_step.add(
-            observation,
-            np.array([name[2] % 3 for name, *_ in now]),
-            np.array([reward for _, reward, _, _ in now]),
-            observation + [0, 0, 1],
-            np.array([terminated for *_, terminated, _ in now]),
-            np.array([truncated for *_, truncated in now]),
+        step = Step(
+            observation=observation,
+            action=np.array([name[2] % 3 for name, *_ in now]),
+            reward=np.array([reward for _, reward, _, _ in now]),
+            next_observation=observation + [0, 0, 1],
+            terminated=np.array([terminated for *_, terminated, _ in now]),
+            truncated=np.array([truncated for *_, truncated in now]),
         )
+        batch = n_step.add(step)
         for o, a, r, d, following in zip(*vars(batch).values(), strict=True):
             found[(tuple(map(int, o)), int(a), float(r), float(d), tuple(map(int, following)))] += 1
     assert found == expected
@@ -82,12 +84,10 @@ def test_transitions_are_those_of_whole_episodes(boats: list[list[tuple[list[flo
 def test_by_hand_truncation_bootstraps_and_termination_does_not() -> None:
     for terminated in (True, False):
         n_step = NStep(1, 3, GAMMA, 1)
-        end = np.array([terminated]), np.array([not terminated])
-        first = n_step.add(
-            np.array([[0.0]]), np.array([7]), np.array([1.0]), np.array([[1.0]]), *[np.array([False])] * 2
-        )
+        end, no = (np.array([terminated]), np.array([not terminated])), np.array([False])
+        first = n_step.add(Step(np.array([[0.0]]), np.array([7]), np.array([1.0]), np.array([[1.0]]), no, no))
         assert len(first.action) == 0
-        both = n_step.add(np.array([[1.0]]), np.array([8]), np.array([10.0]), np.array([[2.0]]), *end)
+        both = n_step.add(Step(np.array([[1.0]]), np.array([8]), np.array([10.0]), np.array([[2.0]]), *end))
         order = np.argsort(both.action)
         np.testing.assert_array_equal(both.action[order], [7, 8])
         np.testing.assert_allclose(both.reward[order], [1 + 0.5 * 10, 10])
@@ -95,7 +95,7 @@ def test_by_hand_truncation_bootstraps_and_termination_does_not() -> None:
         np.testing.assert_array_equal(both.next_observation, [[2], [2]])
 
 
-def numbered(first: int, count: int) -> Transitions:
+def numbered(first: int, count: int) -> Batch:
     values = np.arange(first, first + count, dtype=np.float32)
     return Transitions(
         np.stack([values, -values], 1), values.astype(int), values, values, np.stack([values] * 2, 1)

@@ -8,8 +8,8 @@ import torch
 from torch import Tensor
 
 from dockctl.agents.dqn.network import DuelingQNetwork
-from dockctl.agents.dqn.replay import Transitions
-from dockctl.agents.dqn.update import Batch, DoubleDQN, td_loss, td_target
+from dockctl.agents.dqn.replay import Batch, Transitions
+from dockctl.agents.dqn.update import DoubleDQN, td_loss, td_target, to_tensors
 from dockctl.scenarios.training import Training
 
 CPU = torch.device("cpu")
@@ -17,7 +17,7 @@ CPU = torch.device("cpu")
 
 def batch(
     seed: int = 0, size: int = 32, reward: float = 1.0, observation_size: int = 4, actions: int = 3
-) -> Transitions:
+) -> Batch:
     rng = np.random.default_rng(seed)
     return Transitions(
         rng.normal(size=(size, observation_size)).astype(np.float32),
@@ -63,8 +63,8 @@ def test_the_gradient_is_that_of_finite_differences() -> None:
     dqn.update(transitions, 0.0)
     taken = gradient(dqn.online).double()
     assert (flat(dqn.online) == before).all()  # a learning rate of zero
-    probe, steps = network().double(), Batch.of(transitions, CPU)
-    double = Batch(**{n: v.double() if v.is_floating_point() else v for n, v in vars(steps).items()})
+    probe, steps = network().double(), to_tensors(transitions, CPU)
+    double = Transitions(**{n: v.double() if v.is_floating_point() else v for n, v in vars(steps).items()})
     target = td_target(double, probe, probe)
 
     def loss(parameters: Tensor) -> float:
@@ -75,14 +75,16 @@ def test_the_gradient_is_that_of_finite_differences() -> None:
     for seed in range(5):
         direction = torch.randn(len(before), generator=torch.Generator().manual_seed(seed)).double()
         h = 1e-6
-        slope = (loss(before.double() + h * direction) - loss(before.double() - h * direction)) / (2 * h)
-        assert slope == pytest.approx((taken @ direction).item(), rel=1e-3, abs=1e-5)
+        directional_derivative = (
+            loss(before.double() + h * direction) - loss(before.double() - h * direction)
+        ) / (2 * h)
+        assert directional_derivative == pytest.approx((taken @ direction).item(), rel=1e-3, abs=1e-5)
 
 
 def test_double_and_plain_targets_differ_where_the_networks_disagree() -> None:
     """The online network prefers action 0, which the target network values 1; its own best is worth 5."""
     one = torch.zeros(1, 4)
-    steps = Batch(one, torch.tensor([0]), torch.tensor([2.0]), torch.tensor([0.9]), one)
+    steps = Transitions(one, torch.tensor([0]), torch.tensor([2.0]), torch.tensor([0.9]), one)
 
     def online(observation: Tensor) -> Tensor:
         return torch.tensor([[3.0, 2.0, 0.0]])
@@ -95,14 +97,14 @@ def test_double_and_plain_targets_differ_where_the_networks_disagree() -> None:
 
 def test_the_target_of_a_terminal_transition_is_its_reward() -> None:
     one = torch.zeros(1, 4)
-    steps = Batch(one, torch.tensor([0]), torch.tensor([-3.0]), torch.tensor([0.0]), one)
+    steps = Transitions(one, torch.tensor([0]), torch.tensor([-3.0]), torch.tensor([0.0]), one)
     network = DuelingQNetwork(4, 3, (8,))
     assert td_target(steps, network, network).tolist() == [-3.0]
 
 
 def test_no_target_is_above_the_largest_return() -> None:
     one = torch.zeros(2, 4)
-    steps = Batch(one, torch.tensor([0, 0]), torch.tensor([50.0, -50.0]), torch.tensor([0.9, 0.9]), one)
+    steps = Transitions(one, torch.tensor([0, 0]), torch.tensor([50.0, -50.0]), torch.tensor([0.9, 0.9]), one)
 
     def high(observation: Tensor) -> Tensor:
         return torch.full((2, 3), 100.0)
