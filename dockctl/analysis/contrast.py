@@ -71,7 +71,7 @@ class Contrast:
 def contrasts(table: pd.DataFrame) -> Iterator[Contrast]:
     """Compare every policy with the first one, separately for each kind of start.
 
-    Test poses are left out: they are not a random sample, so intervals and tests do not apply to them.
+    Evaluation poses are left out: they are not a random sample, so intervals and tests do not apply to them.
 
     Args:
         table: columns ``policy`` and `dockctl.runs.tables.EVALUATION`, the same starts for every policy.

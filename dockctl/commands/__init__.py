@@ -1,1 +1,1 @@
-"""The commands, one a file: parse, call, print. What is heavy is imported when a command runs."""
+"""One module per command: parse options, call one function, print the result. Heavy imports are deferred."""

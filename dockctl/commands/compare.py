@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
@@ -13,10 +12,9 @@ from rich.table import Table
 from rich.text import Text
 
 from dockctl.commands.options import Episodes, StartSeed
-from dockctl.commands.outputs import require_writable_file, save_figure
+from dockctl.commands.outputs import save_figure
 from dockctl.console import print_text, table_console
-from dockctl.runs.directory import require_writable
-from dockctl.runs.files import write_atomically
+from dockctl.runs.files import require_writable, require_writable_file, write_atomically, write_json
 from dockctl.runs.tables import EVALUATION, START_KINDS, to_csv
 
 if TYPE_CHECKING:
@@ -63,7 +61,7 @@ def compare(
     if csv:
         write_atomically(csv, to_csv(result.rows(), ["policy", *EVALUATION]).encode())
     if json_:
-        write_atomically(json_, (json.dumps(result.as_json(), indent=2) + "\n").encode())
+        write_json(json_, result.as_json())
     name = result.first.scenario.name
     caption = f"scenario {name}, the same starts for every policy, seed {result.first.seed}"
     save_figure(f"compare-{name}", lambda: compare_figure(result.table, START_KINDS, caption), out)

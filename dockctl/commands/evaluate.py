@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 import math
 import os
 from pathlib import Path
@@ -23,9 +22,8 @@ from dockctl.commands.options import (
     finite,
     policy_of,
 )
-from dockctl.commands.outputs import require_writable_file
 from dockctl.console import print_text, table_console
-from dockctl.runs.files import write_atomically
+from dockctl.runs.files import require_writable_file, write_atomically, write_json
 from dockctl.runs.tables import EVALUATION, START_KINDS, to_csv
 
 if TYPE_CHECKING:
@@ -56,13 +54,13 @@ def evaluate(
             min=0,
             max=1,
             callback=finite,
-            help="Exit with 1 if a smaller fraction docks, of the test poses or of the random starts.",
+            help="Exit with 1 if a smaller fraction docks, of the evaluation poses or of the random starts.",
         ),
     ] = None,
     json_: Annotated[Path | None, typer.Option("--json", help="Write the result to this file.")] = None,
     csv: Annotated[Path | None, typer.Option(help="Write one row per episode to this file.")] = None,
 ) -> None:
-    """Run greedy episodes from the scenario's test poses and from random starts around the initial poses.
+    """Run greedy episodes from the evaluation poses and from random starts around the initial poses.
 
     The result is also stored in the run folder of a checkpoint. The names of its files include the scenario,
     if it is not the policy's own, and values that are set.
@@ -76,17 +74,18 @@ def evaluate(
         require_writable_file(path)
     with Console(stderr=True).status("running episodes"):
         result = run(given, scenario, episodes=episodes, seed=seed, overrides=set_ or ())
-    as_json = (json.dumps(result.as_json(), indent=2) + "\n").encode()
-    as_csv = to_csv(result.rows(), EVALUATION).encode()
-    files = [(path, text) for path, text in ((json_, as_json), (csv, as_csv)) if path]
+    files = [(csv, json_)]
     if given.run and os.access(given.run.path, os.W_OK):
         stem = given.run.path / result.stem
-        files += [(Path(f"{stem}.csv"), as_csv), (Path(f"{stem}.json"), as_json)]
+        files.append((Path(f"{stem}.csv"), Path(f"{stem}.json")))
     elif given.run:
         note = f"note: {given.run.path} is read-only, the result is not stored in it"
         print_text(Console(stderr=True), note)
-    for file, content in files:
-        write_atomically(file, content)
+    for table, summary in files:
+        if table:
+            write_atomically(table, to_csv(result.rows(), EVALUATION).encode())
+        if summary:
+            write_json(summary, result.as_json())
     console = table_console()
     changes = "".join(f", {change}" for change in result.overrides)
     print_text(console, f"Policy {given.description} on scenario '{result.scenario.name}'{changes}")
@@ -103,7 +102,9 @@ def evaluate(
 def _episode_table(result: Evaluation) -> Table:
     from dockctl.analysis.episodes import ending
 
-    table = Table(title="Test poses", title_justify="left", header_style="bold", box=box.SIMPLE_HEAD)
+    table = Table(
+        title=START_KINDS["pose"].capitalize(), title_justify="left", header_style="bold", box=box.SIMPLE_HEAD
+    )
     table.add_column("start\n[dim]x m, y m, °", no_wrap=True)
     table.add_column("ending", overflow="fold", min_width=10)
     for name, unit in (

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
@@ -16,7 +15,7 @@ from dockctl.commands.outputs import Outputs, save_figure
 from dockctl.console import print_text, table_console
 from dockctl.errors import DockctlError
 from dockctl.runs.directory import RUNS, RunDirectory
-from dockctl.runs.files import write_atomically
+from dockctl.runs.files import write_atomically, write_json
 
 if TYPE_CHECKING:
     from dockctl.evaluation.policies import LoadedPolicy
@@ -58,8 +57,8 @@ def latency(
     print_text(console, verdict(result.summary, result.control_period_ms))
     save_figure(stem, lambda: latency_figure(result.samples, subtitle, result.control_period_ms), folder)
     csv = result.samples.to_csv(index_label="decision", float_format="%.6g", lineterminator="\n")
-    for end, text in ((".csv", csv), (".json", json.dumps(result.as_json(), indent=2) + "\n")):
-        print_text(console, str(write_atomically(folder / f"{stem}{end}", text.encode())))
+    print_text(console, str(write_atomically(folder / f"{stem}.csv", csv.encode())))
+    print_text(console, str(write_json(folder / f"{stem}.json", result.as_json())))
 
 
 def verdict(summary: dict[str, dict[str, float]], control_period_ms: float) -> str:

@@ -2,10 +2,8 @@
 
 from __future__ import annotations
 
-import json
 import os
 from collections.abc import Callable
-from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -14,8 +12,8 @@ from rich.console import Console
 
 from dockctl.console import print_text
 from dockctl.errors import DockctlError
-from dockctl.runs.directory import FIGURES, require_writable
-from dockctl.runs.files import write_atomically, writing
+from dockctl.runs.directory import FIGURES
+from dockctl.runs.files import require_writable, require_writable_file, write_atomically, write_json, writing
 
 if TYPE_CHECKING:
     from dockctl.evaluation.policies import LoadedPolicy
@@ -71,8 +69,8 @@ class Outputs:
         save_figure(self.stem, draw, self.figures)
         for path in filter(None, (self.tables / f"{self.stem}.csv", self.csv)):
             print_text(Console(), str(write_atomically(path, table.encode())))
-        facts = json.dumps({"policy": self.policy.facts()}, indent=2) + "\n"
-        print_text(Console(), str(write_atomically(self.tables / f"{self.stem}.json", facts.encode())))
+        facts = {"policy": self.policy.facts()}
+        print_text(Console(), str(write_json(self.tables / f"{self.stem}.json", facts)))
 
 
 def save_figure(name: str, draw: Callable[[], Any], folder: Path) -> None:
@@ -90,18 +88,3 @@ def save_figure(name: str, draw: Callable[[], Any], folder: Path) -> None:
         written = save({name: draw()}, folder)
     for path in written:
         print_text(Console(), str(path))
-
-
-def require_writable_file(file: Path) -> None:
-    """Check that a file can be written, before any work is done for it.
-
-    Raises:
-        DockctlError: its folder does not exist or cannot be written, or it is a folder itself.
-    """
-    if not os.path.isdir(file.absolute().parent) or os.path.isdir(file):
-        raise DockctlError(
-            f"{file}: cannot be written: not a file name in an existing folder", code="not_writable"
-        )
-    with writing(file), suppress(FileNotFoundError):
-        file.stat()  # fails if the name is too long
-    require_writable(file.absolute().parent)

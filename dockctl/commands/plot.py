@@ -2,13 +2,10 @@
 
 from __future__ import annotations
 
-import os
 from pathlib import Path
 from typing import Annotated
 
 import typer
-
-from dockctl.errors import DockctlError
 
 
 def plot(
@@ -25,8 +22,6 @@ def plot(
     from dockctl.runs.reader import read_run
 
     folder = RunDirectory.latest(RUNS).path if run is None else run
-    if not os.path.isdir(folder):
-        raise DockctlError(f"{folder}: no such run folder", code="not_found")
     with figure_style():
         data = read_run(folder)
         written = save(dict(figures(data)), out or folder / FIGURES)

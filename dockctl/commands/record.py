@@ -18,7 +18,8 @@ def record(
     pose: Annotated[
         list[str] | None,
         typer.Option(
-            metavar="X,Y,HEADING", help="Start pose [m, m, °]; can be repeated; the test poses by default."
+            metavar="X,Y,HEADING",
+            help="Start pose [m, m, °]; can be repeated; the evaluation poses by default.",
         ),
     ] = None,
     out: Annotated[
@@ -33,7 +34,8 @@ def record(
     from dockctl.analysis.episodes import ending
     from dockctl.evaluation.record import FILES
     from dockctl.evaluation.record import record as run
-    from dockctl.runs.directory import FIGURES, TRANSFER, require_replaceable
+    from dockctl.runs.directory import FIGURES, TRANSFER
+    from dockctl.runs.files import require_replaceable
 
     poses = [parse_pose(text) for text in pose or ()]
     given = policy_of(ckpt, policy)

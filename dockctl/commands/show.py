@@ -40,7 +40,7 @@ def show(
     """
     from dockctl.reports.show import figures
     from dockctl.reports.style import figure_style, save
-    from dockctl.runs.directory import require_writable
+    from dockctl.runs.files import require_writable
     from dockctl.sim.checks import PoseCheck, load_checked
     from dockctl.sim.harbor.build import build_harbor, scene_of
 

@@ -17,7 +17,7 @@ from dockctl.evaluation.policies import LoadedPolicy, load_policy
 from dockctl.evaluation.rollout import Episode, Rollout
 from dockctl.evaluation.starts import testing_starts, validation_starts
 from dockctl.runs.directory import EVALUATION
-from dockctl.runs.tables import START_KINDS, Value
+from dockctl.runs.tables import START_KEYS, Value
 from dockctl.scenarios.schema import Scenario
 
 MAX_STEM = 150
@@ -31,7 +31,7 @@ class Evaluation:
         is_transfer: whether the scenario differs from the policy's own.
         overrides: changed values of the scenario, ``key=value``.
         seed: of the random starts.
-        groups: episodes by kind of start, keys of `START_KINDS`.
+        groups: episodes by kind of start, keys of `START_KEYS`.
     """
 
     policy: LoadedPolicy
@@ -89,16 +89,12 @@ class Evaluation:
 
     def as_json(self) -> dict[str, Any]:
         """Return the content of ``evaluation.json``."""
-        named = {
-            START_KINDS[kind].replace(" ", "_").replace("-", "_"): summary
-            for kind, summary in self.summaries.items()
-        }
         return {
             "policy": self.policy.facts(),
             "scenario": self.scenario.name,
             "set": list(self.overrides),
             "random_seed": self.seed,
-            **named,
+            **{START_KEYS[kind]: summary for kind, summary in self.summaries.items()},
             "episodes": self.rows(),
         }
 

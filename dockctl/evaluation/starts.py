@@ -23,7 +23,7 @@ TRAINING = "training"
 def validation_starts(scenario: Scenario, worlds: Sequence[World]) -> list[Start]:
     """Return the starts of the greedy episodes during training, which select the best checkpoint.
 
-    They are the test poses, or the initial poses where the scenario has no test poses. A task with berths has
+    They are the evaluation poses, or the initial poses where the scenario has none. A task with berths has
     random starts at the trained berths, with the intermediate poses drawn as in training.
     """
     task, evaluation = scenario.task, scenario.evaluation

@@ -31,7 +31,7 @@ from dockctl.runs.directory import (
     UPDATES_CSV,
     RunDirectory,
 )
-from dockctl.runs.files import new_folder, reading, writing
+from dockctl.runs.files import new_folder, reading, write_json, writing
 from dockctl.runs.tables import to_csv
 
 COPIED = (
@@ -65,7 +65,7 @@ def archive(run: Path, results: Path, experiment: str, seed: int) -> Path:
         for name in COMPRESSED:
             _compress(run / name, folder / f"{Path(name).name}.gz")
         _compress(run / UPDATES_CSV, folder / f"{UPDATES_CSV}.gz", _thinned)
-        _write_json(folder / PROVENANCE, _facts(run))
+        write_json(folder / PROVENANCE, _facts(run))
         _archive_recording(run, folder, results)
         for recording in sorted((run / TRANSFER).glob("*")):
             (folder / TRANSFER / recording.name).mkdir(parents=True)
@@ -88,7 +88,7 @@ def _archive_recording(source: Path, folder: Path, results: Path) -> None:
         with writing(target):
             target.write_bytes(gzip.compress(content, mtime=0))
     up = "/".join([".."] * len(folder.relative_to(results).parts))
-    _write_json(folder / SCENE, {ARCHIVED_AS: f"{up}/{SCENES}/{name}"})
+    write_json(folder / SCENE, {ARCHIVED_AS: f"{up}/{SCENES}/{name}"})
 
 
 def _facts(run: Path) -> dict[str, object]:
@@ -114,7 +114,3 @@ def _thinned(text: str) -> str:
 def _first_trajectories(text: str) -> str:
     rows = csv.DictReader(io.StringIO(text))
     return to_csv([row for row in rows if int(row["pose"]) < TRAJECTORIES], rows.fieldnames or ())
-
-
-def _write_json(path: Path, value: object) -> None:
-    path.write_text(json.dumps(value, indent=2) + "\n", encoding="utf-8")

@@ -20,8 +20,8 @@ from dockctl.evaluation.policies import CheckpointPolicy, load_checkpoint
 from dockctl.evaluation.rollout import Episode, Rollout
 from dockctl.evaluation.starts import TRAINING, training_starts
 from dockctl.experiments.model_card import card_text, is_of_policy, read_evaluations
-from dockctl.runs.directory import EVALUATION, MESHES, PLUGINS, SCENARIO, RunDirectory, require_replaceable
-from dockctl.runs.files import new_folder
+from dockctl.runs.directory import EVALUATION, MESHES, PLUGINS, SCENARIO, RunDirectory
+from dockctl.runs.files import new_folder, require_replaceable
 from dockctl.scenarios.base import NAME
 from dockctl.scenarios.content import mesh_files, with_paths
 from dockctl.scenarios.loader import LoadedScenario, dump

@@ -68,7 +68,10 @@ def card_text(
         map=_map(run, card),
         latency=_latency(run, card),
         failures=list(_failures(groups)),
-        hashes=[(f"`{path}`", f"`{_sha256(file)}`") for path, file in files.items()],
+        hashes=[
+            (f"`{path}`", f"`{hashlib.sha256(file.read_bytes()).hexdigest()}`")
+            for path, file in files.items()
+        ],
     )
     return text.rstrip() + "\n"
 
@@ -224,7 +227,3 @@ def _failures(groups: Sequence[tuple[str, str, pd.DataFrame]]) -> Iterator[dict[
             "endings": ", ".join(f"{count} {words}" for words, count in endings.most_common()),
             "poses": f"{', '.join(poses[:LISTED_FAILURES])}{more}",
         }
-
-
-def _sha256(file: Path) -> str:
-    return hashlib.sha256(file.read_bytes()).hexdigest()

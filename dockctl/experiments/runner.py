@@ -29,9 +29,7 @@ from dockctl.experiments.archive import archive
 from dockctl.experiments.interrupt import on_interrupt
 from dockctl.experiments.live import clock
 from dockctl.experiments.study import Job, Stage, load_study, make_jobs
-from dockctl.runs.directory import require_writable
-from dockctl.runs.files import writing
-from dockctl.runs.lock import exclusive_lock
+from dockctl.runs.files import exclusive_lock, require_writable, writing
 
 TAIL_BYTES = 4096
 POLL_SECONDS = 0.25

@@ -35,9 +35,8 @@ from dockctl.runs.directory import (
     SCENE,
     TRAJECTORIES_CSV,
     RunDirectory,
-    require_writable,
 )
-from dockctl.runs.lock import exclusive_lock
+from dockctl.runs.files import exclusive_lock, require_writable
 from dockctl.runs.tables import RECENT
 from dockctl.scenarios.content import mesh_files, with_paths
 from dockctl.scenarios.loader import LoadedScenario, dump

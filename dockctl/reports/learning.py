@@ -120,7 +120,7 @@ def draw_terms(ax: Axes, episodes: pd.DataFrame) -> None:
 
 
 def draw_evaluations(ax: Axes, evaluations: pd.DataFrame, names: Sequence[str]) -> None:
-    """Draw the outcome from each test pose, one column per evaluation; stars mark the best policy so far."""
+    """Draw the outcome from each evaluation pose, one column per evaluation; stars mark the best policy."""
     steps = sorted(evaluations["env_steps"].unique())
     poses = sorted(evaluations["pose"].unique())
     for outcome, color in palette.OUTCOMES.items():

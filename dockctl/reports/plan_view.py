@@ -254,7 +254,7 @@ def outline_interval(tracks: Iterable[Track]) -> float:
 
 
 def draw_poses(ax: Axes, scene: Scene, task: Task, tests: Sequence[Pose], *, named: bool = True) -> None:
-    """Draw the initial, intermediate and final poses of a task, and the test poses that are not initial."""
+    """Draw the initial, intermediate and final poses of a task, and further evaluation poses."""
     draw_goals(ax, scene.hull, task, named=named)
     starts = {(pose.x_m, pose.y_m, pose.heading_deg) for pose in task.initial}
     others = [pose for pose in tests if (pose.x_m, pose.y_m, pose.heading_deg) not in starts]
@@ -308,7 +308,7 @@ def close_view(
 
 
 def task_points(task: Task, tests: Sequence[Pose] = ()) -> Floats:
-    """Positions of the poses of a task and of its test poses, (k, 2) [m]."""
+    """Positions of the poses of a task and of its evaluation poses, (k, 2) [m]."""
     poses = [*task.initial, *tests, task.final, *([task.intermediate] if task.intermediate else [])]
     return np.array([[pose.x_m, pose.y_m] for pose in poses])
 

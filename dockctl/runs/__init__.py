@@ -1,1 +1,1 @@
-"""The run folder: the whole truth of a training run, written atomically and without pickles."""
+"""Run folders: the complete record of a training, written atomically, nothing pickled."""

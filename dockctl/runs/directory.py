@@ -37,7 +37,7 @@ from __future__ import annotations
 import hashlib
 import json
 import os
-from collections.abc import Collection, Iterable
+from collections.abc import Iterable
 from contextlib import AbstractContextManager
 from datetime import datetime
 from pathlib import Path
@@ -45,7 +45,7 @@ from typing import Any
 
 import dockctl
 from dockctl.errors import DockctlError
-from dockctl.runs.files import intact, new_folder, reading, write_atomically, writing
+from dockctl.runs.files import intact, new_folder, reading, write_atomically, write_json
 from dockctl.runs.tables import Table, cut_table
 
 RUNS = Path("runs")
@@ -71,43 +71,6 @@ SHIPPED = Path(dockctl.__file__).parent / "checkpoints"
 def shipped() -> dict[str, Path]:
     """Return the folder of each checkpoint that comes with the package, by name."""
     return {file.parent.name: file.parent for file in sorted(SHIPPED.glob("*/policy.json"))}
-
-
-def require_writable(root: Path) -> None:
-    """Check that `root` is, or can become, a writable folder, without creating it.
-
-    Raises:
-        DockctlError: it cannot.
-    """
-    existing = next(path for path in (root.absolute(), *root.absolute().parents) if os.path.exists(path))
-    if not os.path.isdir(existing):
-        raise DockctlError(f"{root}: cannot be written: {existing} is not a folder", code="not_writable")
-    if not os.access(existing, os.W_OK | os.X_OK):
-        raise DockctlError(
-            f"{root}: cannot be written: no write permission for {existing}", code="not_writable"
-        )
-
-
-def require_replaceable(folder: Path, always: Collection[str], perhaps: Collection[str], what: str) -> None:
-    """Check that `folder` can be replaced: it is new, empty, or an earlier version of the same thing.
-
-    Args:
-        folder: the folder to replace.
-        always: names of the files and folders that every version contains.
-        perhaps: names that a version may contain.
-        what: what the folder contains, for the message.
-
-    Raises:
-        DockctlError: it cannot be written, or contains something else.
-    """
-    for place in (folder.resolve(), folder.resolve().parent):
-        require_writable(place)
-    with writing(folder):
-        there = {path.name for path in folder.iterdir()} if os.path.isdir(folder) else set()
-    if there and not {*always} <= there <= {*always, *perhaps}:
-        raise DockctlError(
-            f"{folder}: is not empty and contains no {what}; choose a new folder", code="not_writable"
-        )
 
 
 class RunDirectory:
@@ -152,7 +115,10 @@ class RunDirectory:
         if not os.path.isdir(path):
             raise DockctlError(f"{path}: no such run folder", code="not_found")
         if not os.path.isfile(path / SCENARIO):
-            raise DockctlError(f"{path}: not a run folder: it has no {SCENARIO}", code="not_found")
+            message = (
+                f"{path}: not a run folder (it has no {SCENARIO}); dockctl train creates one under {RUNS}/"
+            )
+            raise DockctlError(message, code="not_found")
         return cls(path)
 
     @classmethod
@@ -201,7 +167,7 @@ class RunDirectory:
 
     def write_json(self, name: str, value: Any) -> Path:
         """Write a JSON file of the run."""
-        return self.write_text(name, json.dumps(value, indent=2) + "\n")
+        return write_json(self.path / name, value)
 
     def read_json(self, name: str) -> dict[str, Any]:
         """Read a JSON object of the run.

@@ -1,13 +1,15 @@
-"""Atomic writes, and one way to report that a file cannot be read or written."""
+"""Files and folders: atomic writes, locks, and checks that a path can be read or written."""
 
 from __future__ import annotations
 
+import json
 import os
 import shutil
 import zlib
-from collections.abc import Iterator
-from contextlib import contextmanager
+from collections.abc import Collection, Iterator
+from contextlib import contextmanager, suppress
 from pathlib import Path
+from typing import Any
 
 from dockctl.errors import Code, DockctlError
 
@@ -59,6 +61,15 @@ def write_atomically(path: Path, content: bytes) -> Path:
     return path
 
 
+def write_json(path: Path, value: Any) -> Path:
+    """Write a JSON file atomically.
+
+    Raises:
+        DockctlError: the file cannot be written.
+    """
+    return write_atomically(path, (json.dumps(value, indent=2) + "\n").encode())
+
+
 @contextmanager
 def new_folder(path: Path) -> Iterator[Path]:
     """Yield an empty folder that replaces the folder `path` when the block ends without an exception.
@@ -84,3 +95,82 @@ def intact(path: Path) -> Path:
     """Return the folder `path`, or the previous one if `new_folder` was killed while replacing it."""
     old = path.with_name(f".{path.name}.old")
     return old if os.path.isdir(old) and not os.path.isdir(path) else path
+
+
+def require_writable(root: Path) -> None:
+    """Check that `root` is, or can become, a writable folder, without creating it.
+
+    Raises:
+        DockctlError: it cannot.
+    """
+    existing = next(path for path in (root.absolute(), *root.absolute().parents) if os.path.exists(path))
+    if not os.path.isdir(existing):
+        reason = f"{existing} is not a folder"
+    elif not os.access(existing, os.W_OK | os.X_OK):
+        reason = f"no write permission for {existing}"
+    else:
+        return
+    raise DockctlError(f"{root}: cannot be written: {reason}", code="not_writable")
+
+
+def require_writable_file(file: Path) -> None:
+    """Check that a file can be written, before any work is done for it.
+
+    Raises:
+        DockctlError: its folder does not exist or cannot be written, or it is a folder itself.
+    """
+    if not os.path.isdir(file.absolute().parent) or os.path.isdir(file):
+        raise DockctlError(
+            f"{file}: cannot be written: not a file name in an existing folder", code="not_writable"
+        )
+    with writing(file), suppress(FileNotFoundError):
+        file.stat()  # fails if the name is too long
+    require_writable(file.absolute().parent)
+
+
+def require_replaceable(folder: Path, always: Collection[str], perhaps: Collection[str], what: str) -> None:
+    """Check that `folder` can be replaced: it is new, empty, or an earlier version of the same thing.
+
+    Args:
+        folder: the folder to replace.
+        always: names of the files and folders that every version contains.
+        perhaps: names that a version may contain.
+        what: what the folder contains, for the message.
+
+    Raises:
+        DockctlError: it cannot be written, or contains something else.
+    """
+    for path in (folder.resolve(), folder.resolve().parent):
+        require_writable(path)
+    with writing(folder):
+        names = {path.name for path in folder.iterdir()} if os.path.isdir(folder) else set()
+    if names and not {*always} <= names <= {*always, *perhaps}:
+        raise DockctlError(
+            f"{folder}: is not empty and contains no {what}; choose a new folder", code="not_writable"
+        )
+
+
+@contextmanager
+def exclusive_lock(path: Path) -> Iterator[None]:
+    """Lock a folder or a file for this process, by a lock file in the folder or next to the file.
+
+    Read-only folders and file systems without locks are used without one.
+
+    Raises:
+        DockctlError: there is no such path, or another process holds the lock.
+    """
+    from filelock import FileLock, Timeout  # takes a while, and most commands need no lock
+
+    if not path.exists():
+        raise DockctlError(f"{path}: no such file or folder", code="not_found")
+    lock = FileLock(path / ".lock" if path.is_dir() else path.with_suffix(".lock"))
+    try:
+        lock.acquire(blocking=False)
+    except Timeout:
+        raise DockctlError(f"{path}: another process is using it", code="busy") from None
+    except (OSError, NotImplementedError):  # no permission, or no locks
+        pass
+    try:
+        yield
+    finally:
+        lock.release()

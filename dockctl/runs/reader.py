@@ -20,6 +20,7 @@ from dockctl.runs.directory import (
     SCENE,
     TRAJECTORIES_CSV,
     UPDATES_CSV,
+    RunDirectory,
 )
 from dockctl.runs.files import reading
 from dockctl.scenarios.base import Pose
@@ -76,12 +77,7 @@ def read_run(folder: Path) -> Run:
     Raises:
         DockctlError: it is not a run folder, a file is damaged, or there is no table to draw from.
     """
-    path = folder / SCENARIO
-    if not path.is_file():
-        raise DockctlError(
-            f"{folder}: not a run folder (it has no {SCENARIO}); `dockctl train` creates one under runs/",
-            code="not_found",
-        )
+    path = RunDirectory.open(folder).path / SCENARIO
     try:
         resolved = yaml.safe_load(path.read_text(encoding="utf-8"))
         task = Task.model_validate(resolved["task"])

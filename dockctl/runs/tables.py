@@ -36,12 +36,19 @@ EVALUATION = ("start_kind", "start", "berth", "x_m", "y_m", "heading_deg", *EPIS
 """Episodes of ``dockctl evaluate``."""
 
 START_KINDS = {
-    "pose": "test poses",
+    "pose": "evaluation poses",
     "random": "random starts",
     "trained": "trained berths",
     "held_out": "held-out berths",
 }
 """Values of `start_kind` in an evaluation, and their plain names."""
+START_KEYS = {
+    "pose": "test_poses",
+    "random": "random_starts",
+    "trained": "trained_berths",
+    "held_out": "held_out_berths",
+}
+"""Keys of their summaries in ``evaluation.json``."""
 
 MAP = (
     "dx_m", "dy_m", "dheading_deg", "x_m", "y_m", "heading_deg", "blocked", *EPISODE_RESULT, "time_s",

@@ -144,7 +144,7 @@ class RandomStarts(Model):
 class Evaluation(Model):
     """The greedy episodes that validate and test a policy."""
 
-    poses: tuple[Pose, ...] = Field(default=(), description="test poses; the initial poses where empty")
+    poses: tuple[Pose, ...] = Field(default=(), description="evaluation poses; the initial poses where empty")
     random_starts: RandomStarts = RandomStarts()
     trained_berths: Count = Field(
         default=64, description="random starts at trained berths, which validate the policy during training"

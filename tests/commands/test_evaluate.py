@@ -32,7 +32,7 @@ def test_the_latest_run_is_evaluated_from_poses_and_random_starts(
     outcome = dockctl("evaluate", "--json", "result.json", "--csv", "result.csv")
     assert outcome.code == 0
     for words in (
-        "test poses",
+        "evaluation poses",
         "random starts, seed 12345",
         "95 % interval",
         "least clearance",

@@ -17,7 +17,7 @@ from rich.console import Console
 from dockctl.agents.progress import Progress
 from dockctl.drawing.scene import Scene
 from dockctl.experiments.live import TrainingDisplay
-from dockctl.runs.lock import exclusive_lock
+from dockctl.runs.files import exclusive_lock
 from dockctl.runs.tables import EPISODES, EVALUATIONS, TRAJECTORIES, UPDATES
 from dockctl.scenarios.loader import load
 from dockctl.scenarios.training import Training

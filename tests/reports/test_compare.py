@@ -12,7 +12,7 @@ from dockctl.reports.compare import compare_figure
 from dockctl.reports.style import figure_style, save
 from tests.analysis.test_contrast import DOCKED, two_policies
 
-KINDS = {"random": "random starts", "pose": "test poses"}
+KINDS = {"random": "random starts", "pose": "evaluation poses"}
 
 
 def test_outcome_shares_and_differences() -> None:

@@ -13,7 +13,8 @@ import pytest
 
 from dockctl.errors import DockctlError
 from dockctl.runs import directory
-from dockctl.runs.directory import RunDirectory, require_replaceable, require_writable
+from dockctl.runs.directory import RunDirectory
+from dockctl.runs.files import require_replaceable, require_writable
 
 
 def has_code(code: str) -> Callable[[DockctlError], bool]:

@@ -11,12 +11,12 @@ from pathlib import Path
 import pytest
 
 from dockctl.errors import DockctlError
-from dockctl.runs.lock import exclusive_lock
+from dockctl.runs.files import exclusive_lock
 
 HOLD = """
 import sys
 from pathlib import Path
-from dockctl.runs.lock import exclusive_lock
+from dockctl.runs.files import exclusive_lock
 with exclusive_lock(Path(sys.argv[1])):
     print("locked", flush=True)
     sys.stdin.read()
