@@ -24,7 +24,7 @@ from numpy.typing import NDArray
 
 from dockctl.envs.single import DockingEnv
 from dockctl.scenarios.loader import load
-from dockctl.sim.lidar.array import LidarArray
+from dockctl.sim.lidar.spinning_sensor import SpinningSensor
 from dockctl.sim.world import build_worlds
 
 AZIMUTH_STEPS = (225, 450, 900, 1800, 3600, 7200)
@@ -41,7 +41,7 @@ def quartered(triangles: NDArray[np.float64]) -> NDArray[np.float64]:
     return np.concatenate([np.stack(corners, axis=1) for corners in parts])
 
 
-def point(lidar: LidarArray, rounds: int, what: str) -> dict[str, Any]:
+def point(lidar: SpinningSensor, rounds: int, what: str) -> dict[str, Any]:
     """Measure one set of sensors in one harbor."""
     poses = np.random.default_rng(0).uniform(*FAIRWAY, (300, 3))
     embree = embree_scanner(lidar)
@@ -88,7 +88,7 @@ def main() -> None:
         # These tables need not be cached.
         rays = [
             point(
-                LidarArray(spec.model_copy(update={"azimuth_steps": steps}), triangles),
+                SpinningSensor(spec.model_copy(update={"azimuth_steps": steps}), triangles),
                 arguments.rounds,
                 "rays",
             )
@@ -97,7 +97,7 @@ def main() -> None:
         scenes = [triangles]
         for _ in CUTS[1:]:
             scenes.append(quartered(scenes[-1]))
-        cuts = [point(LidarArray(spec, scene), arguments.rounds, "triangles") for scene in scenes]
+        cuts = [point(SpinningSensor(spec, scene), arguments.rounds, "triangles") for scene in scenes]
     torch.set_num_threads(1)
     batches = [update(DockingEnv("s3"), batch, arguments.rounds) for batch in BATCHES]
     report.facts = {"rays": rays, "triangles": cuts, "batches": batches, "update_peer": SAME}

@@ -21,7 +21,7 @@ from trimesh.ray.ray_pyembree import RayMeshIntersector
 from dockctl.geometry import Floats
 from dockctl.scenarios.loader import load
 from dockctl.sim.lidar import array as lidar_module
-from dockctl.sim.lidar.array import LidarArray
+from dockctl.sim.lidar.spinning_sensor import SpinningSensor
 from dockctl.sim.world import build_worlds
 
 FAIRWAY = ((14.5, -14.0, -np.pi), (27.0, 14.0, np.pi))
@@ -35,7 +35,7 @@ ALL_CORES = "dockctl, all cores, wall clock"
 SPEED = "speed of a scan, relative to embree"
 
 
-def embree_scanner(lidar: LidarArray) -> Callable[[Floats], Floats]:
+def embree_scanner(lidar: SpinningSensor) -> Callable[[Floats], Floats]:
     """Return a function that scans from one pose by embree, with the sector ranges by numpy.
 
     It queries only distances, which is faster than the methods of trimesh; with `scale_to_box` they would be
@@ -63,7 +63,7 @@ def embree_scanner(lidar: LidarArray) -> Callable[[Floats], Floats]:
     return scan
 
 
-def scans(lidar: LidarArray, poses: Floats, cores: int) -> bench.Case:
+def scans(lidar: SpinningSensor, poses: Floats, cores: int) -> bench.Case:
     """Return the case of scans from the poses on `cores` cores."""
 
     def work() -> None:

@@ -25,7 +25,7 @@ from dockctl.runs.directory import SHIPPED
 from dockctl.scenarios.harbor import DEFAULT_MODELS
 from dockctl.scenarios.schema import Scenario
 from dockctl.scenarios.training import THESIS
-from dockctl.sim.checks import load_checked
+from dockctl.sim.world import load_checked
 
 ROOT = Path(__file__).parents[1]
 DOCUMENTS = sorted([*ROOT.glob("*.md"), *ROOT.glob("docs/*.md"), *ROOT.glob("examples/**/*.md")])

@@ -41,8 +41,8 @@ def show(
     from dockctl.reports.show import figures
     from dockctl.reports.style import figure_style, save
     from dockctl.runs.files import require_writable
-    from dockctl.sim.checks import PoseCheck, load_checked
     from dockctl.sim.harbor.build import build_harbor, scene_of
+    from dockctl.sim.world import PoseCheck, load_checked
 
     loaded = load_checked(scenario, plugin_files=plugin or ())
     spec = loaded.scenario

@@ -28,7 +28,7 @@ def validate(
     from dockctl import plugins
     from dockctl.plugins import SCENARIOS
     from dockctl.scenarios import catalog
-    from dockctl.sim.checks import load_checked
+    from dockctl.sim.world import load_checked
 
     catalog.fill()
     for path in plugin or ():

@@ -18,11 +18,10 @@ from dockctl.geometry import Bools, Floats, Ints
 from dockctl.rewards.compose import RewardFunction
 from dockctl.scenarios.loader import LoadedScenario
 from dockctl.scenarios.schema import Scenario
-from dockctl.sim.checks import load_checked
 from dockctl.sim.goal import StepStatus
 from dockctl.sim.simulator import Simulator
 from dockctl.sim.starts import Start, StartSampler, free_sites, given_start, own_site
-from dockctl.sim.world import World, build_worlds
+from dockctl.sim.world import World, build_worlds, load_checked
 
 Observations = NDArray[np.float32]
 Info = dict[str, Any]

@@ -40,7 +40,7 @@ from dockctl.runs.directory import RUNS, SCENARIO, RunDirectory, shipped
 from dockctl.scenarios.content import first_difference
 from dockctl.scenarios.loader import LoadedScenario, load
 from dockctl.scenarios.schema import PolicyInterface, Scenario
-from dockctl.sim.checks import load_checked
+from dockctl.sim.world import load_checked
 
 Factory = Callable[[Scenario], Any]
 Build = Callable[[DockingVectorEnv], Any]

@@ -7,14 +7,25 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
+import numpy as np
+
 from dockctl.geometry import pose_array
 from dockctl.scenarios.harbor import layouts
 from dockctl.scenarios.loader import LoadedScenario
 from dockctl.scenarios.schema import Scenario
-from dockctl.sim.checks import PoseCheck
 from dockctl.sim.harbor.build import build_harbor
-from dockctl.sim.starts import Blocked, Site, Start, free_sites, given_start, own_site, random_starts
-from dockctl.sim.world import World
+from dockctl.sim.starts import (
+    Blocked,
+    Site,
+    Start,
+    draw_intermediate,
+    free_sites,
+    given_start,
+    offset_limits,
+    own_site,
+    with_offset,
+)
+from dockctl.sim.world import PoseCheck, World
 
 TRAINING = "training"
 """Kind of the starts at the initial poses of the training."""
@@ -84,6 +95,43 @@ def pose_check(loaded: LoadedScenario) -> PoseCheck:
     scenario = loaded.scenario
     layout = layouts(scenario.harbor, scenario.task.berths)[own_site(scenario).harbor]
     return PoseCheck.of(scenario, build_harbor(layout.harbor, loaded.base_dir))
+
+
+def random_starts(
+    scenario: Scenario,
+    sites: Sequence[Site],
+    blocked: Sequence[Blocked],
+    *,
+    episodes: int,
+    seed: int,
+    kind: str = "random",
+    spread: bool = False,
+) -> list[Start]:
+    """Draw free starts around the initial poses of the sites, within `evaluation.random_starts`.
+
+    Start i does not depend on the number of starts. If no draw is free, the start is the initial pose.
+
+    Args:
+        scenario: the scenario.
+        sites: the sites; one is drawn per start.
+        blocked: for each harbor, whether the boat is blocked.
+        episodes: number of starts.
+        seed: of the draws.
+        kind: `Start.kind` of the starts.
+        spread: also draw the intermediate pose, as in training.
+    """
+    around, task = scenario.evaluation.random_starts, scenario.task
+    offsets = offset_limits(around.position_m, around.heading_deg)
+    starts = []
+    for child in np.random.SeedSequence(seed).spawn(episodes):
+        rng = np.random.default_rng(child)
+        site = sites[int(rng.integers(len(sites)))]
+        if spread:
+            site = draw_intermediate(site, task, rng, blocked[site.harbor])
+        index = int(rng.integers(len(site.initial)))
+        start = given_start(site, task, site.initial[index], index, kind)
+        starts.append(with_offset(start, offsets, rng, blocked[site.harbor]))
+    return starts
 
 
 def _sites(scenario: Scenario, worlds: Sequence[World]) -> list[Site]:

@@ -36,7 +36,7 @@ from dockctl.scenarios.content import first_difference
 from dockctl.scenarios.loader import load
 from dockctl.scenarios.schema import Scenario
 from dockctl.scenarios.yaml_tree import input_error, read_file
-from dockctl.sim.checks import load_checked
+from dockctl.sim.world import load_checked
 
 Probe = Literal["map", "latency", "returns"]
 PROBE_FILES = {"latency": f"{LATENCY}.json", "map": f"{MAP}.csv", "returns": f"{RETURNS}.csv"}

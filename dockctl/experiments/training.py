@@ -41,9 +41,8 @@ from dockctl.runs.tables import RECENT
 from dockctl.scenarios.content import mesh_files, with_paths
 from dockctl.scenarios.loader import LoadedScenario, dump
 from dockctl.scenarios.schema import PolicyInterface
-from dockctl.sim.checks import load_checked
 from dockctl.sim.starts import own_site
-from dockctl.sim.world import World, build_worlds
+from dockctl.sim.world import World, build_worlds, load_checked
 
 
 @dataclass(frozen=True, eq=False)

@@ -162,7 +162,9 @@ def initial_start(site: Site, task: Task, rng: np.random.Generator, blocked: Blo
     index = int(rng.integers(len(site.initial)))
     initial = task.initial[index]
     start = given_start(site, task, site.initial[index], index)
-    return _with_offset(start, _offsets(initial.position_offset_m, initial.heading_offset_deg), rng, blocked)
+    return with_offset(
+        start, offset_limits(initial.position_offset_m, initial.heading_offset_deg), rng, blocked
+    )
 
 
 def exploring_start(
@@ -186,7 +188,7 @@ def exploring_start(
         leg[2] = wrap(leg[2])
         eta = begin + rng.random() * leg
         size = rng.random()  # one draw for both: near misses are near in position and in heading
-        offsets = _offsets(
+        offsets = offset_limits(
             _interpolate(exploring.position_noise_m, size), _interpolate(exploring.heading_noise_deg, size)
         )
         surge = rng.uniform(-exploring.max_surge_mps, exploring.max_surge_mps)
@@ -199,11 +201,11 @@ def exploring_start(
 def draw_intermediate(site: Site, task: Task, rng: np.random.Generator, blocked: Blocked) -> Site:
     """Return the site with its intermediate pose drawn within the offsets that the task gives it."""
     pose = task.intermediate
-    if pose is None or not (offsets := _offsets(pose.position_offset_m, pose.heading_offset_deg)).any():
+    if pose is None or not (offsets := offset_limits(pose.position_offset_m, pose.heading_offset_deg)).any():
         return site
     intermediate, final = site.goals
     nominal = given_start(site, task, intermediate, 0)
-    return replace(site, goals=np.stack([_with_offset(nominal, offsets, rng, blocked).eta, final]))
+    return replace(site, goals=np.stack([with_offset(nominal, offsets, rng, blocked).eta, final]))
 
 
 class StartSampler:
@@ -237,44 +239,7 @@ class StartSampler:
         return initial_start(site, self._task, rng, blocked)
 
 
-def random_starts(
-    scenario: Scenario,
-    sites: Sequence[Site],
-    blocked: Sequence[Blocked],
-    *,
-    episodes: int,
-    seed: int,
-    kind: str = "random",
-    spread: bool = False,
-) -> list[Start]:
-    """Draw free starts around the initial poses of the sites, within `evaluation.random_starts`.
-
-    Start i does not depend on the number of starts. If no draw is free, the start is the initial pose.
-
-    Args:
-        scenario: the scenario.
-        sites: the sites; one is drawn per start.
-        blocked: for each harbor, whether the boat is blocked.
-        episodes: number of starts.
-        seed: of the draws.
-        kind: `Start.kind` of the starts.
-        spread: also draw the intermediate pose, as in training.
-    """
-    around, task = scenario.evaluation.random_starts, scenario.task
-    offsets = _offsets(around.position_m, around.heading_deg)
-    starts = []
-    for child in np.random.SeedSequence(seed).spawn(episodes):
-        rng = np.random.default_rng(child)
-        site = sites[int(rng.integers(len(sites)))]
-        if spread:
-            site = draw_intermediate(site, task, rng, blocked[site.harbor])
-        index = int(rng.integers(len(site.initial)))
-        start = given_start(site, task, site.initial[index], index, kind)
-        starts.append(_with_offset(start, offsets, rng, blocked[site.harbor]))
-    return starts
-
-
-def _offsets(position_m: float, heading_deg: float) -> Floats:
+def offset_limits(position_m: float, heading_deg: float) -> Floats:
     """Return the largest offsets in x, y [m] and heading [rad]."""
     return np.array([position_m, position_m, np.radians(heading_deg)])
 
@@ -283,7 +248,7 @@ def _interpolate(bounds: Sequence[float], fraction: float) -> float:
     return bounds[0] + fraction * (bounds[1] - bounds[0])
 
 
-def _with_offset(start: Start, offsets: Floats, rng: np.random.Generator, blocked: Blocked) -> Start:
+def with_offset(start: Start, offsets: Floats, rng: np.random.Generator, blocked: Blocked) -> Start:
     """Return `start` moved to a free pose within `offsets`, or unchanged if none is found."""
     if not offsets.any():
         return start

@@ -18,8 +18,7 @@ from dockctl.envs.vector import DockingVectorEnv
 from dockctl.geometry import Bools, Floats
 from dockctl.scenarios.loader import dump
 from dockctl.scenarios.schema import Scenario
-from dockctl.sim.checks import load_checked
-from dockctl.sim.world import World, build_worlds
+from dockctl.sim.world import World, build_worlds, load_checked
 
 SECTORS = 8  # of `open_water`
 

@@ -13,7 +13,7 @@ from dockctl.errors import DockctlError
 from dockctl.reports.show import Scan
 from dockctl.scenarios.loader import load
 from dockctl.sim.harbor.build import build_harbor
-from dockctl.sim.lidar.array import LidarArray
+from dockctl.sim.lidar.spinning_sensor import SpinningSensor
 from tests.commands.conftest import dockctl
 
 PONTOON = Path(__file__).parents[2] / "examples" / "custom-harbor" / "s1-pontoon.yaml"
@@ -30,7 +30,7 @@ def test_four_drawings_and_the_distances(tmp_path: Path, monkeypatch: pytest.Mon
     assert all(path.stat().st_size < 2_000_000 for path in written)
     loaded = load("s3")
     harbor = build_harbor(loaded.scenario.harbor, loaded.base_dir)
-    lidar = LidarArray(loaded.scenario.sensors.lidar, harbor.triangles)
+    lidar = SpinningSensor(loaded.scenario.sensors.lidar, harbor.triangles)
     pose = np.array([25.0, 1.5, np.radians(170)])
     for distance in lidar.sector_ranges_by_full_scan(pose[None])[0]:
         assert f"{distance:.3f} m" in outcome.out

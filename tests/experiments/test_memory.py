@@ -13,7 +13,7 @@ from dockctl.errors import DockctlError
 from dockctl.experiments import memory
 from dockctl.experiments.memory import available_bytes, estimate, network_size, require_memory
 from dockctl.scenarios.loader import load
-from dockctl.sim.lidar.array import LidarArray
+from dockctl.sim.lidar.spinning_sensor import SpinningSensor
 from dockctl.sim.world import build_worlds
 
 
@@ -34,7 +34,7 @@ def test_the_default_training_needs_half_a_gigabyte() -> None:
 def test_the_size_of_the_lidar_tables() -> None:
     loaded = load("s1")
     (world,) = build_worlds(loaded.scenario, loaded.base_dir)
-    assert isinstance(world.lidar, LidarArray)
+    assert isinstance(world.lidar, SpinningSensor)
     arrays = [array for table in world.lidar._tables for array in table if isinstance(array, np.ndarray)]
     taken = sum(array.nbytes for array in arrays)
     assert world.lidar.table_bytes == pytest.approx(taken, rel=0.25)

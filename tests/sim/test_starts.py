@@ -12,7 +12,7 @@ from hypothesis import strategies as st
 from dockctl.geometry import Floats
 from dockctl.scenarios.loader import load
 from dockctl.scenarios.schema import Scenario
-from dockctl.sim.starts import Start, StartSampler, exploring_start, given_start, own_site, random_starts
+from dockctl.sim.starts import Start, StartSampler, exploring_start, given_start, own_site
 from tests.sim.worlds import Wall
 
 S1, S2, S3 = (load(name).scenario for name in ("s1", "s2", "s3"))
@@ -133,19 +133,3 @@ def test_the_same_seed_draws_the_same_starts() -> None:
         return np.stack([sampler_of(S3, exploring=True).draw(rng).eta for _ in range(20)])
 
     assert np.array_equal(draw(), draw())
-
-
-def test_random_evaluation_poses_are_bounded_free_and_do_not_depend_on_their_number() -> None:
-    def draw(episodes: int, seed: int) -> Floats:
-        free = [Wall(20.5).blocked]
-        starts = random_starts(S1, [own_site(S1)], free, episodes=episodes, seed=seed)
-        assert {start.kind for start in starts} == {"random"}
-        return np.stack([start.eta for start in starts])
-
-    many = draw(50, 3)
-    around = S1.evaluation.random_starts
-    reach = [around.position_m, around.position_m, math.radians(around.heading_deg)]
-    assert (np.abs(many - [20, 2, math.radians(160)]) <= reach).all()
-    assert (many[:, 0] <= 20.5).all()
-    assert np.array_equal(draw(5, 3), many[:5])
-    assert not np.array_equal(draw(5, 4), many[:5])

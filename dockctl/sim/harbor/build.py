@@ -19,8 +19,7 @@ from dockctl.errors import DockctlError, InputError, Problem
 from dockctl.geometry import Floats
 from dockctl.scenarios.harbor import Basin, BerthPlace, EndRow, Fleet, HarborSpec, Marina, Side, SideRow
 from dockctl.scenarios.vessel import Hull
-from dockctl.sim.harbor.fleet import MooredModel, moored_model
-from dockctl.sim.harbor.mesh_files import load_bodies
+from dockctl.sim.harbor.mesh_files import MooredModel, load_bodies, moored_model
 from dockctl.sim.harbor.solids import Solid, box, hull_outline, joined, outlines, tube
 
 PartKind = Literal["quay", "finger", "pile", "vessel", "mesh"]

@@ -48,6 +48,8 @@ class SpinningLidars(RangeSensorSpec):
     mounts: tuple[LidarMount, ...] = Field(default=THESIS_MOUNTS, min_length=1, max_length=64)
 
     def build(self, triangles: Floats) -> RangeSensor:
-        from dockctl.sim.lidar.array import LidarArray  # compiles on import: not for checking a scenario
+        from dockctl.sim.lidar.spinning_sensor import (
+            SpinningSensor,  # compiles on import: not for checking a scenario
+        )
 
-        return LidarArray(self, triangles)
+        return SpinningSensor(self, triangles)

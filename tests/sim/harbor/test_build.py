@@ -20,10 +20,10 @@ from dockctl.errors import DockctlError, InputError
 from dockctl.scenarios.base import Pose
 from dockctl.scenarios.harbor import HarborSpec, Marina, MeshFile, MeshHarbor
 from dockctl.scenarios.vessel import Hull
-from dockctl.sim.checks import PoseCheck
 from dockctl.sim.collision import CollisionChecker
 from dockctl.sim.harbor.build import Harbor, Part, assemble, build_harbor, scene_of
 from dockctl.sim.harbor.solids import Solid, box, hull_outline
+from dockctl.sim.world import PoseCheck
 from tests.sim.harbor.harbors import reference_harbor, reference_spec
 
 HULL = Hull()

@@ -10,7 +10,7 @@ import trimesh
 
 from dockctl.scenarios.loader import load
 from dockctl.sim.lidar.planar import PlanarScanner
-from tests.sim.lidar.test_array import clutter
+from tests.sim.lidar.test_spinning_sensor import clutter
 
 POSES = np.array([[0.0, 0.0, 0.0], [3.0, -4.0, 2.5], [-7.5, 6.0, -1.1]])
 HALF_M = 10.0

@@ -14,9 +14,9 @@ from dockctl.errors import InputError
 from dockctl.scenarios.content import first_difference, mesh_files, with_paths
 from dockctl.scenarios.harbor import DEFAULT_MODELS, VESSEL_MODELS
 from dockctl.scenarios.loader import dump, load
-from dockctl.sim.checks import load_checked
 from dockctl.sim.harbor.build import build_harbor
-from dockctl.sim.harbor.fleet import MooredModel, moored_model, read_model
+from dockctl.sim.harbor.mesh_files import MooredModel, moored_model, read_model
+from dockctl.sim.world import load_checked
 
 ROOT = Path(__file__).parents[3]
 BOX = """# barge
@@ -137,7 +137,7 @@ def test_a_damaged_file_is_reported_with_its_line(tmp_path: Path, old: str, new:
 
 def test_a_file_in_the_folder_is_a_model(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr("dockctl.scenarios.harbor.VESSEL_MODELS", tmp_path)
-    monkeypatch.setattr("dockctl.sim.harbor.fleet.VESSEL_MODELS", tmp_path)
+    monkeypatch.setattr("dockctl.sim.harbor.mesh_files.VESSEL_MODELS", tmp_path)
     (tmp_path / "barge.obj").write_text(BOX)
     load("s1", overrides=["harbor.fleet.models=[barge]"])
     assert moored_model("barge").vessel_class == "barge"

@@ -12,10 +12,10 @@ from hypothesis import strategies as st
 
 from dockctl.scenarios.loader import load
 from dockctl.sim.lidar import array as lidar_module
-from dockctl.sim.lidar.array import LidarArray, Rays, rotation
 from dockctl.sim.lidar.height_grid import HeightGrid, band_at, bands_near, bits, distance_at
 from dockctl.sim.lidar.raycast import BoundingVolumes, closest_hits
 from dockctl.sim.lidar.spinning import LidarMount, SpinningLidars
+from dockctl.sim.lidar.spinning_sensor import Rays, SpinningSensor, rotation
 from dockctl.sim.world import build_worlds
 
 COARSE = SpinningLidars(azimuth_steps=180)
@@ -76,14 +76,14 @@ def test_rays_end_at_the_water() -> None:
 
 
 def test_open_water_gives_the_maximum_range() -> None:
-    array = LidarArray(COARSE, np.empty((0, 3, 3)))
+    array = SpinningSensor(COARSE, np.empty((0, 3, 3)))
     np.testing.assert_array_equal(array.sector_ranges(np.zeros((2, 3))), np.full((2, 8), 100.0))
     np.testing.assert_array_equal(array.sector_ranges_by_full_scan(np.zeros((2, 3))), np.full((2, 8), 100.0))
 
 
 def test_a_wall_ahead_is_seen_at_its_distance() -> None:
     """The wall is at x = 7: the two bow sectors give 7 m, the next two 7 / cos 45 degrees."""
-    ranges = LidarArray(SpinningLidars(), wall(7.0, 4.0)).sector_ranges(np.zeros((1, 3)))[0]
+    ranges = SpinningSensor(SpinningLidars(), wall(7.0, 4.0)).sector_ranges(np.zeros((1, 3)))[0]
     np.testing.assert_allclose(ranges[[3, 4]], 7.0, atol=1e-3)
     np.testing.assert_allclose(ranges[[2, 5]], 7.0 * math.sqrt(2), atol=0.05)
     np.testing.assert_array_equal(ranges[[0, 1, 6, 7]], 100.0)
@@ -91,7 +91,7 @@ def test_a_wall_ahead_is_seen_at_its_distance() -> None:
 
 def test_a_near_wall_hides_a_far_one() -> None:
     both = np.concatenate([wall(7.0, 40.0), wall(12.0, 80.0)])
-    points = LidarArray(SpinningLidars(), both).points(np.zeros(3))
+    points = SpinningSensor(SpinningLidars(), both).points(np.zeros(3))
     assert points[points[:, 0] > 8.01, 2].min() > 40.0
 
 
@@ -100,7 +100,7 @@ def test_sectors_rotate_with_the_boat(heading: float) -> None:
     """A mast due east of the boat is in the sector of the body-frame azimuth -heading."""
     mast = trimesh.creation.cylinder(radius=0.3, height=12, sections=32)
     mast.apply_translation([10.0, 1.0, 2.0])
-    ranges = LidarArray(SpinningLidars(), np.array(mast.triangles)).sector_ranges(
+    ranges = SpinningSensor(SpinningLidars(), np.array(mast.triangles)).sector_ranges(
         np.array([[0, 0, math.radians(heading)]])
     )[0]
     azimuth = math.atan2(1.0, 10.0) - math.radians(heading)
@@ -111,7 +111,7 @@ def test_sectors_rotate_with_the_boat(heading: float) -> None:
 
 @pytest.mark.parametrize("seed", range(4))
 def test_fast_scan_equals_full_scan_bit_for_bit(seed: int) -> None:
-    array = LidarArray(COARSE, clutter(seed))
+    array = SpinningSensor(COARSE, clutter(seed))
     rng = np.random.default_rng(seed + 100)
     poses = np.column_stack([rng.uniform(-30, 30, (60, 2)), rng.uniform(-7, 7, 60)])
     np.testing.assert_array_equal(array.sector_ranges(poses), array.sector_ranges_by_full_scan(poses))
@@ -129,7 +129,7 @@ def test_fast_scan_equals_full_scan_for_any_sensor(
         LidarMount(pitch_deg=90.0 - pitch, roll_deg=13.0, yaw_deg=200.0, x_m=-1.5, y_m=0.0, z_m=0.7),
     )
     spec = SpinningLidars(channels=channels, azimuth_steps=73, range_m=reach, mounts=mounts, sectors=6)
-    array = LidarArray(spec, clutter(seed, solids=30, spread=8.0))
+    array = SpinningSensor(spec, clutter(seed, solids=30, spread=8.0))
     poses = np.random.default_rng(seed).uniform(-8, 8, (10, 3))
     np.testing.assert_array_equal(array.sector_ranges(poses), array.sector_ranges_by_full_scan(poses))
 
@@ -153,7 +153,7 @@ def test_full_scan_equals_embree() -> None:
     mesh = trimesh.Trimesh(
         triangles.reshape(-1, 3), np.arange(len(triangles) * 3).reshape(-1, 3), process=False
     )
-    array = LidarArray(COARSE, triangles)
+    array = SpinningSensor(COARSE, triangles)
     peer = RayMeshIntersector(mesh)
     rays = array.rays
     for x, y, heading in np.random.default_rng(3).uniform(-20, 20, (10, 3)):
@@ -199,7 +199,7 @@ def test_closest_hits_equal_brute_force() -> None:
 
 
 def test_ranges_do_not_depend_on_the_batch_or_the_threads(monkeypatch: pytest.MonkeyPatch) -> None:
-    array = LidarArray(COARSE, clutter(2))
+    array = SpinningSensor(COARSE, clutter(2))
     poses = np.random.default_rng(1).uniform(-20, 20, (33, 3))
     together = array.sector_ranges(poses)
     alone = np.concatenate([array.sector_ranges(pose[None]) for pose in poses])

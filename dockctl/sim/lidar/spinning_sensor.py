@@ -86,7 +86,7 @@ class Rays:
 
 
 @dataclass(frozen=True, eq=False)
-class LidarArray:
+class SpinningSensor:
     """The LiDARs of the boat in one harbor.
 
     Args:

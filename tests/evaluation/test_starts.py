@@ -1,0 +1,50 @@
+"""Random starts: within their bounds, free, at their own site, and the same for any number of starts."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+
+from dockctl.evaluation.starts import random_starts
+from dockctl.geometry import Floats
+from dockctl.scenarios.loader import load
+from dockctl.sim.starts import own_site, sites
+from tests.sim.worlds import Wall
+
+S1, MARINA = load("s1").scenario, load("marina").scenario
+OPEN = [Wall(math.inf).blocked] * 5
+
+
+def test_they_are_bounded_free_and_do_not_depend_on_their_number() -> None:
+    def draw(episodes: int, seed: int) -> Floats:
+        free = [Wall(20.5).blocked]
+        starts = random_starts(S1, [own_site(S1)], free, episodes=episodes, seed=seed)
+        assert {start.kind for start in starts} == {"random"}
+        return np.stack([start.eta for start in starts])
+
+    many = draw(50, 3)
+    around = S1.evaluation.random_starts
+    reach = [around.position_m, around.position_m, math.radians(around.heading_deg)]
+    assert (np.abs(many - [20, 2, math.radians(160)]) <= reach).all()
+    assert (many[:, 0] <= 20.5).all()
+    assert np.array_equal(draw(5, 3), many[:5])
+    assert not np.array_equal(draw(5, 4), many[:5])
+
+
+def test_they_are_around_their_own_site() -> None:
+    held_out = [site for site in sites(MARINA) if site.kind == "held_out"]
+    around = {site.berth: site.initial[0] for site in held_out}
+    starts = random_starts(MARINA, held_out, OPEN, episodes=200, seed=1, kind="held_out")
+    assert {start.berth for start in starts} == set(around)
+    for start in starts:
+        off = start.eta - around[start.berth]
+        assert (np.abs(off) <= [3, 3, math.radians(20)]).all()
+
+
+def test_the_intermediate_pose_is_nominal_unless_it_is_drawn() -> None:
+    nominal = {site.berth: site.goals for site in sites(MARINA)}
+    starts = random_starts(MARINA, sites(MARINA), OPEN, episodes=20, seed=1)
+    assert all(np.array_equal(start.goals, nominal[start.berth]) for start in starts)
+    drawn = random_starts(MARINA, sites(MARINA), OPEN, episodes=20, seed=1, spread=True)
+    assert not any(np.array_equal(start.goals[0], nominal[start.berth][0]) for start in drawn)
