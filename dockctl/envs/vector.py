@@ -158,7 +158,7 @@ class DockingVectorEnv(VectorEnv[Observations, NDArray[Any], NDArray[Any]]):
             raise error.ResetNeeded("an episode has ended or none has started: call reset() first")
         status = self.simulator.step(self._commands(actions))
         reward, by_term = self.reward(status)
-        terminated = status.collided | status.reached_final
+        terminated = status.terminated
         truncated = ~terminated & (self.simulator.steps >= self.simulator.max_steps)
         self._ended = terminated | truncated
         self._extend_trails()
@@ -264,11 +264,7 @@ class DockingVectorEnv(VectorEnv[Observations, NDArray[Any], NDArray[Any]]):
         return {"outcome": nothing, "collided_with": nothing.copy(), "reward_terms": terms}
 
     def _events(self, status: StepStatus, truncated: Bools, by_term: dict[str, Floats]) -> Info:
-        events = self._no_events()
-        events["reward_terms"] = by_term
-        happened = {"collision": status.collided, "docked": status.reached_final, "timeout": truncated}
-        for outcome, rows in happened.items():
-            events["outcome"][rows] = outcome
+        events = {**self._no_events(), "outcome": status.outcome(truncated), "reward_terms": by_term}
         for row in np.flatnonzero(status.collided):
             world = self.worlds[int(self.simulator.harbor[row])]
             events["collided_with"][row] = world.obstacles.collided_part(self.simulator.eta[row]) or ""

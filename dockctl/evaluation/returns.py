@@ -63,10 +63,9 @@ class BehaviorSimulation:
         for step in range(self.start.max_steps):
             status = simulator.step(commands[[min(step, len(commands) - 1)]])
             statuses.append(status)
-            for outcome, happened in (("collision", status.collided), ("docked", status.reached_final)):
-                if happened[0]:
-                    return Behavior(name, outcome, tuple(statuses))
-        return Behavior(name, "timeout", tuple(statuses))
+            if status.terminated[0]:
+                break
+        return Behavior(name, status.outcome(~status.terminated)[0], tuple(statuses))
 
 
 @dataclass(frozen=True, eq=False)

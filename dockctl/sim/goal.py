@@ -5,6 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
+from numpy.typing import NDArray
 
 from dockctl.geometry import Bools, Floats, Ints, wrap
 from dockctl.scenarios.schema import Task, Tolerance
@@ -73,3 +74,20 @@ class StepStatus:
     def speed_mps(self) -> Floats:
         """Speed over ground, sqrt(u^2 + v^2), (n,) [m/s]."""
         return np.hypot(self.nu[:, 0], self.nu[:, 1])
+
+    @property
+    def terminated(self) -> Bools:
+        """Whether the step ends the episode, by a collision or at the final pose, (n,)."""
+        return self.collided | self.reached_final
+
+    def outcome(self, truncated: Bools) -> NDArray[np.object_]:
+        """Return how each episode ended, (n,): "docked", "collision", "timeout", or "" if it continues.
+
+        Args:
+            truncated: (n,) whether the episode ends by its limit of steps.
+        """
+        outcome = np.full(len(self.phase), "", object)
+        outcome[truncated] = "timeout"
+        outcome[self.reached_final] = "docked"
+        outcome[self.collided] = "collision"
+        return outcome
