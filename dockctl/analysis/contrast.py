@@ -41,7 +41,6 @@ MEASURES = (
 class Compared:
     """Means of one measure for two policies over the same episodes, and their difference."""
 
-    measure: Measure
     first: float
     second: float
     difference: Difference
@@ -52,8 +51,8 @@ class Contrast:
     """Comparison of a policy with the first one over one kind of start.
 
     Attributes:
-        success: success rates over all episodes.
-        docked: the other measures over the episodes in which both dock; empty for fewer than two.
+        compared: by measure. Success rates are over all episodes; the other measures are over the episodes
+            in which both policies dock, and are missing for fewer than two.
         only_first, only_second: number of episodes in which only that policy docks.
         p: p-value of the exact McNemar test.
     """
@@ -61,8 +60,7 @@ class Contrast:
     first: str
     second: str
     kind: str
-    success: Compared
-    docked: tuple[Compared, ...]
+    compared: dict[Measure, Compared]
     only_first: int
     only_second: int
     p: float
@@ -93,18 +91,17 @@ def _episodes(table: pd.DataFrame, policy: str, kind: str) -> pd.DataFrame:
 def _contrast(first: str, a: pd.DataFrame, second: str, b: pd.DataFrame, kind: str) -> Contrast:
     a_docks, b_docks = a["docked"].to_numpy(bool), b["docked"].to_numpy(bool)
     both = a_docks & b_docks
-    compared = []
+    rates = float(np.mean(a_docks)), float(np.mean(b_docks))
+    compared = {SUCCESS: Compared(*rates, success_difference(a_docks, b_docks))}
     for measure in MEASURES:
         x, y = (rows[measure.column].to_numpy(float)[both] for rows in (a, b))
         if (difference := mean_difference(x, y)) is not None:
-            compared.append(Compared(measure, float(x.mean()), float(y.mean()), difference))
-    rates = float(np.mean(a_docks)), float(np.mean(b_docks))
+            compared[measure] = Compared(float(x.mean()), float(y.mean()), difference)
     return Contrast(
         first=first,
         second=second,
         kind=kind,
-        success=Compared(SUCCESS, *rates, success_difference(a_docks, b_docks)),
-        docked=tuple(compared),
+        compared=compared,
         only_first=int((a_docks & ~b_docks).sum()),
         only_second=int((~a_docks & b_docks).sum()),
         p=mcnemar_p(a_docks, b_docks),

@@ -18,7 +18,7 @@ from dockctl.runs.files import require_writable, require_writable_file, write_at
 from dockctl.runs.tables import EVALUATION, START_KINDS, to_csv
 
 if TYPE_CHECKING:
-    from dockctl.analysis.contrast import Compared, Contrast
+    from dockctl.analysis.contrast import Compared, Contrast, Measure
     from dockctl.evaluation.compare import Comparison
 
 FOLDER = Path("figures") / "compare"
@@ -109,18 +109,18 @@ def _difference_table(one: Contrast) -> Table:
         table.add_column(Text(name), justify="right", overflow="fold", min_width=7)
     for name in ("difference", "95 % interval", "pairs"):
         table.add_column(name, justify="right", no_wrap=True)
-    for each in (one.success, *one.docked):
-        table.add_row(*_difference_cells(each))
+    for measure, compared in one.compared.items():
+        table.add_row(*_difference_cells(measure, compared))
     return table
 
 
-def _difference_cells(each: Compared) -> tuple[str, ...]:
-    measure, difference = each.measure, each.difference
+def _difference_cells(measure: Measure, compared: Compared) -> tuple[str, ...]:
+    difference = compared.difference
     value = measure.text(difference.value, signed=True)
     return (
         f"{measure.name} [{measure.unit}]".replace("[", r"\["),
-        measure.text(each.first),
-        measure.text(each.second),
+        measure.text(compared.first),
+        measure.text(compared.second),
         f"[bold]{value}[/]" if difference.is_clear else value,
         f"{measure.text(difference.low, signed=True)} to {measure.text(difference.high, signed=True)}",
         f"{difference.pairs:,}",

@@ -64,12 +64,12 @@ class Comparison:
                     "only_second_docks": one.only_second,
                     "mcnemar_p": one.p,
                     **{
-                        each.measure.column: {
-                            "first": each.first,
-                            "second": each.second,
-                            **asdict(each.difference),
+                        measure.column: {
+                            "first": compared.first,
+                            "second": compared.second,
+                            **asdict(compared.difference),
                         }
-                        for each in (one.success, *one.docked)
+                        for measure, compared in one.compared.items()
                     },
                 }
                 for one in self.contrasts

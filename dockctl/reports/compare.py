@@ -16,7 +16,7 @@ from matplotlib.ticker import MaxNLocator, PercentFormatter
 from dockctl.analysis.contrast import MEASURES, SUCCESS, Contrast, Measure, contrasts
 from dockctl.analysis.statistics import wilson_interval
 from dockctl.drawing import palette
-from dockctl.reports.style import HALO, make_figure
+from dockctl.reports.style import label, make_figure
 
 ROW_IN = 0.46
 """Height per policy [inches]."""
@@ -47,10 +47,11 @@ def compare_figure(table: pd.DataFrame, kinds: Mapping[str, str], caption: str) 
         width_ratios=(2.1, *[1.0] * (1 + len(MEASURES))),
     )
     for axes, kind in zip(grid, shown, strict=True):
-        own = table[table["start_kind"] == kind]
-        draw_outcomes(axes[0], own, policies, f"{kinds.get(kind, kind)}, {_count(own, policies)} episodes")
+        episodes = table[table["start_kind"] == kind]
+        title = f"{kinds.get(kind, kind)}, {len(episodes) // len(policies):,} episodes"
+        draw_outcomes(axes[0], episodes, policies, title)
         for ax, measure in zip(axes[1:], (SUCCESS, *MEASURES), strict=True):
-            draw_differences(ax, measure, [one for one in found if one.kind == kind], len(policies))
+            draw_differences(ax, measure, [c for c in found if c.kind == kind], len(policies))
     _legend(figure, policies[0])
     _freeze_layout(figure)
     return figure
@@ -92,26 +93,17 @@ def draw_differences(ax: Axes, measure: Measure, found: Sequence[Contrast], poli
     """Draw the difference of each policy from the first one in one measure, with its interval."""
     ax.axvline(0, color=palette.INK_SOFT, lw=0.9)
     ends = [0.0]
-    for row, one in enumerate(found, start=1):
-        compared = [each for each in (one.success, *one.docked) if each.measure is measure]
-        for difference in (each.difference for each in compared):
+    for row, contrast in enumerate(found, start=1):
+        if (compared := contrast.compared.get(measure)) is not None:
+            difference = compared.difference
             value, low, high = (
                 measure.factor * x for x in (difference.value, difference.low, difference.high)
             )
             color = palette.INK if difference.is_clear else UNCLEAR_COLOR
             ax.plot([low, high], [row, row], color=color, lw=1.8, solid_capstyle="butt")
             ax.plot(value, row, "o", ms=5.5, color=color, zorder=3)
-            ax.annotate(
-                measure.text(difference.value, signed=True),
-                (value, row),
-                xytext=(0, 6),
-                textcoords="offset points",
-                ha="center",
-                va="bottom",
-                fontsize=8,
-                color=color,
-                path_effects=HALO,
-            )
+            text = measure.text(difference.value, signed=True)
+            label(ax, text, (value, row), (0, 6), ha="center", va="bottom", color=color)
             ends += [low, high]
     margin = max(0.16 * np.ptp(ends), 5 * 10.0**-measure.decimals)
     ax.set_xlim(min(ends) - margin, max(ends) + margin)
@@ -121,29 +113,11 @@ def draw_differences(ax: Axes, measure: Measure, found: Sequence[Contrast], poli
     ax.spines["left"].set_visible(False)
     ax.tick_params(axis="y", labelleft=False)
     ax.set_ylim(policies - 0.5, -0.5)
-    if found:
+    if found and (compared := found[0].compared.get(measure)) is not None:
         left, right = ax.get_xlim()
-        is_right = right < -left
-        ax.annotate(
-            _mean_of_first(measure, found[0]),
-            (0, 0),
-            xytext=(-4 if is_right else 4, 0),
-            textcoords="offset points",
-            ha="right" if is_right else "left",
-            va="center",
-            fontsize=8,
-            color=palette.INK_SOFT,
-            path_effects=HALO,
-        )
-
-
-def _mean_of_first(measure: Measure, one: Contrast) -> str:
-    means = [each.first for each in (one.success, *one.docked) if each.measure is measure]
-    return f"{measure.text(means[0])} {measure.unit}" if means else ""
-
-
-def _count(table: pd.DataFrame, policies: Sequence[str]) -> str:
-    return f"{len(table) // len(policies):,}"
+        shift, side = (-4, "right") if right < -left else (4, "left")
+        text = f"{measure.text(compared.first)} {measure.unit}"
+        label(ax, text, (0, 0), (shift, 0), ha=side, va="center", color=palette.INK_SOFT)
 
 
 def _legend(figure: Figure, first: str) -> None:

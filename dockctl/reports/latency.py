@@ -10,7 +10,7 @@ from matplotlib.ticker import FuncFormatter, NullFormatter
 
 from dockctl.analysis.latency import PARTS, STATISTICS, THESIS_FORWARD_MS, summarize
 from dockctl.drawing import palette
-from dockctl.reports.style import HALO, make_figure
+from dockctl.reports.style import label, make_figure
 
 COLORS = {
     "scan_ms": palette.BLUE,
@@ -61,7 +61,4 @@ def _draw_part(
 
 
 def _label_line(ax: Axes, value: float, text: str, color: str) -> None:
-    ax.annotate(
-        text, (value, 0.62), xycoords=ax.get_xaxis_transform(), xytext=(-5, 0), textcoords="offset points",
-        ha="right", fontsize=8, color=color, path_effects=HALO,
-    )  # fmt: skip
+    label(ax, text, (value, 0.62), (-5, 0), xycoords=ax.get_xaxis_transform(), ha="right", color=color)

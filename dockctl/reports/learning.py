@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
+from itertools import cycle
 
 import numpy as np
 import pandas as pd
@@ -97,26 +98,28 @@ def draw_outcomes(ax: Axes, episodes: pd.DataFrame) -> None:
 
 def draw_terms(ax: Axes, episodes: pd.DataFrame) -> None:
     """Draw the moving average of each reward term per episode; gains stack upward, costs downward."""
-    columns = term_columns(episodes)
+    colors = term_colors(episodes)
     window = smoothing_window(episodes)
-    others = iter(OTHER_TERMS * (1 + len(columns) // len(OTHER_TERMS)))
     top, bottom = np.zeros(len(episodes)), np.zeros(len(episodes))
-    entries = []
-    for column in columns:
-        name = column.removeprefix("reward_")
-        color = TERM_COLORS.get(name) or next(others)
-        mean = moving_average(episodes[column], window).to_numpy()
+    for name, color in colors:
+        mean = moving_average(episodes[f"reward_{name}"], window).to_numpy()
         for base, part in ((top, mean.clip(min=0)), (bottom, mean.clip(max=0))):
             if part.any():
                 ax.fill_between(episodes["episode"], base, base + part, color=color, alpha=0.85, lw=0)
                 base += part
-        entries.append((name, color))
     ax.plot(episodes["episode"], moving_average(episodes["return"], window), color=palette.INK, lw=1.6)
     ax.axhline(0, color=palette.INK_SOFT, lw=0.8)
     ax.set_ylabel(f"Reward per episode, mean of {window}")
     thousands(ax, "y")
-    legend_above(ax, [*entries, ("total", palette.INK)], columns=7)
+    legend_above(ax, [*colors, ("total", palette.INK)], columns=7)
     _label_episodes(ax, episodes)
+
+
+def term_colors(table: pd.DataFrame) -> list[tuple[str, str]]:
+    """Name and color of each reward term of a table, in the order of its columns."""
+    others = cycle(OTHER_TERMS)
+    names = [column.removeprefix("reward_") for column in term_columns(table)]
+    return [(name, TERM_COLORS.get(name) or next(others)) for name in names]
 
 
 def draw_evaluations(ax: Axes, evaluations: pd.DataFrame, names: Sequence[str]) -> None:

@@ -15,7 +15,7 @@ from matplotlib.patches import Circle, FancyArrowPatch, FancyBboxPatch, Polygon,
 from dockctl.drawing import palette
 from dockctl.drawing.scene import Scene, strokes, water
 from dockctl.geometry import Floats, place_outline, pose_array
-from dockctl.reports.style import HALO, legend_above
+from dockctl.reports.style import HALO, label, legend_above
 from dockctl.scenarios.base import Pose
 from dockctl.scenarios.schema import Task
 
@@ -195,20 +195,11 @@ def draw_label(
 ) -> None:
     """Write text above or below a boat, at least `apart_m` from its reference point."""
     ys = np.array([*place_outline(hull, pose)[:, 1], pose[1] - apart_m, pose[1] + apart_m])
-    ax.annotate(
-        text,
-        (pose[0], ys.min() if below else ys.max()),
-        xytext=(0, -5 if below else 5),
-        textcoords="offset points",
-        ha="center",
-        va="top" if below else "bottom",
-        fontsize=8,
-        fontweight="bold",
-        color=color,
-        path_effects=HALO,
-        zorder=10,
+    y, shift, side = (ys.min(), -5, "top") if below else (ys.max(), 5, "bottom")
+    label(
+        ax, text, (pose[0], y), (0, shift), ha="center", va=side, fontweight="bold", color=color, zorder=10,
         annotation_clip=True,
-    )
+    )  # fmt: skip
 
 
 def draw_paths(ax: Axes, scene: Scene, tracks: Sequence[Track], task: Task) -> None:

@@ -7,11 +7,10 @@ import pandas as pd
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from dockctl.analysis.episodes import term_columns
 from dockctl.analysis.returns import DOCKING, INTERMEDIATE, break_even, format_unit, value
 from dockctl.drawing import palette
-from dockctl.reports.learning import OTHER_TERMS, TERM_COLORS
-from dockctl.reports.style import HALO, legend_above, make_figure, thousands
+from dockctl.reports.learning import term_colors
+from dockctl.reports.style import label, legend_above, make_figure, thousands
 
 UNIT_COLORS = (palette.MEAN, palette.SECOND_MEAN, palette.PURPLE, palette.GREEN)
 ENDINGS = {"docked": "docks", "collision": "collides", "timeout": "timeout"}
@@ -38,8 +37,7 @@ def returns_figure(table: pd.DataFrame, caption: str) -> Figure:
         draw_returns(axes[i], rows)
         axes[i].set_xlabel(f"Discounted return, δd in {format_unit(unit)}")
         axes[i].tick_params(labelleft=i == 0)
-    terms = [(column.removeprefix("reward_"), _color(table, column)) for column in term_columns(table)]
-    legend_above(axes[0], terms, columns=6)
+    legend_above(axes[0], term_colors(table), columns=6)
     if has_intermediate:
         colors = [UNIT_COLORS[i % len(UNIT_COLORS)] for i in range(len(units))]
         for rows, color in zip(by_unit, colors, strict=True):
@@ -53,18 +51,16 @@ def draw_returns(ax: Axes, rows: pd.DataFrame) -> None:
     """Draw one bar per behavior: gains to the right, costs to the left, and a marker at the return."""
     rows = rows.reset_index(drop=True)
     gain, cost = np.zeros(len(rows)), np.zeros(len(rows))
-    for column in term_columns(rows):
-        values = rows[column].to_numpy(float)
+    for name, color in term_colors(rows):
+        values = rows[f"reward_{name}"].to_numpy(float)
         for base, part in ((gain, values.clip(min=0)), (cost, values.clip(max=0))):
-            ax.barh(rows.index, part, left=base, height=0.62, color=_color(rows, column), alpha=0.88, lw=0)
+            ax.barh(rows.index, part, left=base, height=0.62, color=color, alpha=0.88, lw=0)
             base += part
     ax.plot(rows["return"], rows.index, "D", ms=5, color=palette.INK, mec="white", mew=0.9, zorder=4)
     for i, (_, row) in enumerate(rows.iterrows()):
-        ax.annotate(
-            f"{row['return']:,.0f}".replace("-", "−"), (gain[i], i), xytext=(5, 0),
-            textcoords="offset points", va="center", fontsize=8.5,
-            fontweight="bold" if row["outcome"] == "docked" else "normal", path_effects=HALO, zorder=5,
-        )  # fmt: skip
+        text = f"{row['return']:,.0f}".replace("-", "−")
+        weight = "bold" if row["outcome"] == "docked" else "normal"
+        label(ax, text, (gain[i], i), (5, 0), va="center", fontsize=8.5, fontweight=weight, zorder=5)
     ax.axvline(0, color=palette.INK_SOFT, lw=0.8, zorder=3)
     low, high = cost.min(), gain.max()
     ax.set_xlim(low - 0.03 * (high - low), high + 0.24 * (high - low))
@@ -89,10 +85,7 @@ def draw_advantage(ax: Axes, rows: pd.DataFrame, color: str) -> None:
     ax.plot(paid, discount * (paid - even), "o", color=color, mec="white", ms=7, zorder=4)
     if even > 0:
         ax.plot(even, 0, "D", color=color, mec="white", ms=6, zorder=4)
-        ax.annotate(
-            f"break-even {even:,.0f}", (even, 0), xytext=(6, -14), textcoords="offset points",
-            fontsize=8.5, color=color, path_effects=HALO,
-        )  # fmt: skip
+        label(ax, f"break-even {even:,.0f}", (even, 0), (6, -14), fontsize=8.5, color=color)
     ax.axhline(0, color=palette.INK_SOFT, lw=0.8, zorder=1)
     ax.set_xlim(*ax.dataLim.intervalx)
     ax.locator_params(nbins=5)
@@ -100,10 +93,3 @@ def draw_advantage(ax: Axes, rows: pd.DataFrame, color: str) -> None:
     ax.set_ylabel("Docking minus loitering before the intermediate pose")
     thousands(ax, "y")
     thousands(ax)
-
-
-def _color(table: pd.DataFrame, column: str) -> str:
-    names = [name.removeprefix("reward_") for name in term_columns(table)]
-    others = [name for name in names if name not in TERM_COLORS]
-    name = column.removeprefix("reward_")
-    return TERM_COLORS.get(name) or OTHER_TERMS[others.index(name) % len(OTHER_TERMS)]

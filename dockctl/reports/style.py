@@ -119,6 +119,19 @@ def legend_above(ax: Axes, entries: Sequence[Entry], columns: int = 5) -> None:
     ax.set_title("\n" * ((len(entries) - 1) // columns) + " ", fontsize=8.5, pad=7)
 
 
+def label(
+    ax: Axes, text: str, xy: tuple[float, float], offset: tuple[float, float] = (0, 0), **style: Any
+) -> None:
+    """Write text in 8 pt with a halo, shifted by `offset` [pt] from a point of the axes.
+
+    Args:
+        xy: in data coordinates, unless `style` has other ``xycoords``.
+        style: other arguments of `matplotlib.axes.Axes.annotate`.
+    """
+    style = {"fontsize": 8, "path_effects": HALO, **style}
+    ax.annotate(text, xy, xytext=offset, textcoords="offset points", **style)
+
+
 def thousands(ax: Axes, which: str = "x") -> None:
     """Format the ticks of an axis with thousands separators."""
     axis = ax.xaxis if which == "x" else ax.yaxis

@@ -32,7 +32,7 @@ from dockctl.drawing.scene import Scene
 from dockctl.geometry import Floats
 from dockctl.reports import plan_view
 from dockctl.reports.plan_view import pose_label
-from dockctl.reports.style import HALO, legend_above, make_figure
+from dockctl.reports.style import HALO, label, legend_above, make_figure
 from dockctl.scenarios.schema import Task
 
 HEADING_LIMITS_DEG = (SMALL_OFFSET_DEG, 45.0, 180.0)
@@ -135,10 +135,7 @@ def draw_by_distance(ax: Axes, free: pd.DataFrame, limit_m: float) -> None:
     shown = {distance: section for distance, section in THESIS_M.items() if distance <= limit_m}
     for distance, section in shown.items():
         ax.axvline(distance, color=palette.INK_SOFT, lw=1.0, ls=(0, (1, 2)), zorder=1)
-        ax.annotate(
-            section, (distance, 0.02), xytext=(3, 0), textcoords="offset points", fontsize=7.5,
-            color=palette.INK_SOFT, path_effects=HALO,
-        )  # fmt: skip
+        label(ax, section, (distance, 0.02), (3, 0), fontsize=7.5, color=palette.INK_SOFT)
     ax.set_xlim(0, 1.01 * limit_m or 1.0)
     dotted = "   (dotted: beyond it the thesis' policies fail)" if shown else ""
     ax.set_xlabel(f"Distance of the start from the pose [m]{dotted}")

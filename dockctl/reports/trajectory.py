@@ -10,7 +10,7 @@ from matplotlib.axes import Axes
 
 from dockctl.drawing import palette
 from dockctl.reports.plan_view import Track
-from dockctl.reports.style import HALO, legend_above
+from dockctl.reports.style import label, legend_above
 from dockctl.scenarios.schema import Task, Tolerance
 
 LEAST_STEP_PT = 1.5
@@ -80,11 +80,8 @@ def mark_phases(ax: Axes, tracks: Sequence[Track], *, names: bool = True) -> Non
     low, high = ax.get_ylim()
     ax.set_ylim(low, high + 0.07 * (high - low))  # space for the labels
     for text, shift, side in (("to the intermediate pose", -5, "right"), ("to the berth", 5, "left")):
-        ax.annotate(
-            text, (time_s, 1.0), xycoords=ax.get_xaxis_transform(), xytext=(shift, -4),
-            textcoords="offset points", ha=side, va="top", fontsize=8, color=palette.INK_SOFT,
-            path_effects=HALO,
-        )  # fmt: skip
+        above = {"xycoords": ax.get_xaxis_transform(), "va": "top", "color": palette.INK_SOFT}
+        label(ax, text, (time_s, 1.0), (shift, -4), ha=side, **above)
 
 
 def with_gaps(time: np.ndarray, values: np.ndarray, rows: Sequence[int]) -> tuple[np.ndarray, np.ndarray]:
@@ -140,10 +137,9 @@ def _draw_commands(ax: Axes, tracks: Sequence[Track], column: str) -> None:
             mean = values.rolling(MEAN_STEPS, center=True, min_periods=1).mean()
             ax.plot(time, mean, color=track.color, lw=1.6, label=f"{track.label} {column}, mean")
     if is_dense:
-        ax.annotate(
-            f"thick: mean over {MEAN_STEPS} steps", (1.0, 1.0), xycoords="axes fraction", xytext=(-4, -4),
-            textcoords="offset points", ha="right", va="top", fontsize=7.5, color=palette.INK_SOFT,
-            path_effects=HALO,
+        label(
+            ax, f"thick: mean over {MEAN_STEPS} steps", (1.0, 1.0), (-4, -4), xycoords="axes fraction",
+            ha="right", va="top", fontsize=7.5, color=palette.INK_SOFT,
         )  # fmt: skip
     ax.axhline(0, color=palette.RULE, lw=0.8, zorder=1)
     _finish_axes(ax, tracks)
@@ -182,8 +178,5 @@ def _draw_tolerance(ax: Axes, times: tuple[float, float], band: tuple[float, flo
     ax.fill_between(times, *band, color=palette.DOCKED, alpha=0.18, lw=0, zorder=0.5)
     # The label of the last band is at its end, where the boats are inside of it.
     is_last = times[1] >= ax.get_xlim()[1]
-    ax.annotate(
-        text, (times[1] if is_last else times[0], band[1]), xytext=(-4 if is_last else 4, 3),
-        textcoords="offset points", ha="right" if is_last else "left", fontsize=8, color=palette.DOCKED,
-        path_effects=HALO, zorder=6,
-    )  # fmt: skip
+    x, shift, side = (times[1], -4, "right") if is_last else (times[0], 4, "left")
+    label(ax, text, (x, band[1]), (shift, 3), ha=side, color=palette.DOCKED, zorder=6)

@@ -41,9 +41,8 @@ def test_pairs_are_episodes_from_one_start_in_which_both_dock() -> None:
     assert (found.first, found.second, found.kind) == ("old", "new", "random")
     assert (found.only_first, found.only_second, found.p) == (1, 2, 1.0)
     old, new = (np.array(DOCKED["random"][name], bool) for name in ("old", "new"))
-    assert found.success.measure is SUCCESS
-    assert found.success.difference == success_difference(old, new)
-    (time,) = [each for each in found.docked if each.measure.column == "time_s"]
+    assert found.compared[SUCCESS].difference == success_difference(old, new)
+    (time,) = [means for measure, means in found.compared.items() if measure.column == "time_s"]
     assert time.difference == mean_difference(np.array([40.0, 44, 50]), np.array([41.0, 43, 48]))
     assert (time.first, time.second, time.difference.pairs) == (pytest.approx(134 / 3), 44, 3)
 
@@ -52,7 +51,7 @@ def test_a_single_pair_is_not_compared() -> None:
     table = two_policies()
     table.loc[table["start"] > 0, "outcome"] = "collision"
     (found,) = contrasts(table)
-    assert found.docked == ()
+    assert list(found.compared) == [SUCCESS]
 
 
 @pytest.mark.parametrize(

@@ -7,7 +7,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from dockctl.analysis.contrast import contrasts
+from dockctl.analysis.contrast import SUCCESS, contrasts
 from dockctl.reports.compare import compare_figure
 from dockctl.reports.style import figure_style, save
 from tests.analysis.test_contrast import DOCKED, two_policies
@@ -23,7 +23,7 @@ def test_outcome_shares_and_differences() -> None:
     docked = [bar.get_width() for bar in outcomes.patches if bar.get_x() == 0 and bar.get_width()]
     assert docked == pytest.approx([np.mean(DOCKED["random"][name]) for name in ("old", "new")])
     (found,) = contrasts(table)
-    difference = found.success.difference
+    difference = found.compared[SUCCESS].difference
     low_high, dot = success.lines[1:3]
     assert np.asarray(low_high.get_xdata()) == pytest.approx(
         100 * np.array([difference.low, difference.high])
