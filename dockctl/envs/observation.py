@@ -184,18 +184,18 @@ class ObservationEncoder:
 
 def _checked(part: str, columns: Columns) -> Columns:
     """Return the columns that a part returned for the blank view, after a check of their shapes."""
-    right = (BLANK_BOATS, len(columns.names))
-    if np.shape(columns.values) != right:
+    expected = (BLANK_BOATS, len(columns.names))
+    if np.shape(columns.values) != expected:
         raise DockctlError(
             f"observation part '{part}' returned values of shape {np.shape(columns.values)} for"
-            f" {right[0]} boats, expected one row per boat and one column per name, {right}",
+            f" {expected[0]} boats, expected one row per boat and one column per name, {expected}",
             code="plugin",
         )
     for bound in (columns.low, columns.high):
-        if np.shape(bound) not in ((), right[1:]):
+        if np.shape(bound) not in ((), expected[1:]):
             raise DockctlError(
                 f"observation part '{part}' returned a bound of shape {np.shape(bound)},"
-                f" expected one number, or one per name, {right[1:]}",
+                f" expected one number, or one per name, {expected[1:]}",
                 code="plugin",
             )
     return columns

@@ -38,7 +38,7 @@ class DockingEnv(gymnasium.Env[NDArray[np.float32], Any]):
     | lidar         | nearest return of each of 8 sectors        | 10 m                         | 0   | 2    |
 
     Sector k of the LiDAR, k = 1...8, covers the bearings from 45 k - 225 to 45 k - 180 degrees,
-    counter-clockwise from the bow.
+    counterclockwise from the bow.
 
     ## Reward
     Equations 3.10 and 3.13 of the thesis with the scenario's weights: collision -30,000, final pose +30,000,

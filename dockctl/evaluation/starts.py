@@ -15,7 +15,6 @@ from dockctl.scenarios.loader import LoadedScenario
 from dockctl.scenarios.schema import Scenario
 from dockctl.sim.harbor.build import build_harbor
 from dockctl.sim.starts import (
-    Blocked,
     Site,
     Start,
     draw_intermediate,
@@ -45,7 +44,7 @@ def validation_starts(scenario: Scenario, worlds: Sequence[World]) -> list[Start
     return random_starts(
         scenario,
         trained,
-        _blocked(worlds),
+        worlds,
         episodes=evaluation.trained_berths,
         seed=evaluation.random_starts.seed,
         kind="trained",
@@ -58,9 +57,7 @@ def testing_starts(scenario: Scenario, worlds: Sequence[World], episodes: int, s
     sites = _sites(scenario, worlds)
     held_out = [site for site in sites if site.kind == "held_out"]
     kind = "held_out" if held_out else "random"
-    return random_starts(
-        scenario, held_out or sites, _blocked(worlds), episodes=episodes, seed=seed, kind=kind
-    )
+    return random_starts(scenario, held_out or sites, worlds, episodes=episodes, seed=seed, kind=kind)
 
 
 def trajectory_starts(scenario: Scenario, worlds: Sequence[World]) -> list[Start]:
@@ -100,7 +97,7 @@ def pose_check(loaded: LoadedScenario) -> PoseCheck:
 def random_starts(
     scenario: Scenario,
     sites: Sequence[Site],
-    blocked: Sequence[Blocked],
+    worlds: Sequence[World],
     *,
     episodes: int,
     seed: int,
@@ -114,7 +111,7 @@ def random_starts(
     Args:
         scenario: the scenario.
         sites: the sites; one is drawn per start.
-        blocked: for each harbor, whether the boat is blocked.
+        worlds: the harbors of the scenario.
         episodes: number of starts.
         seed: of the draws.
         kind: `Start.kind` of the starts.
@@ -126,17 +123,14 @@ def random_starts(
     for child in np.random.SeedSequence(seed).spawn(episodes):
         rng = np.random.default_rng(child)
         site = sites[int(rng.integers(len(sites)))]
+        blocked = worlds[site.harbor].obstacles.blocked
         if spread:
-            site = draw_intermediate(site, task, rng, blocked[site.harbor])
+            site = draw_intermediate(site, task, rng, blocked)
         index = int(rng.integers(len(site.initial)))
         start = given_start(site, task, site.initial[index], index, kind)
-        starts.append(with_offset(start, offsets, rng, blocked[site.harbor]))
+        starts.append(with_offset(start, offsets, rng, blocked))
     return starts
 
 
 def _sites(scenario: Scenario, worlds: Sequence[World]) -> list[Site]:
-    return free_sites(scenario, _blocked(worlds))
-
-
-def _blocked(worlds: Sequence[World]) -> list[Blocked]:
-    return [world.obstacles.blocked for world in worlds]
+    return free_sites(scenario, [world.obstacles.blocked for world in worlds])

@@ -42,8 +42,8 @@ def test_continuous_actions_are_fractions_of_the_limits() -> None:
 
 
 @pytest.mark.parametrize("form", [{}, {"kind": "grid"}, {"propeller_n": list(range(-50, 51, 10))}])
-def test_the_kind_may_be_left_out(form: dict[str, Any]) -> None:
-    """Scenarios and policy cards written before there were kinds name none."""
+def test_the_kind_is_optional(form: dict[str, Any]) -> None:
+    """Scenarios and policy cards of older versions have no kind."""
     whole = load("s1").scenario.model_dump(mode="json")
     assert Scenario.model_validate({**whole, "actions": form}).actions == GridActions()
     interface = PolicyInterface.of(load("s1").scenario)
@@ -51,13 +51,13 @@ def test_the_kind_may_be_left_out(form: dict[str, Any]) -> None:
     assert PolicyInterface.model_validate(card) == interface
 
 
-def test_a_written_scenario_loads_as_equal(tmp_path: Any) -> None:
+def test_a_dumped_scenario_loads_as_equal(tmp_path: Any) -> None:
     file = tmp_path / "continuous.yaml"
     file.write_text(dump(CONTINUOUS.scenario))
     assert load(file).scenario == CONTINUOUS.scenario
 
 
-def test_commands_beyond_the_limits_are_rejected_where_they_are_written(tmp_path: Any) -> None:
+def test_commands_beyond_the_limits_are_located_in_the_file(tmp_path: Any) -> None:
     file = tmp_path / "strong.yaml"
     file.write_text("extends: s1\nactions:\n  propeller_n: [-60, 0]\n")
     with pytest.raises(InputError) as caught:

@@ -47,7 +47,7 @@ def test_frames_do_not_change_the_cached_harbor() -> None:
     assert np.array_equal(first, draw_frame(SCENE, ETA, GOAL, TRAIL))
 
 
-def test_trails_may_hold_headings_or_one_pose() -> None:
+def test_trails_with_headings_or_with_a_single_pose() -> None:
     long = draw_frame(SCENE, ETA, GOAL, np.column_stack([TRAIL, [1.0, 1.0]]))
     assert np.array_equal(long, draw_frame(SCENE, ETA, GOAL, TRAIL))
     draw_frame(SCENE, ETA, GOAL, ETA[None])

@@ -1,4 +1,4 @@
-"""What is timed is what the environment would observe."""
+"""The timed observation equals that of the environment."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from dockctl.envs.vector import DockingVectorEnv
 from dockctl.evaluation.latency import time_decisions
 
 
-def test_the_timed_observation_is_the_environment_s_own(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_the_timed_observation_equals_that_of_the_environment(monkeypatch: pytest.MonkeyPatch) -> None:
     env = DockingVectorEnv("s1", 1)
     timed: list[NDArray[np.float32]] = []
 
@@ -27,14 +27,13 @@ def test_the_timed_observation_is_the_environment_s_own(monkeypatch: pytest.Monk
     seen = [env.reset(seed=0, options={"poses": np.array([[20.0, 2.0, np.radians(160)]])})[0]]
     step = env.step
 
-    def seeing(actions: np.ndarray) -> Any:
+    def recording(actions: np.ndarray) -> Any:
         result = step(actions)
         seen.append(result[0])
         return result
 
-    monkeypatch.setattr(env, "step", seeing)
+    monkeypatch.setattr(env, "step", recording)
     time_decisions(env, Ahead(), 10)
-    count = min(len(timed), len(seen)) - 1  # the last step may begin another episode
+    count = min(len(timed), len(seen)) - 1  # the last step may start another episode
     assert count >= 29
-    for one, other in zip(timed[:count], seen[:count], strict=True):
-        assert np.array_equal(one, other)
+    assert np.array_equal(timed[:count], seen[:count])

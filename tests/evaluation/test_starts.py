@@ -10,16 +10,15 @@ from dockctl.evaluation.starts import random_starts
 from dockctl.geometry import Floats
 from dockctl.scenarios.loader import load
 from dockctl.sim.starts import own_site, sites
-from tests.sim.worlds import Wall
+from tests.sim.worlds import walled
 
 S1, MARINA = load("s1").scenario, load("marina").scenario
-OPEN = [Wall(math.inf).blocked] * 5
+OPEN = [walled()] * 5
 
 
 def test_they_are_bounded_free_and_do_not_depend_on_their_number() -> None:
     def draw(episodes: int, seed: int) -> Floats:
-        free = [Wall(20.5).blocked]
-        starts = random_starts(S1, [own_site(S1)], free, episodes=episodes, seed=seed)
+        starts = random_starts(S1, [own_site(S1)], [walled(20.5)], episodes=episodes, seed=seed)
         assert {start.kind for start in starts} == {"random"}
         return np.stack([start.eta for start in starts])
 
