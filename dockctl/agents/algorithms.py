@@ -11,36 +11,14 @@ from __future__ import annotations
 from importlib.util import find_spec
 from typing import TYPE_CHECKING, Any, ClassVar, Literal
 
-from dockctl.errors import Code, DockctlError
+from dockctl.errors import DockctlError
 from dockctl.plugins import ALGORITHMS
-from dockctl.scenarios.base import NonNegative
+from dockctl.scenarios.base import FieldError, NonNegative
 from dockctl.scenarios.extensions import Kind, register
 
 if TYPE_CHECKING:
-    from gymnasium.spaces import Space
-
-    from dockctl.agents.interface import Algorithm, Policy, Tensors
+    from dockctl.agents.interface import Algorithm, Policy, Spaces, Tensors
     from dockctl.scenarios.training import Training
-
-
-class AlgorithmError(DockctlError):
-    """An algorithm that cannot be built.
-
-    Args:
-        message: what was found and what is allowed.
-        field: path of the key in the scenario.
-        code, suggestion: as of `DockctlError`.
-    """
-
-    def __init__(
-        self,
-        message: str,
-        field: str = "training.algorithm",
-        code: Code = "invalid",
-        suggestion: str = "",
-    ) -> None:
-        super().__init__(message, code=code, suggestion=suggestion)
-        self.field = field
 
 
 class AlgorithmSpec(Kind):
@@ -52,34 +30,27 @@ class AlgorithmSpec(Kind):
 
     on_resume: ClassVar[str] = ""
 
-    def build(
-        self, observation_space: Space[Any], action_space: Space[Any], training: Training, device: str
-    ) -> Algorithm:
+    def build(self, spaces: Spaces, training: Training, device: str) -> Algorithm:
         """Return the algorithm for ``training.boats`` boats.
 
         Args:
-            observation_space, action_space: of one boat.
+            spaces: of one boat.
             training: the numbers that all algorithms share.
             device: torch device of the networks.
 
         Raises:
-            AlgorithmError: the algorithm cannot learn in these spaces, or a library is missing.
-            DockctlError: the device is not available.
+            FieldError: the algorithm cannot learn in these spaces, or a key does not fit; the field begins
+                with ``training.algorithm`` or ``actions``.
+            DockctlError: the device or a library is not available.
         """
         raise NotImplementedError
 
-    def load_policy(
-        self,
-        tensors: Tensors,
-        observation_space: Space[Any],
-        action_space: Space[Any],
-        hidden_sizes: tuple[int, ...],
-    ) -> Policy:
+    def load_policy(self, tensors: Tensors, spaces: Spaces, hidden_sizes: tuple[int, ...]) -> Policy:
         """Rebuild the greedy policy from what `Algorithm.policy_tensors` returned.
 
         Raises:
             KeyError, TypeError, ValueError, RuntimeError: the tensors belong to another network.
-            AlgorithmError: a library is missing.
+            DockctlError: a library is missing.
         """
         raise NotImplementedError
 
@@ -90,45 +61,37 @@ class Dqn(AlgorithmSpec):
 
     kind: Literal["dqn"] = "dqn"
 
-    def build(
-        self, observation_space: Space[Any], action_space: Space[Any], training: Training, device: str
-    ) -> Algorithm:
+    def build(self, spaces: Spaces, training: Training, device: str) -> Algorithm:
         from dockctl.agents.checkpoint import torch_device
         from dockctl.agents.dqn.algorithm import DQN
 
-        size, actions = _discrete(observation_space, action_space)
+        size, actions = _discrete(spaces)
         return DQN(size, actions, training, torch_device(device))
 
-    def load_policy(
-        self,
-        tensors: Tensors,
-        observation_space: Space[Any],
-        action_space: Space[Any],
-        hidden_sizes: tuple[int, ...],
-    ) -> Policy:
+    def load_policy(self, tensors: Tensors, spaces: Spaces, hidden_sizes: tuple[int, ...]) -> Policy:
         from dockctl.agents.checkpoint import load_parameters
         from dockctl.agents.dqn.network import DuelingQNetwork, GreedyPolicy
 
-        network = DuelingQNetwork(*_discrete(observation_space, action_space), hidden_sizes)
+        network = DuelingQNetwork(*_discrete(spaces), hidden_sizes)
         load_parameters(network, tensors)
         return GreedyPolicy(network)
 
 
-def _discrete(observation_space: Space[Any], action_space: Space[Any]) -> tuple[int, int]:
+def _discrete(spaces: Spaces) -> tuple[int, int]:
     """Return the length of an observation and the number of actions."""
     from gymnasium.spaces import Box, Discrete
 
-    if not isinstance(observation_space, Box) or len(observation_space.shape) != 1:
-        message = f"dqn takes observations that are vectors, not {observation_space}"
-        raise AlgorithmError(message, code="mismatch")
-    if not isinstance(action_space, Discrete):
-        raise AlgorithmError(
-            f"dqn needs discrete actions, not {action_space}: use 'actions: {{kind: grid}}', or an"
-            " algorithm for continuous actions, such as 'algorithm: {kind: sb3, model: SAC}'",
-            "actions",
-            "mismatch",
+    observation, action = spaces
+    if not isinstance(observation, Box) or len(observation.shape) != 1:
+        message = f"dqn takes observations that are vectors, not {observation}"
+        raise FieldError("training.algorithm", message, "mismatch")
+    if not isinstance(action, Discrete):
+        message = (
+            f"dqn needs discrete actions, not {action}: use 'actions: {{kind: grid}}', or an algorithm for"
+            " continuous actions, such as 'algorithm: {kind: sb3, model: SAC}'"
         )
-    return observation_space.shape[0], int(action_space.n)
+        raise FieldError("actions", message, "mismatch")
+    return observation.shape[0], int(action.n)
 
 
 @register(ALGORITHMS, source="https://stable-baselines3.readthedocs.io")
@@ -154,28 +117,20 @@ class StableBaselines3(AlgorithmSpec):
     action_noise: NonNegative = 0.0
     hyperparameters: dict[str, Any] = {}
 
-    def build(
-        self, observation_space: Space[Any], action_space: Space[Any], training: Training, device: str
-    ) -> Algorithm:
+    def build(self, spaces: Spaces, training: Training, device: str) -> Algorithm:
         from dockctl.agents.checkpoint import torch_device
 
         _require_stable_baselines()
         from dockctl.agents.stable_baselines import StableBaselines
 
-        return StableBaselines(self, observation_space, action_space, training, torch_device(device))
+        return StableBaselines(self, spaces, training, torch_device(device))
 
-    def load_policy(
-        self,
-        tensors: Tensors,
-        observation_space: Space[Any],
-        action_space: Space[Any],
-        hidden_sizes: tuple[int, ...],
-    ) -> Policy:
+    def load_policy(self, tensors: Tensors, spaces: Spaces, hidden_sizes: tuple[int, ...]) -> Policy:
         _require_stable_baselines()
         from dockctl.agents.checkpoint import load_parameters
         from dockctl.agents.stable_baselines import GreedyPolicy, make_model
 
-        model = make_model(self, observation_space, action_space, hidden_sizes, buffer_size=1, device="cpu")
+        model = make_model(self, spaces, hidden_sizes, buffer_size=1, device="cpu")
         load_parameters(model.policy, tensors)
         return GreedyPolicy(model.policy)
 
@@ -183,4 +138,4 @@ class StableBaselines3(AlgorithmSpec):
 def _require_stable_baselines() -> None:
     if find_spec("stable_baselines3") is None:
         message = "Stable-Baselines3 is not installed: pip install 'dockctl[sb3]'"
-        raise AlgorithmError(message, code="unavailable")
+        raise DockctlError(f"training.algorithm: {message}", code="unavailable")

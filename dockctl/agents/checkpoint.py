@@ -7,26 +7,26 @@ import json
 import os
 from collections import defaultdict
 from collections.abc import Mapping
-from dataclasses import dataclass, field, fields, replace
 from pathlib import Path
 from typing import Any, Self
 
 import numpy as np
 import torch
-from gymnasium.spaces import Box, Discrete, Space
+from gymnasium.spaces import Box, Discrete
 from numpy.typing import NDArray
-from pydantic import ValidationError
+from pydantic import ConfigDict, StrictInt, ValidationError
 from safetensors import SafetensorError
 from safetensors.numpy import load as load_tensors
 from safetensors.numpy import save as save_tensors
 
 import dockctl
 from dockctl import plugins
-from dockctl.agents.interface import Policy, Tensors
+from dockctl.agents.interface import Policy, Spaces, Tensors
 from dockctl.errors import DockctlError, nearest
 from dockctl.plugins import ALGORITHMS, UnknownNameError
 from dockctl.runs.directory import BEST, LAST, RunDirectory, shipped
 from dockctl.runs.files import write_atomically
+from dockctl.scenarios.base import Model
 from dockctl.scenarios.schema import PolicyInterface
 
 FORMAT = 1
@@ -39,8 +39,7 @@ class CheckpointError(DockctlError):
     code = "not_readable"
 
 
-@dataclass(frozen=True)
-class PolicyCard:
+class PolicyCard(Model):
     """What a policy is and how it was trained.
 
     Attributes:
@@ -56,72 +55,44 @@ class PolicyCard:
         sha256: hash of the file of its tensors; empty before it is saved.
     """
 
+    model_config = ConfigDict(extra="ignore")
+
     scenario: str
-    observation_size: int = 0
-    actions: int = 0
+    observation_size: StrictInt
+    actions: StrictInt
     hidden_sizes: tuple[int, ...] = ()
-    env_steps: int = 0
-    seed: int = 0
+    env_steps: StrictInt
+    seed: StrictInt
     interface: PolicyInterface | None = None
-    algorithm: Mapping[str, Any] = field(default_factory=lambda: {"kind": "dqn"})
+    algorithm: dict[str, Any] = {"kind": "dqn"}
     action_bounds: tuple[tuple[float, ...], tuple[float, ...]] | None = None
     sha256: str = ""
 
-    @property
-    def observation_space(self) -> Box:
-        return Box(-np.inf, np.inf, (self.observation_size,), np.float32)
-
-    @property
-    def action_space(self) -> Box | Discrete:
-        if self.action_bounds is None:
-            return Discrete(self.actions)
-        low, high = self.action_bounds
-        return Box(np.array(low, np.float32), np.array(high, np.float32), dtype=np.float32)
-
-    def for_spaces(self, observation_space: Space[Any], action_space: Space[Any]) -> Self:
-        """Return the card of a policy for these spaces of one boat.
+    @classmethod
+    def for_spaces(cls, spaces: Spaces, **fields: Any) -> Self:
+        """Return the card of a new policy for these spaces, with the other fields.
 
         Raises:
             CheckpointError: observations are not vectors, or actions neither numbered nor vectors.
         """
-        if isinstance(observation_space, Box) and len(observation_space.shape) == 1:
-            size = observation_space.shape[0]
-            if isinstance(action_space, Discrete):
-                return replace(self, observation_size=size, actions=int(action_space.n), action_bounds=None)
-            if isinstance(action_space, Box) and len(action_space.shape) == 1:
-                low, high = (tuple(bound.tolist()) for bound in (action_space.low, action_space.high))
-                return replace(self, observation_size=size, actions=len(low), action_bounds=(low, high))
-        spaces = f"observations {observation_space} and actions {action_space}"
-        raise CheckpointError(f"checkpoints need vectors and numbered or continuous actions, not {spaces}")
+        observation, action = spaces
+        if isinstance(observation, Box) and len(observation.shape) == 1:
+            fields |= {"observation_size": observation.shape[0], "env_steps": 0}
+            if isinstance(action, Discrete):
+                return cls(**fields, actions=int(action.n))
+            if isinstance(action, Box) and len(action.shape) == 1:
+                low, high = (tuple(bound.tolist()) for bound in (action.low, action.high))
+                return cls(**fields, actions=len(low), action_bounds=(low, high))
+        what = f"observations {observation} and actions {action}"
+        raise CheckpointError(f"checkpoints need vectors and numbered or continuous actions, not {what}")
 
-    def facts(self) -> dict[str, Any]:
-        """Return the card as plain data, for JSON."""
-        interface = None if self.interface is None else self.interface.model_dump(mode="json")
-        own = {field.name: getattr(self, field.name) for field in fields(self)}
-        return {**own, "interface": interface}
-
-    @classmethod
-    def of(cls, facts: Mapping[str, Any]) -> Self:
-        """Read the result of `facts`.
-
-        Raises:
-            KeyError, TypeError, ValueError: these are not the facts of a policy.
-        """
-        for name in ("observation_size", "actions", "env_steps", "seed"):
-            if type(facts[name]) is not int:
-                raise TypeError(f"{name} is {facts[name]!r}, expected a whole number")
-        interface = facts.get("interface")
-        if interface is not None:
-            try:
-                interface = PolicyInterface.model_validate(interface)
-            except ValidationError as error:
-                first = error.errors()[0]
-                place = ".".join(map(str, ("interface", *first["loc"])))
-                raise ValueError(f"{place}: {first['msg']}") from None
-        card = cls(**{field.name: facts[field.name] for field in fields(cls) if field.name in facts})
-        bounds = card.action_bounds and (tuple(card.action_bounds[0]), tuple(card.action_bounds[1]))
-        sizes = tuple(card.hidden_sizes)
-        return replace(card, hidden_sizes=sizes, interface=interface, action_bounds=bounds)
+    @property
+    def spaces(self) -> Spaces:
+        observation = Box(-np.inf, np.inf, (self.observation_size,), np.float32)
+        if self.action_bounds is None:
+            return Spaces(observation, Discrete(self.actions))
+        low, high = self.action_bounds
+        return Spaces(observation, Box(np.array(low, np.float32), np.array(high, np.float32)))
 
 
 def save_pair(folder: Path, name: str, tensors: Tensors, facts: Mapping[str, Any]) -> None:
@@ -169,7 +140,7 @@ def load_pair(facts_file: Path) -> tuple[dict[str, NDArray[Any]], dict[str, Any]
 
 def save_policy(folder: Path, tensors: Tensors, card: PolicyCard) -> None:
     """Write a policy's tensors and its card into `folder`."""
-    save_pair(folder, POLICY, tensors, card.facts())
+    save_pair(folder, POLICY, tensors, card.model_dump(mode="json"))
 
 
 def load_policy(path: str | Path) -> tuple[Policy, PolicyCard]:
@@ -182,12 +153,14 @@ def load_policy(path: str | Path) -> tuple[Policy, PolicyCard]:
     file = find_policy(Path(path))
     tensors, facts = load_pair(file)
     try:
-        card = PolicyCard.of(facts)
+        card = PolicyCard.model_validate(facts)
         plugins.discover()
         spec = ALGORITHMS.get(str(card.algorithm["kind"])).value.model_validate(card.algorithm)
-        policy: Policy = spec.load_policy(
-            tensors, card.observation_space, card.action_space, card.hidden_sizes
-        )
+        policy: Policy = spec.load_policy(tensors, card.spaces, card.hidden_sizes)
+    except ValidationError as error:
+        first = error.errors()[0]
+        field = ".".join(map(str, first["loc"]))
+        raise CheckpointError(f"{file}: does not describe a policy: {field}: {first['msg']}") from None
     except (UnknownNameError, KeyError, TypeError, ValueError, RuntimeError) as error:
         reason = " ".join(str(error).split())
         raise CheckpointError(f"{file}: does not describe a policy: {reason}") from None
@@ -282,21 +255,19 @@ def find_policy(path: Path) -> Path:
         if any(os.path.isfile(folder / f"{POLICY}.{kind}") for kind in ("json", "safetensors")):
             return folder / f"{POLICY}.json"
     also = f"; the shipped '{path}' is in {names[str(path)]}" if str(path) in names else ""
-    message = f"{path}: contains no checkpoint; a run has one after its first evaluation{also}"
+    message = f"{path}: contains no checkpoint; a run has one after its first validation{also}"
     raise CheckpointError(message, code="not_found")
 
 
-def require_spaces(
-    card: PolicyCard, observation_space: Space[Any], action_space: Space[Any], *, where: Path, scenario: str
-) -> None:
+def require_spaces(card: PolicyCard, spaces: Spaces, *, where: Path, scenario: str) -> None:
     """Check that a policy fits the spaces of one boat of a scenario.
 
     Raises:
         CheckpointError: it takes observations of another length, or gives other actions.
     """
     for what, trained, given in (
-        ("observations of length", card.observation_size, (observation_space.shape or (0,))[0]),
-        ("actions", card.action_space, action_space),
+        ("observations of length", card.observation_size, (spaces.observation.shape or (0,))[0]),
+        ("actions", card.spaces.action, spaces.action),
     ):
         if trained != given:
             raise CheckpointError(

@@ -9,14 +9,29 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
-from typing import Any, Protocol
+from typing import TYPE_CHECKING, Any, NamedTuple, Protocol, Self
 
 import numpy as np
 from numpy.typing import NDArray
 
+if TYPE_CHECKING:
+    from gymnasium.spaces import Space
+    from gymnasium.vector import VectorEnv
+
 Info = Mapping[str, Any]
 Tensors = Mapping[str, NDArray[Any]]
 Metrics = Mapping[str, float]
+
+
+class Spaces(NamedTuple):
+    """Observation and action space of one boat."""
+
+    observation: Space[Any]
+    action: Space[Any]
+
+    @classmethod
+    def from_env(cls, env: VectorEnv[Any, Any, Any]) -> Self:
+        return cls(env.single_observation_space, env.single_action_space)
 
 
 class Policy(Protocol):

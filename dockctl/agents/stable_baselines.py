@@ -13,7 +13,7 @@ import gymnasium
 import numpy as np
 import stable_baselines3
 import torch
-from gymnasium.spaces import Box, Space
+from gymnasium.spaces import Box
 from numpy.typing import NDArray
 from pydantic import ConfigDict, TypeAdapter, ValidationError
 from stable_baselines3.common.logger import configure
@@ -22,7 +22,7 @@ from stable_baselines3.common.off_policy_algorithm import OffPolicyAlgorithm
 from stable_baselines3.common.policies import BasePolicy
 from stable_baselines3.common.vec_env import DummyVecEnv
 
-from dockctl.agents.algorithms import AlgorithmError, StableBaselines3
+from dockctl.agents.algorithms import StableBaselines3
 from dockctl.agents.checkpoint import (
     flatten,
     load_optimizer,
@@ -31,22 +31,22 @@ from dockctl.agents.checkpoint import (
     numpy_tensors,
     optimizer_tensors,
 )
-from dockctl.agents.interface import Info, Metrics, Policy, Step, Tensors
+from dockctl.agents.interface import Info, Metrics, Policy, Spaces, Step, Tensors
 from dockctl.errors import nearest
+from dockctl.scenarios.base import FieldError
 from dockctl.scenarios.training import Training
 
 
-class Spaces(gymnasium.Env[Any, Any]):
-    """The spaces of one boat; the constructors of Stable-Baselines3 take them from an environment."""
+class _EnvOfSpaces(gymnasium.Env[Any, Any]):
+    """The constructors of Stable-Baselines3 take the spaces from an environment."""
 
-    def __init__(self, observation_space: Space[Any], action_space: Space[Any]) -> None:
-        self.observation_space, self.action_space = observation_space, action_space
+    def __init__(self, spaces: Spaces) -> None:
+        self.observation_space, self.action_space = spaces
 
 
 def make_model(
     spec: StableBaselines3,
-    observation_space: Space[Any],
-    action_space: Space[Any],
+    spaces: Spaces,
     hidden_sizes: tuple[int, ...],
     boats: int = 1,
     **arguments: Any,
@@ -57,7 +57,7 @@ def make_model(
         arguments: of the constructor; those that the class does not take are left out.
 
     Raises:
-        AlgorithmError: class, policy, hyperparameters or spaces do not fit.
+        FieldError: class, policy, hyperparameters or spaces do not fit.
     """
     model_class = _model_class(spec.model)
     known = inspect.signature(model_class).parameters
@@ -65,30 +65,28 @@ def make_model(
     for name, value in spec.hyperparameters.items():
         field = f"training.algorithm.hyperparameters.{name}"
         if name not in known:
-            raise AlgorithmError(
-                f"{spec.model} has no such parameter", field, "unknown_key", nearest(name, known)
-            )
+            message = f"{spec.model} has no such parameter"
+            raise FieldError(field, message, "unknown_key", nearest(name, known))
         if name in SHARED:
-            raise AlgorithmError(f"is set by {SHARED[name]}", field)
+            raise FieldError(field, f"is set by {SHARED[name]}")
         try:
             _type_of(known[name]).validate_python(value, strict=True)
         except ValidationError as error:
-            raise AlgorithmError(error.errors()[0]["msg"], field, "wrong_type") from None
+            raise FieldError(field, error.errors()[0]["msg"], "wrong_type") from None
     network = {"net_arch": list(hidden_sizes), **spec.hyperparameters.get("policy_kwargs", {})}
     if spec.policy not in model_class.policy_aliases:
         names = sorted(model_class.policy_aliases)
-        raise AlgorithmError(
-            f"{spec.model} has no policy '{spec.policy}' (known: {', '.join(names)})",
-            "training.algorithm.policy", "unknown_name", nearest(spec.policy, names),
-        )  # fmt: skip
-    environment = DummyVecEnv([partial(Spaces, observation_space, action_space)] * boats)
+        message = f"{spec.model} has no policy '{spec.policy}' (known: {', '.join(names)})"
+        raise FieldError("training.algorithm.policy", message, "unknown_name", nearest(spec.policy, names))
+    environment = DummyVecEnv([partial(_EnvOfSpaces, spaces)] * boats)
     try:
         model: OffPolicyAlgorithm = model_class(
             spec.policy, environment, **{**settings, **spec.hyperparameters, "policy_kwargs": network}
         )
     except (AssertionError, TypeError, ValueError) as error:
         reason = " ".join(str(error).split())
-        raise AlgorithmError(f"{spec.model} cannot be built: {reason}", code="mismatch") from None
+        message = f"{spec.model} cannot be built: {reason}"
+        raise FieldError("training.algorithm", message, "mismatch") from None
     return model
 
 
@@ -120,12 +118,10 @@ def _model_class(name: str) -> Any:
     except (ImportError, AttributeError):
         known = sorted(n for n, value in vars(stable_baselines3).items() if _is_off_policy(value))
         message = f"no algorithm '{name}': expected {', '.join(known)}, or package:Class"
-        raise AlgorithmError(
-            message, "training.algorithm.model", "unknown_name", nearest(name, known)
-        ) from None
+        raise FieldError("training.algorithm.model", message, "unknown_name", nearest(name, known)) from None
     if not _is_off_policy(found):
         message = f"'{name}' is not an off-policy algorithm of Stable-Baselines3"
-        raise AlgorithmError(message, "training.algorithm.model")
+        raise FieldError("training.algorithm.model", message)
     return found
 
 
@@ -157,7 +153,7 @@ class StableBaselines:
 
     Args:
         spec: class, policy, hyperparameters and action noise.
-        observation_space, action_space: of one boat.
+        spaces: of one boat.
         training: the numbers that all algorithms share.
         device: of the networks.
     """
@@ -165,19 +161,18 @@ class StableBaselines:
     def __init__(
         self,
         spec: StableBaselines3,
-        observation_space: Space[Any],
-        action_space: Space[Any],
+        spaces: Spaces,
         training: Training,
         device: torch.device,
     ) -> None:
         epsilon, boats = training.epsilon, training.boats
         noise = None
-        if spec.action_noise and isinstance(action_space, Box):
-            shape = (boats, *action_space.shape)
+        if spec.action_noise and isinstance(spaces.action, Box):
+            shape = (boats, *spaces.action.shape)
             noise = NormalActionNoise(np.zeros(shape), np.full(shape, spec.action_noise))
         self.training = training
         self.model = make_model(
-            spec, observation_space, action_space, training.hidden_sizes, boats,
+            spec, spaces, training.hidden_sizes, boats,
             seed=training.seed,
             device=device,
             learning_rate=lambda remaining: training.learning_rate_at((1 - remaining) * training.total_steps),

@@ -5,7 +5,7 @@ from __future__ import annotations
 import time
 from collections.abc import Callable, Sequence
 from concurrent.futures import wait
-from dataclasses import asdict, dataclass, replace
+from dataclasses import asdict, dataclass
 from threading import Event
 from typing import Any
 
@@ -37,6 +37,7 @@ from dockctl.runs.directory import (
 from dockctl.runs.tables import EPISODES, EVALUATIONS, RECENT, TIMING, UPDATES, Value
 from dockctl.scenarios.training import Training
 
+TABLES = {EPISODES_CSV: EPISODES, UPDATES_CSV: UPDATES, EVALUATIONS_CSV: EVALUATIONS, TIMING_CSV: TIMING}
 UPDATE_ROWS = 2000
 """Rows of ``updates.csv`` after ``training.total_steps``, about."""
 
@@ -64,8 +65,8 @@ class Trainer:
         training: limits, stop rule, and the interval of validations and checkpoints.
         environment: ``training.boats`` boats with same-step autoreset; the keys of its `info` are optional.
         run: gets tables and checkpoints.
-        card: of the policy; spaces and step count are filled in here.
-        validate: plays greedy episodes, which select the checkpoint ``best``; without it there is only
+        card: of the policy; its step count is updated when it is saved.
+        validate: runs greedy episodes, which select the checkpoint ``best``; without it there is only
             ``last``.
         on_progress: called after every step.
         interrupted: called after every step; True saves and stops the training.
@@ -84,17 +85,13 @@ class Trainer:
         interrupted: Callable[[], bool] = lambda: False,
     ) -> None:
         self.algorithm, self.training, self.environment = algorithm, training, environment
-        self.run_directory, self.validate = run, validate
-        self.card = card.for_spaces(environment.single_observation_space, environment.single_action_space)
+        self.run_directory, self.card, self.validate = run, card, validate
         self.on_progress, self.interrupted = on_progress, interrupted
         self.progress, self._stopping = Progress(), Event()
         self.episode_recorder = EpisodeRecorder(training.boats)
         updates = training.updates_due(training.total_steps)
         self.update_recorder = UpdateRecorder(stride=max(1, updates // UPDATE_ROWS))
-        self.episodes = run.table(EPISODES_CSV, EPISODES)
-        self.updates = run.table(UPDATES_CSV, UPDATES)
-        self.evaluations = run.table(EVALUATIONS_CSV, EVALUATIONS)
-        self.timing = run.table(TIMING_CSV, TIMING)
+        self.tables = {name: run.table(name, columns) for name, columns in TABLES.items()}
 
     def run(self) -> str:
         """Train until there is a reason to stop, save, and return the reason, a key of `REASONS`."""
@@ -106,10 +103,10 @@ class Trainer:
             progress.wall_s = time.monotonic() - start
             every = self.training.evaluate_every_steps
             if progress.env_steps // every > progress.evaluated_at // every:
-                self._evaluate()
+                self._validate()
             self.on_progress(progress)
         if reason != "interrupted" and progress.evaluated_at < progress.env_steps:
-            self._evaluate()
+            self._validate()
         self._save_last()
         return reason
 
@@ -142,7 +139,7 @@ class Trainer:
                 "env_steps": progress.env_steps,
                 "epsilon": progress.epsilon,
             }
-        self.episodes.append(rows)
+        self.tables[EPISODES_CSV].append(rows)
         return np.asarray(next_observation)
 
     def _learn(self) -> None:
@@ -154,11 +151,11 @@ class Trainer:
             progress.updates, progress.loss = self.algorithm.updates, metrics["loss"]
             if row := self.update_recorder.add(metrics):
                 labels = {"update": progress.updates, "env_steps": progress.env_steps}
-                self.updates.append([{**labels, **row}])
+                self.tables[UPDATES_CSV].append([{**labels, **row}])
             if self._stopping.is_set():
                 return
 
-    def _evaluate(self) -> None:
+    def _validate(self) -> None:
         """Validate the greedy policy, save it if it is the best so far, and save the state."""
         progress = self.progress
         progress.evaluated_at = progress.env_steps
@@ -172,12 +169,13 @@ class Trainer:
                     save_policy(folder, self.algorithm.policy_tensors(), self._card())
             progress.evaluation_docked, progress.evaluation_episodes = result.docked, len(result.rows)
             labels = {"env_steps": progress.env_steps, "best": is_best}
-            self.evaluations.append([{"pose": i, **row, **labels} for i, row in enumerate(result.rows)])
-        self.timing.append([{"env_steps": progress.env_steps, "wall_s": progress.wall_s}])
+            rows = [{"pose": pose, **row, **labels} for pose, row in enumerate(result.rows)]
+            self.tables[EVALUATIONS_CSV].append(rows)
+        self.tables[TIMING_CSV].append([{"env_steps": progress.env_steps, "wall_s": progress.wall_s}])
         self._save_last()
 
     def _card(self) -> PolicyCard:
-        return replace(self.card, env_steps=self.progress.env_steps)
+        return self.card.model_copy(update={"env_steps": self.progress.env_steps})
 
     def _save_last(self) -> None:
         """Save the policy and everything else that `restore` needs."""
@@ -201,5 +199,5 @@ class Trainer:
         except (KeyError, TypeError, ValueError, RuntimeError) as error:
             reason = " ".join(str(error).split())
             raise CheckpointError(f"{folder}: cannot be resumed: {reason}") from None
-        for table in (EPISODES_CSV, UPDATES_CSV, EVALUATIONS_CSV, TIMING_CSV):
+        for table in TABLES:
             self.run_directory.cut_table(table, self.progress.env_steps)

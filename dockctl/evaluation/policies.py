@@ -31,7 +31,7 @@ from dockctl import plugins
 from dockctl.agents import checkpoint
 from dockctl.agents.checkpoint import PolicyCard, require_spaces
 from dockctl.agents.dqn.network import DuelingQNetwork, GreedyPolicy
-from dockctl.agents.interface import Info, Policy
+from dockctl.agents.interface import Info, Policy, Spaces
 from dockctl.envs.vector import DockingVectorEnv
 from dockctl.errors import DockctlError, nearest
 from dockctl.evaluation.libraries import onnx_policy, sb3_policy
@@ -128,12 +128,11 @@ class CheckpointPolicy(LoadedPolicy):
         return f"policy trained on {self.card.scenario}, seed {self.card.seed}"
 
     def make(self, env: DockingVectorEnv) -> Policy:
-        spaces = env.single_observation_space, env.single_action_space
-        require_spaces(self.card, *spaces, where=self.file, scenario=env.scenario.name)
+        require_spaces(self.card, Spaces.from_env(env), where=self.file, scenario=env.scenario.name)
         return self.policy
 
     def facts(self) -> dict[str, Any]:
-        return {"file": str(self.file), **self.card.facts()}
+        return {"file": str(self.file), **self.card.model_dump(mode="json")}
 
     def scenario(self, source: str | Path | None = None, overrides: Sequence[str] = ()) -> LoadedScenario:
         """Load the scenario, with the observation and the actions of the policy; see `LoadedPolicy`."""

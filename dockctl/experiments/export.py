@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 import re
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
@@ -144,7 +144,7 @@ def write_checkpoint(
         DockctlError: it cannot be written.
     """
     scenario, card = loaded.scenario, best.policy.card
-    card = replace(card, interface=card.interface or PolicyInterface.of(scenario))
+    card = card.model_copy(update={"interface": card.interface or PolicyInterface.of(scenario)})
     with new_folder(folder.resolve()) as new:
         save_policy(new, load_pair(best.policy.file)[0], card)
         checkpoint = RunDirectory(new)

@@ -11,9 +11,9 @@ from typing import Any
 from gymnasium.vector import VectorEnv
 from rich.console import Console
 
-from dockctl.agents.algorithms import AlgorithmError, AlgorithmSpec
+from dockctl.agents.algorithms import AlgorithmSpec
 from dockctl.agents.checkpoint import LEARNER, POLICY, PolicyCard, load_pair, load_policy, torch_device
-from dockctl.agents.interface import Algorithm, Policy
+from dockctl.agents.interface import Algorithm, Policy, Spaces
 from dockctl.agents.progress import REASONS, Progress
 from dockctl.agents.trainer import Trainer, Validation
 from dockctl.console import print_text
@@ -38,6 +38,7 @@ from dockctl.runs.directory import (
 )
 from dockctl.runs.files import exclusive_lock, require_writable
 from dockctl.runs.tables import RECENT
+from dockctl.scenarios.base import FieldError
 from dockctl.scenarios.content import mesh_files, with_paths
 from dockctl.scenarios.loader import LoadedScenario, dump
 from dockctl.scenarios.schema import PolicyInterface
@@ -177,11 +178,11 @@ def _prepare(loaded: LoadedScenario, device: str) -> _Session:
     environment = DockingVectorEnv(loaded, training.boats, exploring=True, worlds=worlds)
     spec = training.algorithm
     assert isinstance(spec, AlgorithmSpec)
-    spaces = environment.single_observation_space, environment.single_action_space
     try:
-        algorithm = spec.build(*spaces, training, device)
-    except AlgorithmError as error:
-        raise InputError([loaded.problem(error.field, str(error), error.code)]) from None
+        algorithm = spec.build(Spaces.from_env(environment), training, device)
+    except FieldError as error:
+        problem = loaded.problem(error.field, error.message, error.code, error.suggestion)
+        raise InputError([problem]) from None
     return _Session(loaded, worlds, memory, environment, spec, algorithm)
 
 
@@ -192,7 +193,8 @@ def _run(session: _Session, run: RunDirectory, console: Console, *, resumed: boo
     boats = f"{training.boats} boat{'s' * (training.boats > 1)}"
     print_text(console, f"{title}: {boats}; memory: {session.memory}")
     print_text(console, f"run folder: {run.path}")
-    card = PolicyCard(
+    card = PolicyCard.for_spaces(
+        Spaces.from_env(session.environment),
         scenario=scenario.name,
         hidden_sizes=training.hidden_sizes,
         seed=training.seed,

@@ -67,11 +67,11 @@ class LoadedScenario:
     plugin_files: tuple[Path, ...] = ()
     tree: Node | None = field(default=None, compare=False, repr=False)
 
-    def problem(self, path: str, message: str, code: Code = "invalid") -> Problem:
+    def problem(self, path: str, message: str, code: Code = "invalid", suggestion: str = "") -> Problem:
         """Return a problem of the field `path`, for example ``task.final``, with its location."""
         if self.tree is None:
-            return Problem(self.source, 0, 0, path, message, code)
-        return translate.locate(self.tree, path.split(".")).problem(message, code)
+            return Problem(self.source, 0, 0, path, message, code, suggestion)
+        return translate.locate(self.tree, path.split(".")).problem(message, code, suggestion)
 
 
 def load(

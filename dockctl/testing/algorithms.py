@@ -11,7 +11,7 @@ from gymnasium.spaces import Box, Space
 from gymnasium.vector.utils import batch_space
 
 from dockctl.agents.algorithms import AlgorithmSpec
-from dockctl.agents.interface import Algorithm, Step, Tensors
+from dockctl.agents.interface import Algorithm, Spaces, Step, Tensors
 from dockctl.plugins import ALGORITHMS
 from dockctl.scenarios import catalog
 from dockctl.scenarios.training import Training
@@ -40,7 +40,8 @@ def check_algorithm(kind: str, action_space: Space[Any], **keys: Any) -> None:
         algorithm=spec, boats=BOATS, total_steps=BOATS * STEPS, warmup_steps=BOATS * STEPS // 2,
         batch_size=8, steps_per_update=BOATS, hidden_sizes=(8, 8), replay_capacity=1000, n_step=1,
     )  # fmt: skip
-    first, second = (_trained(spec, action_space, training) for _ in range(2))
+    spaces = Spaces(OBSERVATIONS, action_space)
+    first, second = (_trained(spec, spaces, training) for _ in range(2))
     what = f"algorithm '{kind}'"
     assert first.updates > 0, f"{what} makes no updates"
     _require_equal(first.policy_tensors(), second.policy_tensors(), f"{what}: the same seed gives another")
@@ -48,20 +49,20 @@ def check_algorithm(kind: str, action_space: Space[Any], **keys: Any) -> None:
     observation = np.random.default_rng(1).uniform(-1, 1, (BOATS, 5)).astype(np.float32)
     actions = first.policy.act(observation, {})
     assert np.array_equal(actions, first.policy.act(observation, {})), f"{what}: the policy is random"
-    rebuilt = spec.load_policy(first.policy_tensors(), OBSERVATIONS, action_space, training.hidden_sizes)
+    rebuilt = spec.load_policy(first.policy_tensors(), spaces, training.hidden_sizes)
     assert np.allclose(actions, rebuilt.act(observation, {})), f"{what}: the rebuilt policy differs"
 
     tensors, facts = first.state()
-    restored = spec.build(OBSERVATIONS, action_space, training, "cpu")
+    restored = spec.build(spaces, training, "cpu")
     restored.restore(first.policy_tensors(), tensors, json.loads(json.dumps(facts)))
     assert restored.updates == first.updates, f"{what}: restore changes the number of updates"
     _require_equal(first.policy_tensors(), restored.policy_tensors(), f"{what}: restore gives another")
 
 
-def _trained(spec: AlgorithmSpec, action_space: Space[Any], training: Training) -> Algorithm:
+def _trained(spec: AlgorithmSpec, spaces: Spaces, training: Training) -> Algorithm:
     """Return an algorithm that learned from random observations and rewards."""
-    algorithm = spec.build(OBSERVATIONS, action_space, training, "cpu")
-    what, space = f"algorithm '{spec.kind}'", batch_space(action_space, BOATS)
+    algorithm = spec.build(spaces, training, "cpu")
+    what, space = f"algorithm '{spec.kind}'", batch_space(spaces.action, BOATS)
     rng = np.random.default_rng(0)
     observation = rng.uniform(-1, 1, (BOATS, 5)).astype(np.float32)
     for step in range(STEPS):

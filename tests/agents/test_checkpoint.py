@@ -5,7 +5,6 @@ from __future__ import annotations
 import hashlib
 import json
 import shutil
-from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -23,11 +22,12 @@ from dockctl.agents.checkpoint import (
     save_policy,
 )
 from dockctl.agents.dqn.network import DuelingQNetwork, GreedyPolicy
+from dockctl.agents.interface import Spaces
 from dockctl.runs.files import new_folder
 from dockctl.scenarios.loader import load
 from dockctl.scenarios.schema import PolicyInterface
 
-CARD = PolicyCard("toy", 4, 3, (8, 6), 1234, 7)
+CARD = PolicyCard(scenario="toy", observation_size=4, actions=3, hidden_sizes=(8, 6), env_steps=1234, seed=7)
 
 
 @pytest.fixture
@@ -63,41 +63,42 @@ def test_a_path_may_be_text(saved: Path) -> None:
 
 def test_the_interface_comes_back(tmp_path: Path, network: DuelingQNetwork) -> None:
     interface = PolicyInterface.of(load("s3").scenario)
-    save_policy(tmp_path, numpy_tensors(network.state_dict()), replace(CARD, interface=interface))
+    saved = CARD.model_copy(update={"interface": interface})
+    save_policy(tmp_path, numpy_tensors(network.state_dict()), saved)
     _, card = load_policy(tmp_path)
     assert card.interface == interface
     digest = hashlib.sha256((tmp_path / "policy.safetensors").read_bytes()).hexdigest()
-    assert card == replace(CARD, interface=interface, sha256=digest)
-    elsewhere = interface.on(load("s1").scenario)
-    assert PolicyInterface.of(elsewhere) == interface
-    assert (elsewhere.name, elsewhere.task) == ("s1", load("s1").scenario.task)
+    assert card == saved.model_copy(update={"sha256": digest})
+    transferred = interface.on(load("s1").scenario)
+    assert PolicyInterface.of(transferred) == interface
+    assert (transferred.name, transferred.task) == ("s1", load("s1").scenario.task)
 
 
 @pytest.fixture
-def shelf(saved: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
-    """A package that ships `berthing` and `toy`, and a folder to stand in."""
+def shipped(saved: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    """A package that ships `berthing` and `toy`; the working directory is empty."""
     for name in ("berthing", "toy"):
-        shutil.copytree(saved, tmp_path / "shelf" / name)
-    monkeypatch.setattr("dockctl.runs.directory.SHIPPED", tmp_path / "shelf")
+        shutil.copytree(saved, tmp_path / "shipped" / name)
+    monkeypatch.setattr("dockctl.runs.directory.SHIPPED", tmp_path / "shipped")
     (tmp_path / "here").mkdir()
     monkeypatch.chdir(tmp_path / "here")
-    return tmp_path / "shelf"
+    return tmp_path / "shipped"
 
 
-def test_a_shipped_checkpoint_is_found_by_name(shelf: Path) -> None:
-    assert find_policy(Path("toy")) == shelf / "toy" / "policy.json"
+def test_a_shipped_checkpoint_is_found_by_name(shipped: Path) -> None:
+    assert find_policy(Path("toy")) == shipped / "toy" / "policy.json"
     with pytest.raises(CheckpointError, check=lambda error: error.suggestion == "berthing"):
         load_policy("berting")
 
 
-def test_a_folder_goes_before_a_shipped_name(shelf: Path, saved: Path) -> None:
+def test_a_folder_takes_precedence_over_a_shipped_name(shipped: Path, saved: Path) -> None:
     shutil.copytree(saved, "toy")
     assert find_policy(Path("toy")) == Path("toy/policy.json")
     Path("berthing").mkdir()
     with pytest.raises(CheckpointError) as caught:
         load_policy("berthing")
     assert caught.value.code == "not_found"
-    assert str(shelf / "berthing") in str(caught.value)
+    assert str(shipped / "berthing") in str(caught.value)
 
 
 def test_a_pair_of_files_of_any_name(saved: Path, tmp_path: Path) -> None:
@@ -120,7 +121,7 @@ def test_a_new_checkpoint_replaces_the_old_one_only_when_complete(
         fail()
     assert (saved / "policy.json").read_bytes() == before
     with new_folder(saved) as folder:
-        save_policy(folder, numpy_tensors(network.state_dict()), PolicyCard("toy", 4, 3, (8, 6), 9999, 7))
+        save_policy(folder, numpy_tensors(network.state_dict()), CARD.model_copy(update={"env_steps": 9999}))
     assert load_policy(saved)[1].env_steps == 9999
     assert [path.name for path in saved.parent.iterdir() if not path.name.startswith(".best.new")] == ["best"]
 
@@ -190,10 +191,10 @@ def test_nothing_there(tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     ("size", "actions"), [(5, Discrete(3)), (4, Discrete(77)), (4, Box(-1, 1, (3,), np.float32))]
 )
-def test_a_policy_for_other_spaces_is_refused(size: int, actions: Discrete | Box) -> None:
+def test_a_policy_for_other_spaces_is_rejected(size: int, actions: Discrete | Box) -> None:
     def require(size: int, actions: Discrete | Box) -> None:
-        observations = Box(-1, 1, (size,), np.float32)
-        require_spaces(CARD, observations, actions, where=Path("p"), scenario="s1")
+        spaces = Spaces(Box(-1, 1, (size,), np.float32), actions)
+        require_spaces(CARD, spaces, where=Path("p"), scenario="s1")
 
     require(4, Discrete(3))
     with pytest.raises(CheckpointError) as caught:
@@ -203,7 +204,8 @@ def test_a_policy_for_other_spaces_is_refused(size: int, actions: Discrete | Box
 
 def test_the_bounds_of_continuous_actions_come_back(tmp_path: Path) -> None:
     actions = Box(np.array([-1, -2], np.float32), np.array([1, 0.5], np.float32))
-    card = PolicyCard("toy").for_spaces(Box(-1, 1, (4,), np.float32), actions)
-    again = PolicyCard.of(json.loads(json.dumps(card.facts())))
+    spaces = Spaces(Box(-1, 1, (4,), np.float32), actions)
+    card = PolicyCard.for_spaces(spaces, scenario="toy", seed=0)
+    again = PolicyCard.model_validate_json(card.model_dump_json())
     assert again == card
-    assert again.action_space == actions
+    assert again.spaces.action == actions

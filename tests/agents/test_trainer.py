@@ -14,7 +14,7 @@ from gymnasium.vector import AutoresetMode
 
 from dockctl.agents.checkpoint import CheckpointError, PolicyCard, load_policy
 from dockctl.agents.dqn.algorithm import DQN
-from dockctl.agents.interface import Policy
+from dockctl.agents.interface import Policy, Spaces
 from dockctl.agents.progress import Progress
 from dockctl.agents.trainer import Trainer, Validation
 from dockctl.compute.threads import usable_cores, workers
@@ -51,15 +51,15 @@ def trainer_in(run: RunDirectory, training: Training, **options: Any) -> Trainer
         return Validation(*score(episodes), [episode.row() for episode in episodes])
 
     environment = ToyDocking(training.boats)
-    algorithm = training.algorithm.build(
-        environment.single_observation_space, environment.single_action_space, training, "cpu"
-    )
-    return Trainer(algorithm, training, environment, run, card_of(training), validate, **options)
+    spaces = Spaces.from_env(environment)
+    algorithm = training.algorithm.build(spaces, training, "cpu")
+    return Trainer(algorithm, training, environment, run, make_card(spaces, training), validate, **options)
 
 
-def card_of(training: Training) -> PolicyCard:
+def make_card(spaces: Spaces, training: Training) -> PolicyCard:
     algorithm = training.algorithm.model_dump(mode="json")
-    return PolicyCard("toy", hidden_sizes=training.hidden_sizes, seed=training.seed, algorithm=algorithm)
+    shared = {"hidden_sizes": training.hidden_sizes, "seed": training.seed, "algorithm": algorithm}
+    return PolicyCard.for_spaces(spaces, scenario="toy", **shared)
 
 
 def test_it_learns_and_stops_when_the_task_is_mastered(tmp_path: Path) -> None:
@@ -187,28 +187,28 @@ def test_the_thesis_preset_makes_one_update_a_step(tmp_path: Path) -> None:
     assert seen == [0] * 32 + list(range(1, 69))
 
 
-def progress(docked: list[bool], own: list[bool], evaluation: tuple[int, int]) -> Progress:
-    state = Progress(evaluation_docked=evaluation[0], evaluation_episodes=evaluation[1])
+def progress(docked: list[bool], own: list[bool], validation: tuple[int, int]) -> Progress:
+    state = Progress(evaluation_docked=validation[0], evaluation_episodes=validation[1])
     for d, o in zip(docked, own, strict=True):
         state.count_episode("docked" if d else "timeout", o, window=100)
     return state
 
 
 @pytest.mark.parametrize(
-    ("docked", "own", "evaluation", "mastered"),
+    ("docked", "own", "validation", "mastered"),
     [
         ([True] * 10, [True] * 10, (1, 1), True),
         ([True] * 9, [True] * 9, (1, 1), False),  # too few episodes
         ([True] * 10, [True] * 10, (4, 5), False),  # the greedy policy fails from one start
-        ([True] * 10, [True] * 10, (0, 0), False),  # no evaluation yet
+        ([True] * 10, [True] * 10, (0, 0), False),  # no validation yet
         ([True] * 9 + [False], [False] * 10, (1, 1), True),  # 9 of 10 are enough
         ([True] * 8 + [False] * 2, [False] * 10, (1, 1), False),
         ([True] * 9 + [False], [False] * 5 + [True] * 5, (1, 1), False),  # 4 of its own 5
         ([False] * 5 + [True] * 10, [True] * 15, (1, 1), True),  # long ago
     ],
 )
-def test_stop_rule(docked: list[bool], own: list[bool], evaluation: tuple[int, int], mastered: bool) -> None:
-    assert progress(docked, own, evaluation).mastered(StopRule(docked=9, episodes=10)) is mastered
+def test_stop_rule(docked: list[bool], own: list[bool], validation: tuple[int, int], mastered: bool) -> None:
+    assert progress(docked, own, validation).mastered(StopRule(docked=9, episodes=10)) is mastered
 
 
 def test_episode_limit(tmp_path: Path) -> None:
@@ -232,9 +232,9 @@ def test_a_foreign_environment_without_infos(tmp_path: Path) -> None:
         vector_kwargs={"autoreset_mode": AutoresetMode.SAME_STEP},
     )
     run = RunDirectory.create(tmp_path, "cartpole", 0)
-    spaces = environment.single_observation_space, environment.single_action_space
-    algorithm = training.algorithm.build(*spaces, training, "cpu")
-    learner = Trainer(algorithm, training, environment, run, card_of(training))
+    spaces = Spaces.from_env(environment)
+    algorithm = training.algorithm.build(spaces, training, "cpu")
+    learner = Trainer(algorithm, training, environment, run, make_card(spaces, training))
     assert learner.run() == "steps"
     rows = read_table(run.path / "episodes.csv")
     assert [row["return"] for row in rows] == [row["steps"] for row in rows]
