@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+from rich import box
 from rich.console import Console
+from rich.table import Column, Table
 from rich.text import Text
 
 MIN_WIDTH = 80
@@ -19,3 +21,13 @@ def table_console() -> Console:
     console = Console()
     console.width = max(console.width, MIN_WIDTH)
     return console
+
+
+def make_table(*columns: str | Column, title: str | Text | None = None) -> Table:
+    """Return an empty table in the style of all commands."""
+    return Table(*columns, title=title, title_justify="left", box=box.SIMPLE_HEAD)
+
+
+def numeric(*names: str) -> list[Column]:
+    """Return right-aligned columns that do not wrap."""
+    return [Column(name, justify="right", no_wrap=True) for name in names]

@@ -6,14 +6,13 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
 import typer
-from rich import box
 from rich.console import Console
-from rich.table import Table
+from rich.table import Column, Table
 from rich.text import Text
 
 from dockctl.commands.options import Episodes, StartSeed
-from dockctl.commands.outputs import save_figure
-from dockctl.console import print_text, table_console
+from dockctl.commands.outputs import save_figures
+from dockctl.console import make_table, numeric, print_text, table_console
 from dockctl.runs.files import require_writable, require_writable_file, write_atomically, write_json
 from dockctl.runs.tables import EVALUATION, START_KINDS, to_csv
 
@@ -64,7 +63,7 @@ def compare(
         write_json(json_, result.as_json())
     name = result.first.scenario.name
     caption = f"scenario {name}, the same starts for every policy, seed {result.first.seed}"
-    save_figure(f"compare-{name}", lambda: compare_figure(result.table, START_KINDS, caption), out)
+    save_figures(lambda: {f"compare-{name}": compare_figure(result.table, START_KINDS, caption)}, out)
 
 
 def _print(result: Comparison) -> None:
@@ -72,44 +71,45 @@ def _print(result: Comparison) -> None:
     console = table_console()
     for kind in result.first.groups:
         console.print(_endings_table(result, kind))
-        for one in result.contrasts:
-            if one.kind == kind:
-                console.print(_difference_table(one))
-                counts = f"{one.only_first} by {one.first}, {one.only_second} by {one.second}"
-                print_text(console, f"Docked by one alone: {counts}; exact McNemar p = {one.p:.2g}.\n", "dim")
+        for pair in result.contrasts:
+            if pair.kind == kind:
+                console.print(_difference_table(pair))
+                counts = f"{pair.only_first} by {pair.first}, {pair.only_second} by {pair.second}"
+                text = f"Docked by only one policy: {counts}; exact McNemar p = {pair.p:.2g}.\n"
+                print_text(console, text, "dim")
 
 
 def _endings_table(result: Comparison, kind: str) -> Table:
     seeded = "" if kind == "pose" else f", seed {result.first.seed}"
     title = f"{START_KINDS[kind].capitalize()}{seeded}, scenario '{result.first.scenario.name}'"
-    table = Table(title=title, title_justify="left", header_style="bold", box=box.SIMPLE_HEAD)
-    table.add_column("policy", overflow="fold")
-    for name in ("docked", "success", "95 % interval"):
-        table.add_column(name, justify="right", no_wrap=True)
-    table.add_column("other endings", overflow="fold")
+    policy, others = Column("policy", overflow="fold"), Column("other endings", overflow="fold")
+    table = make_table(policy, *numeric("docked", "success", "95 % interval"), others, title=title)
     for name, evaluation in result.evaluations.items():
         summary = evaluation.summaries[kind]
         low, high = summary["success_interval_95"]
-        others = [f"{count} {ending}" for ending, count in summary["endings"].items() if ending != "docked"]
+        endings = [f"{count} {ending}" for ending, count in summary["endings"].items() if ending != "docked"]
         table.add_row(
             Text(name),
             f"{summary['docked']} of {summary['episodes']}",
             f"[bold]{summary['success']:.1%}[/]",
             f"{low:.1%} to {high:.1%}",
-            ", ".join(others) or "-",
+            ", ".join(endings) or "-",
         )
     return table
 
 
-def _difference_table(one: Contrast) -> Table:
-    title = Text(f"{one.second} against {one.first}", "table.title")
-    table = Table(title=title, title_justify="left", header_style="bold", box=box.SIMPLE_HEAD)
-    table.add_column("", no_wrap=True)
-    for name in (one.first, one.second):
-        table.add_column(Text(name), justify="right", overflow="fold", min_width=7)
-    for name in ("difference", "95 % interval", "pairs"):
-        table.add_column(name, justify="right", no_wrap=True)
-    for measure, compared in one.compared.items():
+def _difference_table(contrast: Contrast) -> Table:
+    policies = [
+        Column(Text(name), justify="right", overflow="fold", min_width=7)
+        for name in (contrast.first, contrast.second)
+    ]
+    table = make_table(
+        Column("", no_wrap=True),
+        *policies,
+        *numeric("difference", "95 % interval", "pairs"),
+        title=Text(f"{contrast.second} against {contrast.first}", "table.title"),
+    )
+    for measure, compared in contrast.compared.items():
         table.add_row(*_difference_cells(measure, compared))
     return table
 

@@ -8,9 +8,8 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
-from rich import box
 from rich.console import Console
-from rich.table import Table
+from rich.table import Column, Table
 
 from dockctl.commands.options import (
     Ckpt,
@@ -22,7 +21,7 @@ from dockctl.commands.options import (
     finite,
     policy_of,
 )
-from dockctl.console import print_text, table_console
+from dockctl.console import make_table, numeric, print_text, table_console
 from dockctl.runs.files import require_writable_file, write_atomically, write_json
 from dockctl.runs.tables import EVALUATION, START_KINDS, to_csv
 
@@ -102,15 +101,13 @@ def evaluate(
 def _episode_table(result: Evaluation) -> Table:
     from dockctl.analysis.episodes import ending
 
-    table = Table(
-        title=START_KINDS["pose"].capitalize(), title_justify="left", header_style="bold", box=box.SIMPLE_HEAD
+    units = {"time": "s", "δd": "m", "δψ": "°", "speed": "m/s", "path": "m", "gap": "m", "turns": ""}
+    table = make_table(
+        Column("start\n[dim]x m, y m, °", no_wrap=True),
+        Column("ending", overflow="fold", min_width=10),
+        *numeric(*(f"{name}\n[dim]{unit}" for name, unit in units.items())),
+        title=START_KINDS["pose"].capitalize(),
     )
-    table.add_column("start\n[dim]x m, y m, °", no_wrap=True)
-    table.add_column("ending", overflow="fold", min_width=10)
-    for name, unit in (
-        ("time", "s"), ("δd", "m"), ("δψ", "°"), ("speed", "m/s"), ("path", "m"), ("gap", "m"), ("turns", ""),
-    ):  # fmt: skip
-        table.add_column(f"{name}\n[dim]{unit}", justify="right", no_wrap=True)
     for episode in result.groups["pose"]:
         x, y, heading = episode.start.eta
         row = episode.row()
@@ -129,8 +126,7 @@ def _episode_table(result: Evaluation) -> Table:
 
 
 def _summary_table(result: Evaluation) -> Table:
-    table = Table(header_style="bold", box=box.SIMPLE_HEAD)
-    table.add_column("")
+    table = make_table("")
     for kind in result.summaries:
         seeded = "" if kind == "pose" else f", seed {result.seed}"
         table.add_column(START_KINDS[kind] + seeded, justify="right")

@@ -6,13 +6,12 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
 import typer
-from rich import box
 from rich.console import Console
 from rich.table import Table
 
 from dockctl.commands.options import DEFAULT_SCENARIO, Ckpt, PolicyOption, policy_of
-from dockctl.commands.outputs import Outputs, save_figure
-from dockctl.console import print_text, table_console
+from dockctl.commands.outputs import Outputs, save_figures
+from dockctl.console import make_table, numeric, print_text, table_console
 from dockctl.errors import DockctlError
 from dockctl.runs.directory import RUNS, RunDirectory
 from dockctl.runs.files import write_atomically, write_json
@@ -55,7 +54,8 @@ def latency(
     print_text(console, f"Timed: {subtitle}")
     console.print(_table(result.summary))
     print_text(console, verdict(result.summary, result.control_period_ms))
-    save_figure(stem, lambda: latency_figure(result.samples, subtitle, result.control_period_ms), folder)
+    period = result.control_period_ms
+    save_figures(lambda: {stem: latency_figure(result.samples, subtitle, period)}, folder)
     csv = result.samples.to_csv(index_label="decision", float_format="%.6g", lineterminator="\n")
     print_text(console, str(write_atomically(folder / f"{stem}.csv", csv.encode())))
     print_text(console, str(write_json(folder / f"{stem}.json", result.as_json())))
@@ -89,10 +89,7 @@ def _policy(ckpt: Path | None, policy: str | None, scenario: str | None) -> Load
 def _table(summary: dict[str, dict[str, float]]) -> Table:
     from dockctl.analysis.latency import PARTS, STATISTICS
 
-    table = Table(header_style="bold", box=box.SIMPLE_HEAD)
-    table.add_column("ms")
-    for name in STATISTICS:
-        table.add_column(name, justify="right")
+    table = make_table("ms", *numeric(*STATISTICS))
     for part, row in summary.items():
         table.add_row(PARTS[part], *(f"{row[name]:.3f}" for name in STATISTICS))
     return table

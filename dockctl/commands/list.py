@@ -5,14 +5,14 @@ from __future__ import annotations
 import inspect
 import sys
 from collections.abc import Iterator
-from enum import StrEnum
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
+from dockctl import plugins
 from dockctl.commands.options import Plugins
-from dockctl.errors import DockctlError
+from dockctl.errors import DockctlError, nearest
 
 if TYPE_CHECKING:
     from dockctl.plugins import Entry
@@ -20,37 +20,30 @@ if TYPE_CHECKING:
 COLUMNS = ("name", "kind", "source", "parameters", "origin")
 
 
-class Listing(StrEnum):
-    """Registry to list."""
-
-    scenarios = "scenarios"
-    vessels = "vessels"
-    harbors = "harbors"
-    rewards = "rewards"
-    observations = "observations"
-    actions = "actions"
-    conditions = "conditions"
-    sensors = "sensors"
-    algorithms = "algorithms"
-    policies = "policies"
-    checkpoints = "checkpoints"
+CHECKPOINTS = "checkpoints"
+LISTINGS = (*(group.removeprefix("dockctl.") for group in (*plugins.DATA, *plugins.CODE)), CHECKPOINTS)
 
 
 def list_registered(
     listing: Annotated[
-        Listing, typer.Argument(help="Registry to list.", metavar="|".join(Listing))
-    ] = Listing.scenarios,
+        str,
+        typer.Argument(
+            help="Registry to list.", metavar="|".join(LISTINGS), autocompletion=lambda: [*LISTINGS]
+        ),
+    ] = "scenarios",
     plugin: Plugins = None,
 ) -> None:
     """List what is registered, with its parameters and who provides it, or the shipped checkpoints.
 
     Example: dockctl list rewards --plugin examples/local-term/gentle.py
     """
-    from dockctl import plugins
     from dockctl.scenarios import catalog
 
-    if listing is Listing.checkpoints:
-        _print(listing.value, list(_checkpoints()))
+    if listing not in LISTINGS:
+        message = f"'{listing}' cannot be listed (known: {', '.join(LISTINGS)})"
+        raise DockctlError(message, code="unknown_name", suggestion=nearest(listing, LISTINGS))
+    if listing == CHECKPOINTS:
+        _print(listing, list(_checkpoints()))
         return
     catalog.fill()
     failures = []
@@ -59,7 +52,7 @@ def list_registered(
             plugins.load_file(path)
         except DockctlError as error:
             failures.append(str(error))
-    group = f"dockctl.{listing.value}"
+    group = f"dockctl.{listing}"
     registry = plugins.GROUPS[group]
     rows: list[tuple[str, ...]] = []
     for name in sorted(registry.names()):
@@ -70,7 +63,7 @@ def list_registered(
             rows.append((name, *described, origin))
         except DockctlError as error:
             rows.append((name, "broken", "", str(error), origin))
-    _print(listing.value, rows)
+    _print(listing, rows)
     if failures:
         raise DockctlError("\n".join(failures), code="plugin")
 
@@ -101,14 +94,14 @@ def _short(default: Any) -> str:
     return f"({len(default)} values)" if isinstance(default, tuple) and len(text) > 40 else text
 
 
-def _describe_file(path: Path, listing: Listing) -> tuple[str, str, str]:
+def _describe_file(path: Path, listing: str) -> tuple[str, str, str]:
     from dockctl.commands.validate import phases, summary
     from dockctl.scenarios import catalog, loader
 
-    if listing is Listing.scenarios:
+    if listing == "scenarios":
         scenario = loader.load(path).scenario
         return phases(scenario), scenario.title, summary(scenario)
-    if listing is Listing.vessels:
+    if listing == "vessels":
         vessel = loader.load_vessel(path)
         size = f"{vessel.hull.length_m:g} x {vessel.hull.beam_m:g} m, {vessel.mass_kg:g} kg"
         return "3-DOF", catalog.display_path(path), size

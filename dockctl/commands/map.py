@@ -1,4 +1,4 @@
-"""``dockctl map``: from where does a policy dock?"""
+"""``dockctl map``: map of the start poses from which a policy docks."""
 
 from __future__ import annotations
 
@@ -6,14 +6,11 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
-from rich import box
 from rich.console import Console
-from rich.table import Table
 
-from dockctl.commands.options import Ckpt, PolicyOption, ScenarioOption, finite, policy_of
+from dockctl.commands.options import Ckpt, PolicyOption, ScenarioOption, finite, parse_numbers, policy_of
 from dockctl.commands.outputs import Outputs
-from dockctl.console import print_text, table_console
-from dockctl.errors import DockctlError
+from dockctl.console import make_table, numeric, print_text, table_console
 from dockctl.runs.directory import MAP
 
 if TYPE_CHECKING:
@@ -52,7 +49,9 @@ def map_(
     from dockctl.evaluation.success_map import Grid
     from dockctl.reports.success_map import map_figure
 
-    given: dict[str, Any] = {"reach_m": reach_m, "step_m": step_m, "headings_deg": _angles(headings)}
+    example = "angles in degrees, separated by commas, like 0,20,-20"
+    offsets = None if headings is None else parse_numbers("--headings", headings, example)
+    given: dict[str, Any] = {"reach_m": reach_m, "step_m": step_m, "headings_deg": offsets}
     grid = Grid(**{name: value for name, value in given.items() if value is not None})
     loaded_policy = policy_of(ckpt, policy)
     outputs = Outputs.of(MAP, loaded_policy, scenario, out, csv)
@@ -61,21 +60,6 @@ def map_(
     _print(result)
     caption = loaded_policy.caption
     outputs.write(result.csv, lambda: map_figure(result.table, result.plan, result.scenario.task, caption))
-
-
-def _angles(text: str | None) -> tuple[float, ...] | None:
-    """Read heading offsets [°], like ``0,20,-20``.
-
-    Raises:
-        DockctlError: the text is something else.
-    """
-    try:
-        return None if text is None else tuple(float(part) for part in text.split(","))
-    except ValueError:
-        raise DockctlError(
-            f"--headings '{text}': expected angles in degrees, separated by commas, like 0,20,-20",
-            code="wrong_type",
-        ) from None
 
 
 def _print(result: SuccessMap) -> None:
@@ -90,10 +74,8 @@ def _print(result: SuccessMap) -> None:
         f"Policy {result.policy.description} on scenario '{result.scenario.name}': {len(free):,} free starts"
         f" within ±{reach_m:g} m, {len(rows) - len(free):,} blocked",
     )
-    table = Table(header_style="bold", box=box.SIMPLE_HEAD)
-    for name in ("heading\noffset", "\ndocked", "", "95 %\ninterval", "\ncollision", "\ntimeout",
-                 "success\nradius"):  # fmt: skip
-        table.add_column(name, justify="right", no_wrap=True)
+    names = ("\ndocked", "", "95 %\ninterval", "\ncollision", "\ntimeout", "success\nradius")
+    table = make_table(*numeric("heading\noffset", *names))
     offsets = rows["dheading_deg"].unique()
     groups = [(f"{offset:+g}°", free[free["dheading_deg"] == offset]) for offset in offsets]
     small = analysis.within_heading(free, limit)

@@ -70,6 +70,22 @@ def policy_of(ckpt: Path | None, policy: str | None) -> LoadedPolicy:
     return load_checkpoint(ckpt) if policy is None else load_policy(policy)
 
 
+def parse_numbers(option: str, text: str, expected: str) -> tuple[float, ...]:
+    """Read numbers that are separated by commas.
+
+    Args:
+        option: name of the option, for the message.
+        expected: description of its value, with an example.
+
+    Raises:
+        DockctlError: the text is something else.
+    """
+    try:
+        return tuple(float(part) for part in text.split(","))
+    except ValueError:
+        raise DockctlError(f"{option} '{text}': expected {expected}", code="wrong_type") from None
+
+
 def parse_pose(text: str) -> Pose:
     """Read ``x,y,heading`` [m, m, degrees].
 
@@ -78,15 +94,13 @@ def parse_pose(text: str) -> Pose:
     """
     from dockctl.scenarios.base import Pose
 
-    try:
-        x, y, heading = (float(part) for part in text.split(","))
-    except ValueError:
-        raise DockctlError(
-            f"--pose '{text}': expected three numbers, x,y,heading in m, m and degrees, like 20,2,160",
-            code="wrong_type",
-        ) from None
-    if not all(abs(number) <= MAX_COORDINATE for number in (x, y, heading)):
+    expected = "three numbers, x,y,heading in m, m and degrees, like 20,2,160"
+    numbers = parse_numbers("--pose", text, expected)
+    if len(numbers) != 3:
+        raise DockctlError(f"--pose '{text}': expected {expected}", code="wrong_type")
+    if not all(abs(number) <= MAX_COORDINATE for number in numbers):
         raise DockctlError(
             f"--pose '{text}': the numbers must be within ±{MAX_COORDINATE:,}", code="out_of_range"
         )
+    x, y, heading = numbers
     return Pose(x_m=x, y_m=y, heading_deg=heading)

@@ -1,12 +1,12 @@
-"""Where the commands that measure a policy write their results."""
+"""Output paths of the measurement commands, and their figures."""
 
 from __future__ import annotations
 
 import os
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 from rich.console import Console
 
@@ -16,12 +16,14 @@ from dockctl.runs.directory import FIGURES
 from dockctl.runs.files import require_writable, require_writable_file, write_atomically, write_json, writing
 
 if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
     from dockctl.evaluation.policies import LoadedPolicy
 
 
 @dataclass(frozen=True)
 class Outputs:
-    """A table and a figure of the same name, and a second place for the table."""
+    """Paths of a table and a figure with the same name, and of a copy of the table."""
 
     tables: Path
     figures: Path
@@ -39,10 +41,10 @@ class Outputs:
             what: stem of the files; the scenario's name is appended where it is not the policy's own.
             scenario: the scenario that the user asked for, if any.
             out: the folder that the user asked for, if any.
-            csv: the second file for the table, if any.
+            csv: the copy of the table, if any.
 
         Raises:
-            DockctlError: a place cannot be written, or there is no such scenario.
+            DockctlError: a path cannot be written, or there is no such scenario.
         """
         run = policy.run.path if policy.run else None
         if out is None and run and not os.access(run, os.W_OK):
@@ -58,7 +60,7 @@ class Outputs:
         stem = what if run and is_own else f"{what}-{resolved.name}"
         return cls(tables, figures, stem, csv, policy)
 
-    def write(self, table: str, draw: Callable[[], Any]) -> None:
+    def write(self, table: str, draw: Callable[[], Figure]) -> None:
         """Draw the figure, write it, the table (CSV) and the policy's identity (JSON); print the paths.
 
         Raises:
@@ -66,18 +68,18 @@ class Outputs:
         """
         with writing(self.tables):
             self.tables.mkdir(parents=True, exist_ok=True)
-        save_figure(self.stem, draw, self.figures)
+        save_figures(lambda: {self.stem: draw()}, self.figures)
         for path in filter(None, (self.tables / f"{self.stem}.csv", self.csv)):
             print_text(Console(), str(write_atomically(path, table.encode())))
         facts = {"policy": self.policy.facts()}
         print_text(Console(), str(write_json(self.tables / f"{self.stem}.json", facts)))
 
 
-def save_figure(name: str, draw: Callable[[], Any], folder: Path) -> None:
-    """Draw a figure in the style of the package, write it as PNG and SVG, and print the paths.
+def save_figures(draw: Callable[[], Mapping[str, Figure]], folder: Path) -> None:
+    """Draw figures in the style of the package, write them as PNG and SVG, and print the paths.
 
     Args:
-        draw: returns a matplotlib figure.
+        draw: returns the figures by file name.
 
     Raises:
         DockctlError: the folder cannot be written.
@@ -85,6 +87,6 @@ def save_figure(name: str, draw: Callable[[], Any], folder: Path) -> None:
     from dockctl.reports.style import figure_style, save
 
     with figure_style():
-        written = save({name: draw()}, folder)
+        written = save(dict(draw()), folder)
     for path in written:
         print_text(Console(), str(path))

@@ -7,6 +7,8 @@ from typing import Annotated
 
 import typer
 
+from dockctl.commands.outputs import save_figures
+
 
 def plot(
     run: Annotated[Path | None, typer.Argument(help="Run folder; the latest in ./runs by default.")] = None,
@@ -17,16 +19,12 @@ def plot(
     Example: dockctl plot runs/s3/20250101-120000-seed0
     """
     from dockctl.reports.figures import figures
-    from dockctl.reports.style import figure_style, save
     from dockctl.runs.directory import FIGURES, RUNS, RunDirectory
     from dockctl.runs.reader import read_run
 
     folder = RunDirectory.latest(RUNS).path if run is None else run
-    with figure_style():
-        data = read_run(folder)
-        written = save(dict(figures(data)), out or folder / FIGURES)
+    data = read_run(folder)
     if data.missing:
         note = f"note: {folder} has no rows in {', '.join(data.missing)}; their figures are left out"
         typer.secho(note, fg="yellow", err=True)
-    for path in written:
-        typer.echo(path)
+    save_figures(lambda: dict(figures(data)), out or folder / FIGURES)

@@ -7,13 +7,11 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
 import typer
-from rich import box
 from rich.console import Console
-from rich.table import Table
 
-from dockctl.commands.options import Ckpt, PolicyOption, policy_of
+from dockctl.commands.options import Ckpt, PolicyOption, parse_numbers, policy_of
 from dockctl.commands.outputs import Outputs
-from dockctl.console import print_text, table_console
+from dockctl.console import make_table, numeric, print_text, table_console
 from dockctl.errors import DockctlError
 from dockctl.runs.directory import RETURNS
 
@@ -39,15 +37,15 @@ def returns(
 ) -> None:
     """Compare the discounted returns of docking, colliding and loitering.
 
-    A greedy episode of the policy shows how to dock; the other behaviors apply constant commands. All start
-    at the first initial pose, and the reward is computed with each distance unit.
+    The return of docking is taken from a greedy episode of the policy; the other behaviors apply constant
+    commands. All start at the first initial pose, and the reward is computed with each distance unit.
 
     Example: dockctl returns s3 --ckpt runs/s3/20250101-120000-seed0
     """
     from dockctl.evaluation.returns import returns as run
     from dockctl.reports.returns import returns_figure
 
-    units_m = units_of(units)
+    units_m = parse_units(units)
     loaded_policy = policy_of(ckpt, policy)
     outputs = Outputs.of(RETURNS, loaded_policy, scenario, out, csv)
     with Console(stderr=True).status("simulating behaviors"):
@@ -58,25 +56,21 @@ def returns(
     outputs.write(result.csv, lambda: returns_figure(result.table, caption))
 
 
-def units_of(text: str) -> tuple[float, ...]:
+def parse_units(text: str) -> tuple[float, ...]:
     """Read distance units [m], like ``20,1``.
 
     Raises:
         DockctlError: they are not positive numbers, or one comes twice.
     """
-    try:
-        units = tuple(float(part) for part in text.split(","))
-    except ValueError:
-        units = ()
-    if not units or len({*units}) < len(units) or not all(0 < unit < math.inf for unit in units):
-        raise DockctlError(
-            f"--units '{text}': expected different lengths in meters, separated by commas, like 20,1"
-        )
+    expected = "different lengths in meters, separated by commas, like 20,1"
+    units = parse_numbers("--units", text, expected)
+    if len({*units}) < len(units) or not all(0 < unit < math.inf for unit in units):
+        raise DockctlError(f"--units '{text}': expected {expected}")
     return units
 
 
 def _print(result: Returns) -> None:
-    """Print the returns with every unit, the highest first, and what follows from them."""
+    """Print the returns with every unit, the highest first, and the conclusions."""
     from dockctl.analysis.returns import format_unit, verdicts
 
     console, gamma = table_console(), result.scenario.training.gamma
@@ -87,10 +81,7 @@ def _print(result: Returns) -> None:
     )
     for unit, rows in result.table.groupby("distance_unit_m", sort=False):
         title = f"δd in {format_unit(float(str(unit)))}"
-        table = Table(title=title, title_justify="left", box=box.SIMPLE_HEAD)
-        table.add_column("behavior")
-        for name in ("ends", "time", "return"):
-            table.add_column(name, justify="right", no_wrap=True)
+        table = make_table("behavior", *numeric("ends", "time", "return"), title=title)
         for _, row in rows.sort_values("return", ascending=False).iterrows():
             table.add_row(row["behavior"], row["outcome"], f"{row['time_s']:g} s", f"{row['return']:,.0f}")
         console.print(table)

@@ -6,12 +6,12 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
 import typer
-from rich import box
 from rich.console import Console
 from rich.table import Table
 
 from dockctl.commands.options import DEFAULT_SCENARIO, Plugins, parse_pose
-from dockctl.console import print_text
+from dockctl.commands.outputs import save_figures
+from dockctl.console import make_table, numeric, print_text
 from dockctl.errors import DockctlError
 
 if TYPE_CHECKING:
@@ -39,7 +39,6 @@ def show(
     Example: dockctl show s3 --pose 30,0.5,175
     """
     from dockctl.reports.show import figures
-    from dockctl.reports.style import figure_style, save
     from dockctl.runs.files import require_writable
     from dockctl.sim.harbor.build import build_harbor, scene_of
     from dockctl.sim.world import PoseCheck, load_checked
@@ -53,18 +52,15 @@ def show(
     folder = out or Path("figures") / spec.name
     require_writable(folder)
     measured = scan(spec, harbor, start)
-    with figure_style():
-        drawn = figures(scene_of(harbor, spec.vessel.hull), spec, *bodies(spec, harbor), measured)
-        written = save(drawn, folder)
     console = Console()
     print_text(console, f"{len(measured.points):,} LiDAR points from {measured.label}")
     console.print(sector_table(measured))
-    for path in written:
-        print_text(console, str(path))
+    plan = scene_of(harbor, spec.vessel.hull)
+    save_figures(lambda: figures(plan, spec, *bodies(spec, harbor), measured), folder)
 
 
 def scan(scenario: Scenario, harbor: Harbor, pose: Pose) -> Scan:
-    """One LiDAR scan from a pose."""
+    """Take one LiDAR scan from a pose."""
     from dockctl.geometry import pose_array
     from dockctl.reports.show import Scan
 
@@ -74,7 +70,7 @@ def scan(scenario: Scenario, harbor: Harbor, pose: Pose) -> Scan:
 
 
 def bodies(scenario: Scenario, harbor: Harbor) -> tuple[list[Body], Body]:
-    """The solids of the harbor in the world frame, and the hull of the own boat in the body frame."""
+    """Return the solids of the harbor in the world frame, and our hull in the body frame."""
     import numpy as np
 
     from dockctl.reports.view3d import Body
@@ -88,12 +84,10 @@ def bodies(scenario: Scenario, harbor: Harbor) -> tuple[list[Body], Body]:
 
 
 def sector_table(scan: Scan) -> Table:
-    """Distance by sector."""
-    table = Table(box=box.SIMPLE_HEAD)
-    for name in ("sector", "from", "to", "nearest"):
-        table.add_column(name, justify="right")
+    """Return the table of the distance in each sector."""
+    table = make_table(*numeric("sector", "from", "to", "nearest"))
     width = 360 / len(scan.ranges_m)
     for i, distance in enumerate(scan.ranges_m):
-        nearest = f"{distance:.3f} m" if distance < scan.range_m else f"nothing within {scan.range_m:g} m"
+        nearest = f"{distance:.3f} m" if distance < scan.range_m else f"no return within {scan.range_m:g} m"
         table.add_row(f"d{i + 1}", f"{i * width - 180:g}°", f"{(i + 1) * width - 180:g}°", nearest)
     return table

@@ -7,16 +7,16 @@ from pathlib import Path
 
 import pytest
 
-from dockctl.commands.returns import units_of
+from dockctl.commands.returns import parse_units
 from dockctl.errors import DockctlError
 from tests.commands.conftest import Outcome, dockctl
 
 
-def test_units_of() -> None:
-    assert units_of("20, 1") == (20.0, 1.0)
+def test_parse_units() -> None:
+    assert parse_units("20, 1") == (20.0, 1.0)
     for wrong in ("", "20,", "20,20", "0", "-1", "nan", "inf", "meters"):
         with pytest.raises(DockctlError):
-            units_of(wrong)
+            parse_units(wrong)
 
 
 def test_a_policy_must_dock(trained: tuple[Path, Outcome], tmp_path: Path) -> None:

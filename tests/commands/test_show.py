@@ -73,7 +73,7 @@ def test_an_output_folder_that_is_a_file(tmp_path: Path) -> None:
 
 def test_a_sector_without_return() -> None:
     table = sector_table(Scan(np.zeros(3), np.empty((0, 3)), np.array([100.0, 3.0]), 100.0))
-    assert list(table.columns[3].cells) == ["nothing within 100 m", "3.000 m"]
+    assert list(table.columns[3].cells) == ["no return within 100 m", "3.000 m"]
     assert list(table.columns[1].cells) == ["-180°", "0°"]
 
 
