@@ -65,6 +65,11 @@ class Contrast:
     only_second: int
     p: float
 
+    @property
+    def success(self) -> Compared:
+        """Success rates over all episodes."""
+        return self.compared[SUCCESS]
+
 
 def contrasts(table: pd.DataFrame) -> Iterator[Contrast]:
     """Compare every policy with the first one, separately for each kind of start.

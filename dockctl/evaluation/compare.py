@@ -57,22 +57,22 @@ class Comparison:
             },
             "differences": [
                 {
-                    "starts": one.kind,
-                    "first": one.first,
-                    "second": one.second,
-                    "only_first_docks": one.only_first,
-                    "only_second_docks": one.only_second,
-                    "mcnemar_p": one.p,
+                    "starts": contrast.kind,
+                    "first": contrast.first,
+                    "second": contrast.second,
+                    "only_first_docks": contrast.only_first,
+                    "only_second_docks": contrast.only_second,
+                    "mcnemar_p": contrast.p,
                     **{
                         measure.column: {
                             "first": compared.first,
                             "second": compared.second,
                             **asdict(compared.difference),
                         }
-                        for measure, compared in one.compared.items()
+                        for measure, compared in contrast.compared.items()
                     },
                 }
-                for one in self.contrasts
+                for contrast in self.contrasts
             ],
         }
 
