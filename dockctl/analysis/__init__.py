@@ -1,1 +1,1 @@
-"""Numbers from tables: pure functions, without simulation and without drawing."""
+"""Statistics of result tables: pure functions, no simulation, no drawing."""

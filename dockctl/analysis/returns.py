@@ -1,4 +1,4 @@
-"""Which behavior a reward prefers: comparison of discounted returns (the table of ``dockctl returns``)."""
+"""Comparison of the discounted returns of behaviors: which one a reward favors (``dockctl returns``)."""
 
 from __future__ import annotations
 
@@ -12,12 +12,12 @@ INTERMEDIATE = "reward_intermediate"
 
 
 def format_unit(unit_m: float) -> str:
-    """Distance unit as text."""
+    """Return the distance unit as text."""
     return "meters" if unit_m == 1 else f"units of {unit_m:g} m"
 
 
 def value(rows: pd.DataFrame, behavior: str, column: str) -> float:
-    """Value of a column for one behavior."""
+    """Return the value of a column for one behavior."""
     return float(rows[rows["behavior"] == behavior][column].iloc[0])
 
 
@@ -37,7 +37,7 @@ def break_even(rows: pd.DataFrame) -> float | None:
 
 
 def verdicts(rows: pd.DataFrame) -> Iterator[str]:
-    """Yield sentences on what the reward prefers with one distance unit."""
+    """Yield sentences on which behavior the reward favors with one distance unit."""
     collisions = rows[rows["outcome"] == "collision"]
     docking, waiting = (value(rows, name, "return") for name in (DOCKING, AT_START))
     returns = [f"Docking returns {docking:,.0f}", f"waiting at the start {waiting:,.0f}"]
@@ -46,7 +46,8 @@ def verdicts(rows: pd.DataFrame) -> Iterator[str]:
         returns.insert(1, f"the best collision ({best['behavior']}) {best['return']:,.0f}")
     yield f"{', '.join(returns)}."
     if (least := break_even(rows)) is not None:
-        condition = f"if that pose pays more than {least:,.0f}" if least > 0 else "whatever that pose pays"
+        exceeds = f"if the reward of that pose exceeds {least:,.0f}"
+        condition = exceeds if least > 0 else "for any reward of that pose"
         yield (
             "Loitering just before the intermediate pose returns"
             f" {value(rows, BEFORE_INTERMEDIATE, 'return'):,.0f}: docking returns more {condition}."

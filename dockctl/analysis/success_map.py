@@ -8,10 +8,12 @@ from __future__ import annotations
 import numpy as np
 import pandas as pd
 
-COLUMNS = ("dx_m", "dy_m", "dheading_deg", "x_m", "y_m", "heading_deg", "blocked", "outcome")
+from dockctl.runs.tables import MAP_START
+
+COLUMNS = (*MAP_START, "outcome")
 """Columns of ``map.csv`` that these functions and the figure need."""
 SMALL_OFFSET_DEG = 20.0
-"""Heading offsets that a helmsman would leave to a policy."""
+"""Largest heading offset to expect when a person brings the boat to the start pose."""
 EPS = 1e-6
 
 
@@ -24,7 +26,7 @@ def free_starts(table: pd.DataFrame) -> pd.DataFrame:
 
 
 def within_heading(free: pd.DataFrame, limit_deg: float) -> pd.DataFrame:
-    """Starts whose heading offset is at most `limit_deg`, either way."""
+    """Starts whose heading offset is at most `limit_deg` in magnitude."""
     return free[free["dheading_deg"].abs() <= limit_deg + EPS]
 
 

@@ -127,7 +127,7 @@ def draw_boat(
     dashed: bool = False,
     lw: float = 1.1,
 ) -> None:
-    """Draw the outline of the own boat at a pose (3,) [m, m, rad], filled with opacity `fill`."""
+    """Draw the outline of the boat at a pose (3,) [m, m, rad], filled with opacity `fill`."""
     outline = place_outline(hull, pose)
     if fill:
         ax.add_patch(Polygon(outline, fc=color, ec="none", alpha=fill, zorder=4))

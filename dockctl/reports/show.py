@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from matplotlib.axes import Axes
@@ -62,18 +62,18 @@ class Scan:
 
 
 def figures(
-    plan: Scene, scenario: Scenario, bodies: Sequence[Body], own: Body, scan: Scan
+    plan: Scene, scenario: Scenario, bodies: Sequence[Body], hull: Body, scan: Scan
 ) -> dict[str, Figure]:
     """Return the four drawings by file name.
 
     Args:
         plan: plan view of the harbor and the boat.
         bodies: solids of the harbor in the world frame.
-        own: the own boat in the body frame.
+        hull: the docking boat in the body frame.
         scan: one scan.
     """
     plan = plan_view.extended(plan, plan_view.task_points(scenario.task, scenario.evaluation.poses))
-    boat = Body(own.name, own.kind, view3d.to_world(own.triangles, scan.pose))
+    boat = replace(hull, triangles=view3d.to_world(hull.triangles, scan.pose))
     return {
         "harbor": harbor_figure(plan, scenario),
         "marina-3d": marina_figure(plan, scenario, [*bodies, boat]),
@@ -105,17 +105,17 @@ def harbor_figure(plan: Scene, scenario: Scenario) -> Figure:
 
 
 def marina_figure(plan: Scene, scenario: Scenario, bodies: Sequence[Body]) -> Figure:
-    """The marina in 3-D, with the own boat in red."""
+    """The marina in 3-D, with the docking boat in red."""
     bounds = water(plan)
     x0, y0, x1, y1 = bounds
     edge = np.array(
         [[x0 - QUAY_STRIP_M, y0 - QUAY_STRIP_M, -np.inf], [x1 + QUAY_STRIP_M, y1 + QUAY_STRIP_M, np.inf]]
     )
-    trimmed = [Body(body.name, body.kind, np.clip(body.triangles, *edge)) for body in bodies]
+    trimmed = [replace(body, triangles=np.clip(body.triangles, *edge)) for body in bodies]
     cameras = [view3d.overview_camera(bounds, turn, height) for height in HEIGHT_SHARES for turn in TURNS_DEG]
-    own = [body.triangles for body in trimmed if body.kind == "own"]
+    boat = [body.triangles for body in trimmed if body.kind == "own"]
     others = [body.triangles for body in trimmed if body.kind != "own"]
-    camera = view3d.least_occluded(cameras, np.concatenate(own), np.concatenate(others))
+    camera = view3d.least_occluded(cameras, np.concatenate(boat), np.concatenate(others))
     corners = np.array([[x, y, 0.0] for x in edge[:, 0] for y in edge[:, 1]])
     tops = np.concatenate([body.triangles.reshape(-1, 3) for body in trimmed])
     extent = view3d.extent(camera, np.concatenate([corners, tops[tops[:, 2] > 0]]))
@@ -246,7 +246,7 @@ def _draw_nearest(
 ) -> None:
     """Mark and label the nearest of the points `inside` sector `index`, whose edges are (2,) [rad]."""
     if inside is None:
-        text, azimuth, radius = f"d{index + 1}  nothing", edges.mean(), 0.72 * view
+        text, azimuth, radius = f"d{index + 1}  no return", edges.mean(), 0.72 * view
     else:
         point = inside[np.argmin(np.hypot(inside[:, 0], inside[:, 1]))]
         x, y = on_page(point[None])

@@ -64,7 +64,7 @@ METADATA: dict[str, dict[str, str | None]] = {
     "png": {"Software": None},
     "svg": {"Date": None, "Creator": "dockctl"},
 }
-"""File formats, with the metadata that keeps the files reproducible."""
+"""File formats, with metadata without dates and versions, so that the files are reproducible."""
 Entry = tuple[str, str] | tuple[str, str, str]
 """Legend entry: name, color and, optionally, line style."""
 
@@ -114,7 +114,7 @@ def legend_above(ax: Axes, entries: Sequence[Entry], columns: int = 5) -> None:
         columnspacing=1.5,
         borderaxespad=0.3,
     )
-    # A long legend must not squeeze the axes: the layout sees an empty title of the same height instead.
+    # The layout would shrink the axes for a long legend: it sees an empty title of the same height instead.
     legend.set_in_layout(False)
     ax.set_title("\n" * ((len(entries) - 1) // columns) + " ", fontsize=8.5, pad=7)
 

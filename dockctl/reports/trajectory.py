@@ -14,7 +14,7 @@ from dockctl.reports.style import label, legend_above
 from dockctl.scenarios.schema import Task, Tolerance
 
 LEAST_STEP_PT = 1.5
-"""Where control periods are narrower, commands form a solid block: they are drawn thin, with their mean."""
+"""Below this width of a control period, commands merge into a solid block: drawn thin, with their mean."""
 MEAN_STEPS = 20
 
 
@@ -43,7 +43,7 @@ def draw_velocity(ax: Axes, tracks: Sequence[Track], task: Task) -> None:
     _draw_lines(ax, tracks, "v_mps", mark_end=False, linestyle=":")
     ax.axhline(0, color=palette.RULE, lw=0.8, zorder=1)
     if len(tracks) > 1:
-        ax.set_ylabel("u (full), v (dotted) [m/s]")
+        ax.set_ylabel("u (solid), v (dotted) [m/s]")
     else:
         ax.set_ylabel("Velocity [m/s]")
         legend_above(ax, [("surge u", tracks[0].color), ("sway v", tracks[0].color, ":")])
@@ -153,7 +153,7 @@ def _step_width_pt(ax: Axes, tracks: Sequence[Track]) -> float:
 
 
 def _end_s(ax: Axes, tracks: Sequence[Track]) -> float:
-    """End of the time axis, which may be set already to share it with other axes."""
+    """End of the time axis; a wider limit, set for axes that share it, is not reduced."""
     longest = 1.015 * max(float(track.table["time_s"].iloc[-1]) for track in tracks)
     return max(longest, ax.get_xlim()[1])
 

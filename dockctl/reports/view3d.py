@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
@@ -58,7 +58,7 @@ class Camera:
 
 def draw_bodies(ax: Axes, camera: Camera, bodies: Sequence[Body], *, shadows: bool = True) -> None:
     """Draw solids and their shadows on the water, the farthest first, without back faces."""
-    above = [Body(body.name, body.kind, _above_water(body.triangles)) for body in bodies]
+    above = [replace(body, triangles=_above_water(body.triangles)) for body in bodies]
     for body in above if shadows else ():
         if body.kind != "quay":
             _add_polygons(ax, camera.project(_shadow(body.triangles))[0], palette.WATER_SHADE, zorder=1.5)
@@ -102,12 +102,12 @@ def _far_to_near(camera: Camera, bodies: Iterable[Body]) -> list[Body]:
     for body in bodies:
         objects.setdefault(body.name, []).append(body)
 
-    def rank(one: list[Body]) -> tuple[int, float]:
-        low = one[0].kind in ("quay", "finger")
-        center = one[0].triangles.reshape(-1, 3).mean(axis=0)
-        return (0 if one[0].kind == "quay" else 1 if low else 2), -float(camera.project(center)[1])
+    def rank(solids: list[Body]) -> tuple[int, float]:
+        kind = solids[0].kind
+        center = solids[0].triangles.reshape(-1, 3).mean(axis=0)
+        return {"quay": 0, "finger": 1}.get(kind, 2), -float(camera.project(center)[1])
 
-    return [body for one in sorted(objects.values(), key=rank) for body in one]
+    return [body for solids in sorted(objects.values(), key=rank) for body in solids]
 
 
 def draw_water(
@@ -154,15 +154,15 @@ def overview_camera(
 
     Args:
         bounds: x_min, y_min, x_max, y_max [m].
-        turn_deg: rotation about the center, counter-clockwise.
+        turn_deg: rotation about the center, counterclockwise.
         height_share: height of the camera, relative to the longer side.
     """
     x0, y0, x1, y1 = bounds
     center = np.array([(x0 + x1) / 2, (y0 + y1) / 2, 0.0])
     longest = max(x1 - x0, y1 - y0)
-    aside = -0.92 - 0.42j if y1 - y0 >= x1 - x0 else -0.42 - 0.92j
-    aside *= complex(math.cos(math.radians(turn_deg)), math.sin(math.radians(turn_deg)))
-    eye = center + longest * np.array([aside.real, aside.imag, height_share])
+    direction = -0.92 - 0.42j if y1 - y0 >= x1 - x0 else -0.42 - 0.92j
+    direction *= complex(math.cos(math.radians(turn_deg)), math.sin(math.radians(turn_deg)))
+    eye = center + longest * np.array([direction.real, direction.imag, height_share])
     return Camera(tuple(eye.tolist()), tuple(center.tolist()))
 
 
@@ -175,10 +175,10 @@ def least_occluded(cameras: Sequence[Camera], boat: Floats, others: Floats) -> C
     """
 
     def in_front(camera: Camera) -> int:
-        own, own_depth = camera.project(boat.reshape(-1, 3))
+        hull, hull_depth = camera.project(boat.reshape(-1, 3))
         flat, depth = camera.project(others)
-        beside = ((flat.max(axis=1) < own.min(axis=0)) | (flat.min(axis=1) > own.max(axis=0))).any(axis=1)
-        return int((~beside & (depth.min(axis=1) < own_depth.max())).sum())
+        beside = ((flat.max(axis=1) < hull.min(axis=0)) | (flat.min(axis=1) > hull.max(axis=0))).any(axis=1)
+        return int((~beside & (depth.min(axis=1) < hull_depth.max())).sum())
 
     return min(cameras, key=in_front)
 

@@ -50,9 +50,8 @@ START_KEYS = {
 }
 """Keys of their summaries in ``evaluation.json``."""
 
-MAP = (
-    "dx_m", "dy_m", "dheading_deg", "x_m", "y_m", "heading_deg", "blocked", *EPISODE_RESULT, "time_s",
-)  # fmt: skip
+MAP_START = ("dx_m", "dy_m", "dheading_deg", "x_m", "y_m", "heading_deg", "blocked")
+MAP = (*MAP_START, *EPISODE_RESULT, "time_s")
 """Starts of ``dockctl map``, by their offset from the center pose; a blocked start has no result."""
 
 RETURNS = ("behavior", "outcome", "steps", "time_s", "distance_unit_m", "return", "intermediate_discount")

@@ -29,7 +29,7 @@ def test_the_nearest_point_of_each_sector_is_marked_with_its_distance() -> None:
     texts = [text.get_text() for text in ax.texts]
     assert texts.count("d5  3.16 m") == 1  # port bow
     assert texts.count("d1  4.12 m") == 1  # starboard quarter
-    assert sum(text.endswith("nothing") for text in texts) == 5
+    assert sum(text.endswith("no return") for text in texts) == 5
     marks = [line.get_xydata()[0].tolist() for line in ax.lines if line.get_marker() == "o"]
     assert [-1.0, 3.0] in marks  # bow up, port to the left
     dots = np.asarray(ax.lines[0].get_xydata())
@@ -41,7 +41,7 @@ def test_a_scan_without_returns() -> None:
         _, ax = make_axes("", "")
         show.draw_sectors(ax, np.empty((0, 3)), np.full(8, 100.0), synthetic.marina().hull, 100.0)
         show.draw_cloud(ax, CAMERA, np.empty((0, 3)), 1.0)
-    assert len([text for text in ax.texts if text.get_text().endswith("nothing")]) == 8
+    assert len([text for text in ax.texts if text.get_text().endswith("no return")]) == 8
 
 
 def test_projection() -> None:
