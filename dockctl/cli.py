@@ -32,17 +32,28 @@ COMMANDS = {
 
 
 class _Commands(TyperGroup):
-    """Prints errors that a user can fix without a traceback."""
+    """Prints errors that a user can fix, and those of plugins, without a traceback."""
 
     def invoke(self, ctx: Any) -> Any:
         try:
             return super().invoke(ctx)
-        except DockctlError as error:
-            for line in str(error).splitlines():
-                typer.secho(f"error: {line}", fg="red", err=True)
-            raise typer.Exit(error.exit_code) from None
         except KeyboardInterrupt:
             raise typer.Exit(INTERRUPTED) from None
+        except Exception as error:
+            known = _known_error(error)
+            if known is None:
+                raise
+            for line in str(known).splitlines():
+                typer.secho(f"error: {line}", fg="red", err=True)
+            raise typer.Exit(known.exit_code) from known
+
+
+def _known_error(error: Exception) -> DockctlError | None:
+    if isinstance(error, DockctlError):
+        return error
+    from dockctl.plugins import runtime_error  # not before it is needed: the command starts faster
+
+    return runtime_error(error)
 
 
 app = typer.Typer(

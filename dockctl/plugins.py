@@ -1,7 +1,6 @@
 """Registries of everything that can be extended, and the plugins that add to them.
 
-A registry maps a name to an `Entry`, which records where it comes from (its origin). A name that is
-registered twice is an error that names both origins.
+A registry maps a name to an `Entry`, which records its origin. A name cannot be registered twice.
 
 Installed packages declare names through the entry-point groups in `GROUPS`; their code is imported when a
 name is first used. Local ``.py`` files register when they are loaded. Code registers itself with a decorator;
@@ -17,7 +16,7 @@ import importlib.util
 import inspect
 import sys
 import traceback
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Collection, Iterator, Mapping
 from contextlib import contextmanager
 from contextvars import ContextVar
 from dataclasses import dataclass
@@ -37,7 +36,7 @@ _origin: ContextVar[str | None] = ContextVar("origin", default=None)
 
 
 class DuplicateNameError(DockctlError):
-    """The same name is registered by two origins."""
+    """A name is registered by two origins; both are in `origins`."""
 
     code = "duplicate"
 
@@ -76,7 +75,7 @@ class Entry(Generic[T]):
     Attributes:
         kind: group within the registry, for example when a reward term applies.
         source: equation, table, paper or data sheet.
-        origin: package or file that registered it.
+        origin: package or file.
     """
 
     name: str
@@ -93,6 +92,17 @@ class Entry(Generic[T]):
         parameters = inspect.signature(self.value).parameters.values()
         return {p.name: p.default for p in parameters if p.kind is inspect.Parameter.KEYWORD_ONLY}
 
+    def parameter_errors(self, given: Collection[str]) -> Iterator[tuple[str, DockctlError]]:
+        """Yield every unknown name among the parameters in `given` and every missing one, with its error."""
+        known = self.parameters
+        for name in given:
+            if name not in known:
+                message = f"'{self.name}' has no parameter '{name}' (known: {', '.join(known) or 'none'})"
+                yield name, DockctlError(message, code="unknown_key", suggestion=nearest(name, known))
+        for name, default in known.items():
+            if default is inspect.Parameter.empty and name not in given:
+                yield name, DockctlError(f"'{self.name}' needs the parameter '{name}'", code="missing_key")
+
     def bind(self, given: Mapping[str, Any]) -> Callable[..., Any]:
         """Return the registered function with the given parameters bound.
 
@@ -100,15 +110,8 @@ class Entry(Generic[T]):
             DockctlError: a parameter is unknown or missing.
         """
         assert callable(self.value), f"{self.name} takes no parameters"
-        known = self.parameters
-        for name in given:
-            if name not in known:
-                listed = ", ".join(known) or "none"
-                message = f"'{self.name}' has no parameter '{name}' (known: {listed})"
-                raise DockctlError(message, code="unknown_key", suggestion=nearest(name, known))
-        for name, default in known.items():
-            if default is inspect.Parameter.empty and name not in given:
-                raise DockctlError(f"'{self.name}' needs the parameter '{name}'", code="missing_key")
+        for _, error in self.parameter_errors(given):
+            raise error
         return partial(self.value, **given)
 
 
@@ -125,8 +128,7 @@ class Registry(Generic[T]):
 
     def __init__(self, noun: str) -> None:
         self.noun = noun
-        self._entries: dict[str, Entry[T]] = {}
-        self._lazy: dict[str, LazyEntry] = {}
+        self._known: dict[str, Entry[T] | LazyEntry] = {}
 
     def register(self, name: str, value: T, *, kind: str = "", source: str = "") -> T:
         """Add `value` under `name` and return it.
@@ -135,47 +137,44 @@ class Registry(Generic[T]):
             DuplicateNameError: the name is taken; the message names both origins.
         """
         origin = _origin_of(value)
-        lazy = self._lazy.get(name)
-        if name in self._entries or (lazy and lazy.origin != origin):
+        known = self._known.get(name)
+        if known and not (isinstance(known, LazyEntry) and known.origin == origin):
             raise self._duplicate(name, origin)
-        self._lazy.pop(name, None)
-        self._entries[name] = Entry(name, value, kind, source, origin)
+        self._known[name] = Entry(name, value, kind, source, origin)
         return value
 
     def register_lazily(self, name: str, origin: str, load: Callable[[], None]) -> None:
         """Add `name`, for `load` to register on first use; if it is taken, the error is raised then."""
         if name in self:
             origin, load = f"{self.origin(name)} and {origin}", partial(_raise, self._duplicate(name, origin))
-            self._entries.pop(name, None)
-        self._lazy[name] = LazyEntry(origin, load)
+        self._known[name] = LazyEntry(origin, load)
 
     def unregister(self, origin: str) -> None:
         """Remove every entry that `origin` registered."""
-        self._entries = {name: entry for name, entry in self._entries.items() if entry.origin != origin}
+        self._known = {name: known for name, known in self._known.items() if known.origin != origin}
 
-    def save(self) -> tuple[dict[str, Entry[T]], dict[str, LazyEntry]]:
+    def save(self) -> dict[str, Entry[T] | LazyEntry]:
         """Return the current state, for `restore`."""
-        return dict(self._entries), dict(self._lazy)
+        return dict(self._known)
 
-    def restore(self, state: tuple[dict[str, Entry[T]], dict[str, LazyEntry]]) -> None:
+    def restore(self, state: dict[str, Entry[T] | LazyEntry]) -> None:
         """Restore a state returned by `save`."""
-        self._entries, self._lazy = dict(state[0]), dict(state[1])
+        self._known = dict(state)
 
     def __contains__(self, name: object) -> bool:
-        return name in self._entries or name in self._lazy
+        return name in self._known
 
     def __iter__(self) -> Iterator[Entry[T]]:
         """Iterate over the entries whose code is loaded; see `names` for all."""
-        return iter(tuple(self._entries.values()))
+        return iter([known for known in self._known.values() if isinstance(known, Entry)])
 
     def names(self) -> list[str]:
         """Return every name, including those whose code is not imported yet."""
-        return [*self._entries, *self._lazy]
+        return list(self._known)
 
     def origin(self, name: str) -> str:
         """Return the origin of `name` without importing anything, or an empty string if it is unknown."""
-        known = self._entries.get(name) or self._lazy.get(name)
-        return known.origin if known else ""
+        return self._known[name].origin if name in self._known else ""
 
     def get(self, name: str) -> Entry[T]:
         """Return the entry `name`, importing the plugin that declares it if necessary.
@@ -184,16 +183,16 @@ class Registry(Generic[T]):
             UnknownNameError: it is not registered.
             DockctlError: its plugin fails.
         """
-        if lazy := self._lazy.get(name):
-            with registering_as(lazy.origin):
-                lazy.load()
-        try:
-            return self._entries[name]
-        except KeyError:
-            known = [known for known in self.names() if known != name]
-            listed = ", ".join(sorted(known)) or "none"
-            message = f"unknown {self.noun} '{name}' (known: {listed})"
-            raise UnknownNameError(message, suggestion=nearest(name, known)) from None
+        known = self._known.get(name)
+        if isinstance(known, LazyEntry):
+            with registering_as(known.origin):
+                known.load()
+            known = self._known[name]
+        if isinstance(known, Entry):
+            return known
+        others = sorted(self._known.keys() - {name})
+        message = f"unknown {self.noun} '{name}' (known: {', '.join(others) or 'none'})"
+        raise UnknownNameError(message, suggestion=nearest(name, others))
 
     def _duplicate(self, name: str, origin: str) -> DuplicateNameError:
         return DuplicateNameError(self.noun, name, (self.origin(name), origin))
@@ -245,7 +244,7 @@ BUILTINS = (
 """Modules that register the package's own entries; add a line for a new one."""
 
 _loaded: dict[str, str] = {}
-"""Origin of every loaded local file, by the hash of its content."""
+"""Hash of the content of every loaded local file, by its origin."""
 
 
 class PluginError(DockctlError):
@@ -281,7 +280,7 @@ def policy(name: str, *, source: str = "") -> Callable[[Function], Function]:
 
 
 def load_file(path: Path) -> ModuleType:
-    """Load the local plugin at `path`; the same content is loaded once, and an edited file replaces itself.
+    """Load the local plugin at `path`: each content once; an edited file replaces its earlier registrations.
 
     Returns:
         the module.
@@ -298,32 +297,26 @@ def load_file(path: Path) -> ModuleType:
         raise PluginError(f"plugin {path} cannot be read: {error.strerror or error}") from None
     digest = hashlib.sha256(content).hexdigest()
     name = f"_dockctl_plugin_{digest[:16]}"
-    if digest in _loaded:
+    if digest in _loaded.values():
         return sys.modules[name]
     origin = f"file {path}"
-    with registering_as(origin), _all_or_nothing(f"plugin {path}", path):
+    with registering_as(origin), _rollback_on_error(f"plugin {path}", path):
         for registry in GROUPS.values():
             registry.unregister(origin)
-        _run(name, path, content)
-    for known in [known for known, loaded_as in _loaded.items() if loaded_as == origin]:
-        del _loaded[known]
-    _loaded[digest] = origin
-    return sys.modules[name]
-
-
-def _run(name: str, path: Path, content: bytes) -> None:
-    module = ModuleType(name)
-    module.__file__ = str(path)
-    sys.modules[name] = module  # dataclasses and pydantic look up the module
-    exec(compile(content, path, "exec"), module.__dict__)
+        module = ModuleType(name)
+        module.__file__ = str(path)
+        sys.modules[name] = module  # dataclasses and pydantic look up the module
+        exec(compile(content, path, "exec"), module.__dict__)
+    _loaded[origin] = digest
+    return module
 
 
 @contextmanager
-def _all_or_nothing(who: str, path: Path | None = None) -> Iterator[None]:
+def _rollback_on_error(who: str, path: Path | None = None) -> Iterator[None]:
     """Undo what a plugin registered if it fails, and report the plugin, the reason and the line."""
     saved = [(registry, registry.save()) for registry in GROUPS.values()]
     try:
-        with naming_errors(f"{who} fails to import", path):
+        with plugin_errors(f"{who} fails to import", path):
             yield
     except DockctlError:
         for registry, state in saved:
@@ -332,15 +325,12 @@ def _all_or_nothing(who: str, path: Path | None = None) -> Iterator[None]:
 
 
 @contextmanager
-def naming_errors(what: str, path: Path | None = None) -> Iterator[None]:
-    """Convert any exception of plugin code inside the block to a `PluginError` with its location.
+def plugin_errors(what: str, path: Path | None = None) -> Iterator[None]:
+    """Convert any exception in the block but a `DockctlError` to a `PluginError` with its location.
 
     Args:
         what: what failed, for example ``policy 'pid' fails``.
         path: the plugin's file, whose line is reported; by default that of the innermost frame.
-
-    Raises:
-        PluginError: the block raised anything but a `DockctlError`.
     """
     try:
         yield
@@ -351,16 +341,24 @@ def naming_errors(what: str, path: Path | None = None) -> Iterator[None]:
         raise PluginError(f"{what}: {reason}{_place(error, path)}") from error
 
 
+def runtime_error(error: Exception) -> PluginError | None:
+    """Return the error of the plugin whose code raised `error`; None if dockctl itself failed."""
+    entries = [entry for registry in CODE.values() for entry in registry if entry.origin != PACKAGE_ORIGIN]
+    origins = {entry.value.__module__: entry.origin for entry in entries}
+    for frame, line in reversed([*traceback.walk_tb(error.__traceback__)]):
+        if origin := origins.get(frame.f_globals.get("__name__", "")):
+            what = f"{origin}: {frame.f_code.co_name} fails: {type(error).__name__}: {error}"
+            return PluginError(f"{what} ({frame.f_code.co_filename}:{line})")
+    return None
+
+
 def _place(error: BaseException, path: Path | None) -> str:
     """Return the line in which a plugin failed: in the file `path`, else in the last frame of other code."""
     if isinstance(error, SyntaxError) and error.lineno:
         return f" ({error.filename}:{error.lineno})"
-    frames = [
-        frame
-        for frame in traceback.extract_tb(error.__traceback__)
-        if "importlib" not in frame.filename and frame.filename != __file__
-    ]
-    own = [frame for frame in frames if frame.filename == str(path)] or frames
+    stack = traceback.extract_tb(error.__traceback__)
+    frames = [f for f in stack if "importlib" not in f.filename and f.filename != __file__]
+    own = [f for f in frames if f.filename == str(path)] or frames
     return f" ({own[-1].filename}:{own[-1].lineno})" if own else ""
 
 
@@ -387,7 +385,7 @@ def _load_data(point: EntryPoint, registry: Registry[Path]) -> None:
     if isinstance(value, ModuleType):
         value = Path(str(files(value) / f"{point.name}.yaml"))
     elif callable(value):
-        with _all_or_nothing(_entry_point_origin(point)):
+        with _rollback_on_error(_entry_point_origin(point)):
             value = value()
     if not isinstance(value, str | Path):
         raise PluginError(f"{_entry_point_origin(point)}: {point.value} is not the path of a YAML file")
@@ -395,5 +393,5 @@ def _load_data(point: EntryPoint, registry: Registry[Path]) -> None:
 
 
 def _import(point: EntryPoint) -> Any:
-    with _all_or_nothing(_entry_point_origin(point)):
+    with _rollback_on_error(_entry_point_origin(point)):
         return point.load()

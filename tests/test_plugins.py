@@ -344,3 +344,52 @@ def test_an_incomplete_class_is_refused_where_it_is_selected(write: Write, base:
         loader.load(write("x.yaml", "extends: s1\nplugins: [half.py]\nactions: {kind: half}\n"))
     (problem,) = caught.value.problems
     assert (problem.line, problem.field, problem.code) == (3, "actions.kind", "plugin")
+
+
+FAILING = """from typing import Literal
+from gymnasium.spaces import Discrete
+from dockctl import plugins
+from dockctl.envs.observation import observation_part
+from dockctl.rewards.terms import reward_term
+from dockctl.scenarios.extensions import ActionType, Condition, Disturbance, RangeSensorSpec, register
+reward_term("bad", kind="dense")(lambda status: 1 / 0)  # line 7
+@observation_part("bad")
+def bad(view): raise KeyError("x")  # line 9
+@register(plugins.ACTIONS)
+class Actions(ActionType):
+    kind: Literal["bad"] = "bad"
+    def describe(self): return ""
+    def space(self, vessel): return Discrete(2)
+    def commands(self, actions, vessel): return [] + 1  # line 15
+class Water(Disturbance):
+    def water_velocity(self): return None.x  # line 17
+@register(plugins.CONDITIONS, group="water")
+class Bad(Condition):
+    kind: Literal["bad"] = "bad"
+    def build(self, num_boats): return Water()
+@register(plugins.RANGE_SENSORS)
+class Sensor(RangeSensorSpec):
+    kind: Literal["bad"] = "bad"
+    def build(self, triangles): return {}[0]  # line 25
+"""
+
+
+@pytest.mark.parametrize(
+    ("setting", "line"),
+    [
+        ("reward: {terms: {bad: 1}}", 7),
+        ("observation: [bad]", 9),
+        ("actions: bad", 15),
+        ("conditions: {bad: {}}", 17),
+        ("sensors: {lidar: {kind: bad}}", 25),
+    ],
+)
+def test_code_that_fails_at_run_time_is_reported_with_its_line(
+    write: Write, tmp_path: Path, setting: str, line: int
+) -> None:
+    write("bad.py", FAILING)
+    scenario = write("x.yaml", f"extends: s1\nplugins: [bad.py]\n{setting}\n")
+    outcome = quick_train(tmp_path / "runs", scenario, "--steps", 30)
+    assert (outcome.code, outcome.error_code) == (2, "plugin")
+    assert outcome.err.count("\n") == 1
+    assert outcome.err.strip().endswith(f"({tmp_path / 'bad.py'}:{line})")

@@ -35,7 +35,7 @@ from dockctl.agents.interface import Info, Policy, Spaces
 from dockctl.envs.vector import DockingVectorEnv
 from dockctl.errors import DockctlError, nearest
 from dockctl.evaluation.libraries import onnx_policy, sb3_policy
-from dockctl.plugins import OBSERVATION_PARTS, POLICIES, Entry, naming_errors
+from dockctl.plugins import OBSERVATION_PARTS, POLICIES, Entry, plugin_errors
 from dockctl.runs.directory import RUNS, SCENARIO, RunDirectory, shipped
 from dockctl.scenarios.content import first_difference
 from dockctl.scenarios.loader import LoadedScenario, load
@@ -182,7 +182,7 @@ class BuiltPolicy(LoadedPolicy):
     params: Mapping[str, Any] = field(default_factory=dict)
 
     def make(self, env: DockingVectorEnv) -> Policy:
-        with naming_errors(f"policy {self.long_name} cannot be built", self.file):
+        with plugin_errors(f"policy {self.long_name} cannot be built", self.file):
             policy = self.build(env)
         for method in ("reset", "act"):
             if not callable(getattr(policy, method, None)):
@@ -208,11 +208,11 @@ class _Checked:
         self._policy, self._name, self._file, self._space = policy, name, file, space
 
     def reset(self, rows: NDArray[np.int64], info: Info) -> None:
-        with naming_errors(f"policy {self._name}: reset fails", self._file):
+        with plugin_errors(f"policy {self._name}: reset fails", self._file):
             self._policy.reset(rows, info)
 
     def act(self, observation: NDArray[Any], info: Info) -> NDArray[Any]:
-        with naming_errors(f"policy {self._name}: act fails", self._file):
+        with plugin_errors(f"policy {self._name}: act fails", self._file):
             actions = np.asarray(self._policy.act(observation, info))
         shape, dtype = (len(observation), *(self._space.shape or ())), np.dtype(self._space.dtype)
         if actions.shape == shape and np.can_cast(actions.dtype, dtype, "same_kind"):
@@ -326,7 +326,7 @@ def _existing(file: str) -> Path:
 
 
 def _imported(module: str, given: str) -> ModuleType:
-    with naming_errors(f"policy {given}: module '{module}' cannot be imported"):
+    with plugin_errors(f"policy {given}: module '{module}' cannot be imported"):
         return importlib.import_module(module)
 
 

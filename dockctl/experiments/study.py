@@ -29,11 +29,11 @@ from dockctl.runs.directory import (
     TRANSFER,
     RunDirectory,
 )
-from dockctl.scenarios import translate
 from dockctl.scenarios.base import NAME, Count, FieldError, Model, Name
 from dockctl.scenarios.catalog import SUFFIXES, display_path, packaged_folder
 from dockctl.scenarios.content import first_difference
 from dockctl.scenarios.loader import load
+from dockctl.scenarios.problems import model_problems
 from dockctl.scenarios.schema import Scenario
 from dockctl.scenarios.yaml_tree import input_error, read_file
 from dockctl.sim.world import load_checked
@@ -121,7 +121,7 @@ def load_study(source: str) -> Study:
     try:
         study = Study.model_validate(tree.plain())
     except ValidationError as error:
-        raise InputError(translate.problems(error, tree, Study)) from None
+        raise InputError(model_problems(error, tree, Study)) from None
     name = study.name if "name" in study.model_fields_set else path.stem
     location = (tree.get("name") or tree).location
     if not re.fullmatch(NAME, name):

@@ -15,10 +15,10 @@ from pydantic import ValidationError
 from dockctl import plugins
 from dockctl.errors import Code, DockctlError, InputError, Problem
 from dockctl.plugins import HARBORS, SCENARIOS, VESSELS, Registry
-from dockctl.scenarios import catalog, translate
+from dockctl.scenarios import catalog
 from dockctl.scenarios.base import Model
 from dockctl.scenarios.harbor import HarborSpec, is_model_file
-from dockctl.scenarios.parameters import function_problems
+from dockctl.scenarios.problems import function_problems, locate, model_problems
 from dockctl.scenarios.schema import Scenario
 from dockctl.scenarios.vessel import Vessel
 from dockctl.scenarios.yaml_tree import (
@@ -71,7 +71,7 @@ class LoadedScenario:
         """Return a problem of the field `path`, for example ``task.final``, with its location."""
         if self.tree is None:
             return Problem(self.source, 0, 0, path, message, code, suggestion)
-        return translate.locate(self.tree, path.split(".")).problem(message, code, suggestion)
+        return locate(self.tree, path.split(".")).problem(message, code, suggestion)
 
 
 def load(
@@ -103,7 +103,7 @@ def load(
     try:
         scenario = Scenario.model_validate(tree.plain())
     except ValidationError as error:
-        found = translate.problems(error, tree, Scenario)
+        found = model_problems(error, tree, Scenario)
         problems += [replace(p, message=p.message + hint) if p.field == "name" else p for p in found]
         raise InputError(sorted(problems, key=_by_location)) from None
     if problems:
@@ -295,7 +295,7 @@ def _load_part(source: str | Path, registry: Registry[Path], model: type[P]) -> 
     try:
         return model.model_validate(tree.plain())
     except ValidationError as error:
-        raise InputError(sorted(translate.problems(error, tree, model), key=_by_location)) from None
+        raise InputError(sorted(model_problems(error, tree, model), key=_by_location)) from None
 
 
 def _load_plugins(tree: Node) -> Iterable[Problem]:

@@ -41,7 +41,7 @@ def dockctl(*arguments: object) -> Outcome:
         raise result.exception
     cause: BaseException | None = result.exception
     while cause and not isinstance(cause, DockctlError):
-        cause = cause.__context__  # what the command line turned into an exit code
+        cause = cause.__cause__ or cause.__context__  # what the command line turned into an exit code
     return Outcome(result.exit_code, result.stdout, result.stderr, cause)
 
 

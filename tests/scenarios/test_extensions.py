@@ -9,9 +9,9 @@ from pydantic import BeforeValidator, Field, ValidationError
 
 from dockctl.errors import Problem
 from dockctl.plugins import Registry
-from dockctl.scenarios import translate
 from dockctl.scenarios.base import Model, Number, Positive
 from dockctl.scenarios.extensions import Kind, Kinds, register
+from dockctl.scenarios.problems import model_problems
 from dockctl.scenarios.yaml_tree import read_text
 
 SHAPES: Registry[type[Any]] = Registry("shape")
@@ -49,7 +49,7 @@ def problem(text: str, model: type[Model] = Drawing) -> Problem:
     tree = read_text(text, "drawing.yaml")
     with pytest.raises(ValidationError) as caught:
         model.model_validate(tree.plain())
-    (found,) = translate.problems(caught.value, tree, model)
+    (found,) = model_problems(caught.value, tree, model)
     return found
 
 

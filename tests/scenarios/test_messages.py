@@ -57,6 +57,10 @@ WRONG: dict[str, tuple[str, list[str]]] = {
     ),
     "no known choice": ("training: {optimizer: adma}\n", ["2:23 training.optimizer unknown_name adam"]),
     "no known preset": ("training: {preset: theses}\n", ["2:20 training.preset unknown_name thesis"]),
+    "no known condition": (
+        "conditions:\n  curent: {speed_mps: 0.1}\n",
+        ["3:3 conditions.curent unknown_name current"],
+    ),
     "no known vessel": ("vessel: eilbrect\n", ["2:9 vessel unknown_name eilbrecht"]),
     "no known harbor": ("harbor: refrence\n", ["2:9 harbor unknown_name reference"]),
     "no such harbor file": ("harbor: gone.yaml\n", ["2:9 harbor not_found"]),

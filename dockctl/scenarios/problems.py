@@ -1,18 +1,24 @@
-"""Translate pydantic's errors to problems with a location in the YAML file."""
+"""Find the problems of a scenario, with their locations in the YAML file.
+
+`model_problems` translates pydantic's errors; `function_problems` checks reward terms and observation parts
+against the registered functions.
+"""
 
 from __future__ import annotations
 
+import json
 import types
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass
-from typing import Any, get_args
+from dataclasses import dataclass, replace
+from typing import Any, get_args, get_type_hints
 
-from pydantic import BaseModel, ValidationError
+from pydantic import BaseModel, TypeAdapter, ValidationError
+from pydantic.errors import PydanticSchemaGenerationError
 from pydantic.fields import FieldInfo
 from pydantic_core import ErrorDetails, PydanticUndefined
 
-from dockctl.errors import Code, Problem, nearest
-from dockctl.plugins import HARBORS, VESSELS
+from dockctl.errors import Code, DockctlError, Problem, nearest
+from dockctl.plugins import HARBORS, OBSERVATION_PARTS, REWARD_TERMS, VESSELS, Entry, Function, Registry
 from dockctl.scenarios.base import FieldError
 from dockctl.scenarios.extensions import Kind, Kinds
 from dockctl.scenarios.yaml_tree import Location, Node, described
@@ -54,7 +60,7 @@ RANGES = (
 
 
 @dataclass(frozen=True)
-class Located:
+class FieldLocation:
     """A field of the input: path, location of its key and of its value, and the value (None if missing)."""
 
     path: str
@@ -70,40 +76,41 @@ class Located:
         return location.problem(message, self.path, code, suggestion)
 
 
-def locate(tree: Node, steps: Sequence[Step]) -> Located:
+def locate(tree: Node, steps: Sequence[Step]) -> FieldLocation:
     """Follow a location of pydantic, or a dotted path, from the root; handles short forms and union tags."""
-    spot = Located("", tree.location, tree.location, tree)
+    field = FieldLocation("", tree.location, tree.location, tree)
     for step in steps:
-        if spot.node is None:
+        if field.node is None:
             break
-        spot = _descend(spot, spot.node, step)
-    return spot
+        field = _descend(field, field.node, step)
+    return field
 
 
-def _descend(spot: Located, node: Node, step: Step) -> Located:
-    def child(key: Step, value: Node | None, key_location: Location | None = None) -> Located:
-        path = f"{spot.path}.{key}" if spot.path else str(key)
-        return Located(path, key_location or spot.key, value.location if value else spot.location, value)
+def _descend(field: FieldLocation, node: Node, step: Step) -> FieldLocation:
+    def child(key: Step, value: Node | None, key_location: Location | None = None) -> FieldLocation:
+        path = f"{field.path}.{key}" if field.path else str(key)
+        location = value.location if value else field.location
+        return FieldLocation(path, key_location or field.key, location, value)
 
     value = node.value
     if isinstance(value, list):
         inside = str(step).isdecimal() and int(step) < len(value)
         return child(step, value[int(step)], value[int(step)].location) if inside else child(step, None)
     if not isinstance(value, dict):  # the short forms `final: 30000` and `- phase` are a weight and a part
-        return spot
+        return field
     if step in value:
         return child(step, value[str(step)], node.keys[str(step)])
-    if spot.path == "reward.terms" and str(step).isdecimal():
+    if field.path == "reward.terms" and str(step).isdecimal():
         given = [key for key, term in value.items() if term.value is not None]
         return child(given[int(step)], value[given[int(step)]], node.keys[given[int(step)]])
     if step in ("part", "params") and len(value) == 1:  # the short form `- lidar: {cap_m: 20}`
         ((name, params),) = value.items()
         return child(name, params, node.keys[name])
     is_tag = any(tag in value and value[tag].value == step for tag in TAGS)
-    return spot if is_tag else child(step, None)
+    return field if is_tag else child(step, None)
 
 
-def problems(error: ValidationError, tree: Node, model: type[BaseModel]) -> Iterator[Problem]:
+def model_problems(error: ValidationError, tree: Node, model: type[BaseModel]) -> Iterator[Problem]:
     """Translate all errors of a validation."""
     details = error.errors(include_url=False)
     for detail in details:
@@ -111,44 +118,40 @@ def problems(error: ValidationError, tree: Node, model: type[BaseModel]) -> Iter
             _is_inside(other["loc"], detail["loc"]) for other in details
         ):
             continue  # pydantic does not count items that have errors themselves
-        spot = locate(tree, detail["loc"])
+        field = locate(tree, detail["loc"])
         models = _models_at(model, tree, detail["loc"][:-1])
         if detail["type"] == "extra_forbidden":
             known = [name for owner in models for name in owner.model_fields]
-            yield unknown_key(spot, spot.path.rpartition(".")[2], known)
+            key = field.path.rpartition(".")[2]
+            message = f"unknown key '{key}' (known: {', '.join(sorted(known)) or 'none'})"
+            yield field.problem(message, "unknown_key", nearest(key, known), at_key=True)
         elif detail["type"] == "missing" or (detail["type"] == "model_type" and detail["input"] is None):
-            yield spot.problem(_missing(str(detail["loc"][-1]), models), "missing_key")
+            yield field.problem(_missing(str(detail["loc"][-1]), models), "missing_key")
         elif detail["type"] == "union_tag_not_found":
             tag = detail["ctx"]["discriminator"].strip("'")
             models = _models_at(model, tree, detail["loc"])
             choices = [choice for owner in models for choice in _choices(owner, tag)]
-            yield spot.problem(f"the key '{tag}' is missing (one of: {', '.join(choices)})", "missing_key")
+            yield field.problem(f"the key '{tag}' is missing (one of: {', '.join(choices)})", "missing_key")
         else:
-            yield _named(spot, tree, detail).problem(*description(detail, spot.path))
+            yield _named(field, tree, detail).problem(*description(detail, field.path))
 
 
-def _named(spot: Located, tree: Node, detail: ErrorDetails) -> Located:
-    """Return the field that a model's validator reports; `spot` if the input does not contain it."""
+def _named(field: FieldLocation, tree: Node, detail: ErrorDetails) -> FieldLocation:
+    """Return the field that a model's validator reports; if it is missing, `field` at its key."""
     context = detail.get("ctx", {})
     error = context.get("error")
     if detail["type"] == "union_tag_invalid":
-        field = context["discriminator"].strip("'")
+        name = context["discriminator"].strip("'")
     elif isinstance(error, FieldError):
-        field = error.field
+        name = error.field
     else:
-        return spot
-    inner = locate(tree, [*detail["loc"], *field.split(".")])
-    return inner if inner.node is not None else spot
+        return field
+    inner = locate(tree, [*detail["loc"], *name.split(".")])
+    return inner if inner.node is not None else replace(field, location=inner.key)
 
 
 def _is_inside(inner: Sequence[Step], outer: Sequence[Step]) -> bool:
     return len(inner) > len(outer) and list(inner[: len(outer)]) == list(outer)
-
-
-def unknown_key(spot: Located, key: str, known: Sequence[str], noun: str = "key") -> Problem:
-    """Return the problem of a key that does not exist; it lists all known ones."""
-    message = f"unknown {noun} '{key}' (known: {', '.join(sorted(known)) or 'none'})"
-    return spot.problem(message, "unknown_key", nearest(key, known), at_key=True)
 
 
 def description(detail: ErrorDetails, path: str = "") -> tuple[str, Code, str]:
@@ -243,3 +246,73 @@ def _models_in(annotation: Any) -> list[type[BaseModel]]:
     if isinstance(annotation, type) and issubclass(annotation, BaseModel):
         return [annotation]
     return [model for argument in get_args(annotation) for model in _models_in(argument)]
+
+
+def function_problems(tree: Node) -> Iterator[Problem]:
+    """Yield problems with names and parameters; the models check the structure."""
+    first: dict[str, str] = {}
+    for steps, name, body in _terms(tree):
+        if name in first:
+            message = f"duplicate reward term '{name}'; the first one is {first[name]}"
+            yield locate(tree, steps).problem(message, "duplicate")
+        first.setdefault(name, locate(tree, steps).path)
+        yield from _check(
+            tree, REWARD_TERMS, name, steps, body.get("params") if isinstance(body, dict) else None
+        )
+    for steps, name, params in _parts(tree):
+        yield from _check(tree, OBSERVATION_PARTS, name, steps, params)
+
+
+def _terms(tree: Node) -> Iterator[tuple[list[str], str, Any]]:
+    reward = tree.get("reward")
+    terms = reward.get("terms") if reward else None
+    plain = terms.plain() if terms else None
+    items = plain.items() if isinstance(plain, dict) else enumerate(plain) if isinstance(plain, list) else ()
+    for key, body in items:
+        name = body.get("term", key) if isinstance(body, dict) else key
+        if isinstance(name, str):
+            yield ["reward", "terms", str(key)], name, body
+
+
+def _parts(tree: Node) -> Iterator[tuple[list[str], str, Any]]:
+    listed = tree.get("observation")
+    for index, item in enumerate(listed.plain() if listed and isinstance(listed.value, list) else ()):
+        name, params = item, None
+        if isinstance(item, dict) and "part" in item:
+            name, params = item["part"], item.get("params")
+        elif isinstance(item, dict) and len(item) == 1:
+            ((name, params),) = item.items()
+        if isinstance(name, str):
+            yield ["observation", str(index)], name, params
+
+
+def _check(
+    tree: Node, registry: Registry[Function], name: str, steps: list[str], params: Any
+) -> Iterator[Problem]:
+    field = locate(tree, steps)
+    try:
+        entry = registry.get(name)
+    except DockctlError as error:
+        yield field.problem(error.message, error.code, error.suggestion, at_key=True)
+        return
+    given = params if isinstance(params, dict) else {}
+    for key, flaw in entry.parameter_errors(given):
+        place = locate(tree, [*steps, "params", key]) if key in given else field
+        yield place.problem(flaw.message, flaw.code, flaw.suggestion, at_key=True)
+    for key, value in given.items():
+        if key in entry.parameters and (detail := _type_error(entry, key, value)):
+            yield locate(tree, [*steps, "params", key]).problem(*description(detail))
+
+
+def _type_error(entry: Entry[Function], key: str, value: Any) -> ErrorDetails | None:
+    """Return the first error of a parameter by its type hint; as in JSON, a list is accepted for a tuple."""
+    try:
+        hint = get_type_hints(entry.value, include_extras=True).get(key, Any)
+        adapter = TypeAdapter(hint)
+    except (NameError, PydanticSchemaGenerationError):  # imported for type checkers only, or not a plain type
+        return None
+    try:
+        adapter.validate_json(json.dumps(value), strict=True)
+    except ValidationError as error:
+        return error.errors(include_url=False)[0]
+    return None
