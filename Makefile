@@ -1,9 +1,9 @@
-# make dock   a boat learns to dock, from scratch: environment, training, evaluation, figures
-# make test   environment, then every check that a change must pass
-# make check  the same checks in the environment that is there
+# make dock     install, train scenario 3, evaluate, plot
+# make test     install, then run every check that a change must pass
+# make check    run the same checks in the existing environment
 # make results  write the results pages (docs/results.md, docs/results/) from the archived runs (results/)
-# make bench  the benchmarks against other libraries, and the page of their results (some minutes)
-# make clean  remove the environment and the tools' caches; runs/ stays
+# make bench    run the benchmarks against other libraries and write the page of their results (some minutes)
+# make clean    remove the environment and the tools' caches; keeps runs/
 
 PYTHON   ?= python3
 VENV     ?= .venv
@@ -42,7 +42,7 @@ clean:
 	rm -rf $(VENV) build dist .import_linter_cache .mypy_cache .pytest_cache .ruff_cache .hypothesis
 	find dockctl studies tests examples -name __pycache__ -type d -prune -exec rm -rf {} +
 
-# Stamps inside the environment: it is rebuilt when the dependencies change.
+# Stamp files in the environment: it is rebuilt when the dependencies change.
 $(VENV)/.run: pyproject.toml constraints.txt
 	$(PYTHON) -m venv --clear $(VENV)
 	@echo "installing dockctl into $(VENV) (a few minutes the first time)"
