@@ -55,21 +55,17 @@ def short(value: float) -> str:
 
 
 def growth_figure(growth: Json) -> Figure:
-    """Return the figure of times over rays, triangles and batch, compared with other libraries."""
+    """Return the figure of times over rays and triangles, compared with embree."""
     subtitle = "one core; error bars from the minimum to the maximum of the rounds"
-    figure = make_figure("Scaling", subtitle, (10.4, 4.0))
-    panels = (
-        ("rays", "rays per scan", "time of a scan [ms]", "trimesh + embree + numpy"),
-        ("triangles", "triangles in the harbor", "time of a scan [ms]", "trimesh + embree + numpy"),
-        ("batches", "transitions per update", "time of an update [ms]", growth["facts"]["update_peer"]),
-    )
-    for ax, (size, x_label, y_label, peer) in zip(figure.subplots(1, 3), panels, strict=True):
+    figure = make_figure("Scaling", subtitle, (8.4, 4.0))
+    panels = (("rays", "rays per scan"), ("triangles", "triangles in the harbor"))
+    for ax, (size, x_label) in zip(figure.subplots(1, 2), panels, strict=True):
         points = growth["facts"][size]
-        x = [point["batch" if size == "batches" else size] for point in points]
+        x = [point[size] for point in points]
         curve(ax, x, [point["peer"] for point in points], 1e3, PEER)
         curve(ax, x, [point["dockctl"] for point in points], 1e3, OURS)
-        logarithmic(ax, x, x_label, y_label)
-        legend_above(ax, [("dockctl", OURS), (peer, PEER)])
+        logarithmic(ax, x, x_label, "time of a scan [ms]")
+        legend_above(ax, [("dockctl", OURS), ("trimesh + embree + numpy", PEER)])
     return figure
 
 

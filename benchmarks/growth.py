@@ -1,10 +1,9 @@
-"""Scaling: the time of a scan over rays and triangles, and of an update over the batch.
+"""Scaling: the time of a scan over rays and triangles.
 
     python benchmarks/growth.py
 
 Rays: the four LiDARs have more or fewer firings per revolution. Triangles: each one is divided into four,
-repeatedly, so that the scene is the same. Poses are in the fairway. The comparison is embree for scans, and
-Stable-Baselines3 with the same network for updates. One core.
+repeatedly, so that the scene is the same. Poses are in the fairway. The comparison is embree. One core.
 """
 
 from __future__ import annotations
@@ -17,12 +16,9 @@ from unittest.mock import patch
 
 import bench  # before numpy
 import numpy as np
-import torch
-from learner import SAME, ours, stable_baselines
 from lidar import FAIRWAY, embree_scanner, megabytes, scans
 from numpy.typing import NDArray
 
-from dockctl.envs.single import DockingEnv
 from dockctl.scenarios.loader import load
 from dockctl.sim.lidar.spinning_sensor import SpinningSensor
 from dockctl.sim.world import build_worlds
@@ -30,7 +26,6 @@ from dockctl.sim.world import build_worlds
 AZIMUTH_STEPS = (225, 450, 900, 1800, 3600, 7200)
 CUTS = (0, 1, 2)
 EMBREE_POSES = 4
-BATCHES = (32, 128, 512, 2048, 8192)
 
 
 def quartered(triangles: NDArray[np.float64]) -> NDArray[np.float64]:
@@ -58,15 +53,6 @@ def point(lidar: SpinningSensor, rounds: int, what: str) -> dict[str, Any]:
         "harbor_mb": megabytes(grid),
         **{name: bench.summary(seconds) for name, seconds in times.items()},
     }
-
-
-def update(env: DockingEnv, batch: int, rounds: int) -> dict[str, Any]:
-    """Measure the update of the learner with one batch size."""
-    count = max(2, 4096 // batch)
-    made = {"dockctl": ours(env, batch), "peer": stable_baselines(env, batch, same_network=True)}
-    cases = {name: bench.Case(lambda learn=learn: learn(count), count) for name, learn in made.items()}
-    times = bench.alternate(cases, rounds, "batches")
-    return {"batch": batch, **{name: bench.summary(seconds) for name, seconds in times.items()}}
 
 
 def exponent(points: list[dict[str, Any]], size: str) -> float:
@@ -98,16 +84,11 @@ def main() -> None:
         for _ in CUTS[1:]:
             scenes.append(quartered(scenes[-1]))
         cuts = [point(SpinningSensor(spec, scene), arguments.rounds, "triangles") for scene in scenes]
-    torch.set_num_threads(1)
-    batches = [update(DockingEnv("s3"), batch, arguments.rounds) for batch in BATCHES]
-    report.facts = {"rays": rays, "triangles": cuts, "batches": batches, "update_peer": SAME}
+    report.facts = {"rays": rays, "triangles": cuts}
     report.targets = [
         bench.Target("exponent of the time of a scan over the rays", exponent(rays, "rays"), at_most=1),
         bench.Target(
             "exponent of the time of a scan over the triangles", exponent(cuts, "triangles"), at_most=0.5
-        ),
-        bench.Target(
-            "exponent of the time of an update over the batch", exponent(batches, "batch"), at_most=1
         ),
     ]
     report.write()

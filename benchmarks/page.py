@@ -18,7 +18,6 @@ from dockctl.reports.style import figure_style
 
 DOCS = Path(__file__).parents[1] / "docs"
 SCRIPTS = ("lidar", "reference", "environment", "growth", "learner", "gpu", "latency", "start", "training")
-NO_GPU = " `benchmarks/gpu.py` has not been run: it needs a GPU."
 
 
 def results() -> dict[str, Json]:
@@ -51,7 +50,6 @@ def targets_section(found: dict[str, Json]) -> str:
             "yes" if target["met"] else "**no**",
         ]
         for result in found.values()
-        if "note" not in result  # measured with code that is not there any more
         for target in result["targets"]
     ]
     return "## Targets\n\n" + table(("", "measured", "target", "met"), rows)
@@ -79,7 +77,7 @@ inside one. Embree computes in single precision; its largest difference is
 
 def growth_section(growth: Json) -> str:
     rays, cuts = growth["facts"]["rays"], growth["facts"]["triangles"]
-    by_rays, by_triangles, by_batch = (f"{target['value']:.2f}" for target in growth["targets"])
+    by_rays, by_triangles = (f"{target['value']:.2f}" for target in growth["targets"])
 
     def rows(points: list[Json], size: str) -> list[list[str]]:
         return [
@@ -110,10 +108,7 @@ tested only at its heights in a cell.
 
 About half of the time is the traversal of rays through cells of 0.1 m and the intersection tests there; the
 rest is the selection of the rays. Both are bound by memory access, because every pose uses another part of
-the tables.
-
-The time of an update of the learner grows with the batch to the power of {by_batch} over the sizes in the
-figure."""
+the tables."""
 
 
 def boats_section(environment: Json) -> str:
@@ -214,6 +209,7 @@ def machine_section(found: dict[str, Json]) -> str:
         ]
         for name, result in found.items()
     ]
+    missing = ", ".join(f"`benchmarks/{name}.py`" for name in SCRIPTS if name not in found)
     latest = max(found.values(), key=lambda result: result["when"])
     libraries = ", ".join(f"{name} {version}" for name, version in latest["libraries"].items())
     machine = latest["hardware"]
@@ -226,7 +222,7 @@ def machine_section(found: dict[str, Json]) -> str:
 
 Work on one core is measured in CPU time, which other processes affect little; work on several cores in
 wall-clock time, which is unreliable on a busy machine. The compared variants alternate, and a ratio is the
-median of the ratios of the rounds.{NO_GPU if "gpu" not in found else ""}"""
+median of the ratios of the rounds.{f" Without results: {missing}." if missing else ""}"""
 
 
 def gpu_section(gpu: Json) -> str:
@@ -262,16 +258,13 @@ def page(found: dict[str, Json]) -> Iterator[str]:
     yield (
         "Time and memory, compared with other libraries. `make bench` measures into `benchmarks/results/`,"
         " and `python benchmarks/page.py` writes this page and its figures from there;"
-        " `benchmarks/training.py`, which takes minutes, is run separately."
+        " `benchmarks/training.py`, which takes minutes, and `benchmarks/gpu.py`, which needs a GPU, are run"
+        " separately."
     )
     yield targets_section(found)
     for name, section in SECTIONS.items():
         if name in found:
-            first, *others = section(found[name]).split("\n\n")
-            yield first
-            if note := found[name].get("note"):
-                yield f"{note} (commit `{found[name]['commit']}`)"
-            yield from others
+            yield section(found[name])
     yield machine_section(found)
 
 
