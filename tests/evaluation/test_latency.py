@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
+from dockctl.agents.interface import Policy
 from dockctl.envs.vector import DockingVectorEnv
 from dockctl.evaluation.latency import time_decisions
 
@@ -16,10 +17,7 @@ def test_the_timed_observation_equals_that_of_the_environment(monkeypatch: pytes
     env = DockingVectorEnv("s1", 1)
     timed: list[NDArray[np.float32]] = []
 
-    class Ahead:
-        def reset(self, rows: NDArray[np.int64], info: Any) -> None:
-            pass
-
+    class Ahead(Policy):
         def act(self, observation: NDArray[np.float32], info: Any) -> NDArray[np.int64]:
             timed.append(observation)
             return np.array([40])

@@ -12,6 +12,7 @@ import numpy as np
 import pytest
 
 from dockctl import plugins
+from dockctl.agents.interface import Policy
 from dockctl.envs.single import DockingEnv
 from dockctl.envs.vector import DockingVectorEnv
 from dockctl.errors import DockctlError
@@ -135,14 +136,11 @@ def test_every_command_takes_a_controller(
     assert {path.name for path in (tmp_path / "out").iterdir()} == files
 
 
-class Constant:
+class Constant(Policy):
     """Always the same action."""
 
     def __init__(self, action: int) -> None:
         self.action = action
-
-    def reset(self, rows: np.ndarray, info: Any) -> None:
-        pass
 
     def act(self, observation: np.ndarray, info: Any) -> np.ndarray:
         return np.full(len(observation), self.action)

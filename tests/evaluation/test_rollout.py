@@ -2,11 +2,10 @@
 
 from __future__ import annotations
 
-from typing import Any
-
 import numpy as np
 import pytest
 
+from dockctl.agents.interface import Info, Policy
 from dockctl.evaluation import rollout
 from dockctl.evaluation.rollout import run_episodes, score
 from dockctl.scenarios.loader import load
@@ -15,13 +14,10 @@ from tests.agents.toy import ToyDocking, starts_at
 from tests.sim.worlds import walled
 
 
-class BrakeAtZero:
+class BrakeAtZero(Policy):
     """Drive at 0.1 per step and stop near zero; from 0.4 on, run into the wall."""
 
-    def reset(self, rows: np.ndarray, info: dict[str, Any]) -> None:
-        pass
-
-    def act(self, observation: np.ndarray, info: dict[str, Any]) -> np.ndarray:
+    def act(self, observation: np.ndarray, info: Info) -> np.ndarray:
         x, u = observation.T
         wanted = np.where(x > 0.35, 0.3, np.where(np.abs(x) < 0.12, 0.0, 0.1))
         return np.sign((wanted - u).round(3)).astype(int) + 1
@@ -67,11 +63,8 @@ def test_score_ranks_by_docked_episodes_and_then_by_mean_return() -> None:
     assert score(episodes) == (docked, pytest.approx(episodes[0].total_reward))
 
 
-class FullAhead:
-    def reset(self, rows: np.ndarray, info: dict[str, Any]) -> None:
-        pass
-
-    def act(self, observation: np.ndarray, info: dict[str, Any]) -> np.ndarray:
+class FullAhead(Policy):
+    def act(self, observation: np.ndarray, info: Info) -> np.ndarray:
         return np.full(len(observation), 73)
 
 

@@ -78,14 +78,14 @@ def test_the_terms_do_not_depend_on_the_phase(phase: int) -> None:
     assert total(S3, status(5.0, 30.0, phase=phase)) == pytest.approx(-150 / 4 - 100 * math.radians(30))
 
 
-def test_the_term_of_an_event_applies_alone() -> None:
+def test_only_the_term_of_the_event_applies() -> None:
     assert total(S1, status(5.0, 30.0, u=0.3, collided=True)) == -30_000
     assert total(S1, status(0.5, 3.0, u=0.1, reached_final=True)) == 30_000
     assert total(S3, status(1.0, 3.0, u=0.1, reached_intermediate=True)) == 30_000
     assert total(S3, status(0.5, 3.0, reached_final=True)) == 30_000
 
 
-def test_a_collision_comes_first() -> None:
+def test_a_collision_takes_precedence() -> None:
     assert total(S3, status(0.5, collided=True, reached_final=True, reached_intermediate=True)) == -30_000
 
 
@@ -133,12 +133,12 @@ def test_the_breakdown_adds_up_and_one_kind_applies(
     reward, parts = RewardFunction(S3)(status(distance, error, u, v, **({event: True} if event else {})))
     assert set(parts) == {"collision", "intermediate", "final", "distance", "orientation", "speed"}
     assert sum(part[0] for part in parts.values()) == pytest.approx(reward[0])
-    counting = {name for name, part in parts.items() if part[0] != 0}
+    nonzero = {name for name, part in parts.items() if part[0] != 0}
     of_event = {"collided": "collision", "reached_intermediate": "intermediate", "reached_final": "final"}
-    assert counting <= ({of_event[event]} if event else {"distance", "orientation", "speed"})
+    assert nonzero <= ({of_event[event]} if event else {"distance", "orientation", "speed"})
 
 
-def test_each_boat_is_rewarded_by_itself() -> None:
+def test_the_reward_of_a_boat_does_not_depend_on_other_boats() -> None:
     boats = [status(5.0, 30.0, u=0.2), status(3.0, collided=True), status(0.2, reached_final=True)]
     together = StepStatus(**{k: np.concatenate([getattr(b, k) for b in boats]) for k in vars(boats[0])})
     reward, _ = RewardFunction(S1)(together)
@@ -168,7 +168,7 @@ def test_a_registered_term_takes_parameters_and_a_missing_one_is_an_error() -> N
 
 
 @pytest.mark.usefixtures("registered")
-def test_a_term_of_the_wrong_shape_or_kind_is_refused() -> None:
+def test_a_term_of_the_wrong_shape_or_kind_is_rejected() -> None:
     @reward_term("lopsided", kind="dense")
     def lopsided(status: StepStatus) -> Any:
         return status.nu
@@ -177,5 +177,5 @@ def test_a_term_of_the_wrong_shape_or_kind_is_refused() -> None:
         total(only(lopsided=1), status())
     assert caught.value.code == "plugin"
     with pytest.raises(DockctlError) as caught:
-        reward_term("odd", kind="sparse")  # type: ignore[arg-type]  # that is the test
+        reward_term("odd", kind="sparse")  # type: ignore[arg-type]
     assert caught.value.code == "unknown_name"
