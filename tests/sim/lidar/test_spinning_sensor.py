@@ -11,7 +11,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from dockctl.scenarios.loader import load
-from dockctl.sim.lidar import array as lidar_module
+from dockctl.sim.lidar import spinning_sensor as lidar_module
 from dockctl.sim.lidar.height_grid import HeightGrid, band_at, bands_near, bits, distance_at
 from dockctl.sim.lidar.raycast import BoundingVolumes, closest_hits
 from dockctl.sim.lidar.spinning import LidarMount, SpinningLidars
