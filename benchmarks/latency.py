@@ -19,7 +19,7 @@ from numpy.typing import NDArray
 from dockctl.agents.dqn.network import DuelingQNetwork, GreedyPolicy
 from dockctl.envs.vector import DockingVectorEnv
 from dockctl.evaluation.latency import time_decisions
-from dockctl.sim.lidar import array as lidar_module
+from dockctl.sim.lidar import spinning_sensor as lidar_module
 
 FORWARDS = 2600
 WARM_UP = 100

@@ -20,7 +20,7 @@ from trimesh.ray.ray_pyembree import RayMeshIntersector
 
 from dockctl.geometry import Floats
 from dockctl.scenarios.loader import load
-from dockctl.sim.lidar import array as lidar_module
+from dockctl.sim.lidar import spinning_sensor as lidar_module
 from dockctl.sim.lidar.spinning_sensor import SpinningSensor
 from dockctl.sim.world import build_worlds
 
