@@ -21,6 +21,7 @@ from dockctl.errors import Code, DockctlError, Problem, nearest
 from dockctl.plugins import HARBORS, OBSERVATION_PARTS, REWARD_TERMS, VESSELS, Entry, Function, Registry
 from dockctl.scenarios.base import FieldError
 from dockctl.scenarios.extensions import Kind, Kinds
+from dockctl.scenarios.schema import long_part, long_term
 from dockctl.scenarios.yaml_tree import Location, Node, described
 
 Step = str | int
@@ -251,39 +252,31 @@ def _models_in(annotation: Any) -> list[type[BaseModel]]:
 def function_problems(tree: Node) -> Iterator[Problem]:
     """Yield problems with names and parameters; the models check the structure."""
     first: dict[str, str] = {}
-    for steps, name, body in _terms(tree):
+    for steps, term in _terms(tree):
+        name = term["term"]
         if name in first:
             message = f"duplicate reward term '{name}'; the first one is {first[name]}"
             yield locate(tree, steps).problem(message, "duplicate")
         first.setdefault(name, locate(tree, steps).path)
-        yield from _check(
-            tree, REWARD_TERMS, name, steps, body.get("params") if isinstance(body, dict) else None
-        )
-    for steps, name, params in _parts(tree):
-        yield from _check(tree, OBSERVATION_PARTS, name, steps, params)
+        yield from _check(tree, REWARD_TERMS, name, steps, term.get("params"))
+    listed = tree.get("observation")
+    for index, item in enumerate(listed.plain() if listed and isinstance(listed.value, list) else ()):
+        part = long_part(item)
+        if isinstance(part, dict) and isinstance(name := part.get("part"), str):
+            yield from _check(tree, OBSERVATION_PARTS, name, ["observation", str(index)], part.get("params"))
 
 
-def _terms(tree: Node) -> Iterator[tuple[list[str], str, Any]]:
+def _terms(tree: Node) -> Iterator[tuple[list[str], dict[str, Any]]]:
+    """Yield the path and the long form of every term."""
     reward = tree.get("reward")
     terms = reward.get("terms") if reward else None
     plain = terms.plain() if terms else None
+    if isinstance(plain, dict):
+        plain = {name: long_term(name, value) for name, value in plain.items()}
     items = plain.items() if isinstance(plain, dict) else enumerate(plain) if isinstance(plain, list) else ()
-    for key, body in items:
-        name = body.get("term", key) if isinstance(body, dict) else key
-        if isinstance(name, str):
-            yield ["reward", "terms", str(key)], name, body
-
-
-def _parts(tree: Node) -> Iterator[tuple[list[str], str, Any]]:
-    listed = tree.get("observation")
-    for index, item in enumerate(listed.plain() if listed and isinstance(listed.value, list) else ()):
-        name, params = item, None
-        if isinstance(item, dict) and "part" in item:
-            name, params = item["part"], item.get("params")
-        elif isinstance(item, dict) and len(item) == 1:
-            ((name, params),) = item.items()
-        if isinstance(name, str):
-            yield ["observation", str(index)], name, params
+    for key, term in items:
+        if isinstance(term, dict) and isinstance(term.get("term"), str):
+            yield ["reward", "terms", str(key)], term
 
 
 def _check(

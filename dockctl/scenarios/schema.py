@@ -93,14 +93,14 @@ class Reward(Model):
     def _terms_by_name(cls, given: Any) -> Any:
         """Turn ``{distance: -150, mine: {term: speed, weight: -10}}`` into a list; null removes a term."""
         if isinstance(given, dict) and isinstance(terms := given.get("terms"), dict):
-            listed = []
-            for name, value in terms.items():
-                if value is None:
-                    continue
-                body = value if isinstance(value, dict) else {"weight": value}
-                listed.append({"term": name, **body})
+            listed = [long_term(name, value) for name, value in terms.items() if value is not None]
             return {**given, "terms": listed}
         return given
+
+
+def long_term(name: str, value: Any) -> dict[str, Any]:
+    """Return the long form of an item ``name: weight`` or ``name: {...}`` of the reward's terms."""
+    return {"term": name, **(value if isinstance(value, dict) else {"weight": value})}
 
 
 class ObservationPart(Model):
@@ -112,12 +112,17 @@ class ObservationPart(Model):
     @model_validator(mode="before")
     @classmethod
     def _from_short_form(cls, given: Any) -> Any:
-        if isinstance(given, str):
-            return {"part": given}
-        if isinstance(given, dict) and len(given) == 1 and "part" not in given:
-            ((name, params),) = given.items()
-            return {"part": name, "params": params or {}}
-        return given
+        return long_part(given)
+
+
+def long_part(given: Any) -> Any:
+    """Return the long form of an item ``name`` or ``{name: {parameters}}`` of the observation."""
+    if isinstance(given, str):
+        return {"part": given}
+    if isinstance(given, dict) and len(given) == 1 and "part" not in given:
+        ((name, params),) = given.items()
+        return {"part": name, "params": params or {}}
+    return given
 
 
 class Scenario(Model):

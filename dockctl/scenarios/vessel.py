@@ -2,10 +2,11 @@
 
 from __future__ import annotations
 
-import cmath
 import math
 from typing import Self
 
+import numpy as np
+from numpy.typing import NDArray
 from pydantic import Field, model_validator
 
 from dockctl.scenarios.base import Count, FieldError, Model, NonNegative, Number, Positive
@@ -52,12 +53,21 @@ class Vessel(Model):
     control_period_s: Positive = 0.5
     substeps: Count = Field(default=5, le=10_000, description="RK4 steps per control period")
 
+    @property
+    def inertia(self) -> NDArray[np.float64]:
+        """M (3, 3), rigid body and added mass (eq. 2.17) [kg, kg m, kg m^2]."""
+        return np.array(
+            [
+                [self.mass_kg - self.X_udot_kg, 0.0, 0.0],
+                [0.0, self.mass_kg - self.Y_vdot_kg, -self.Y_rdot_kgm],
+                [0.0, -self.Y_rdot_kgm, self.yaw_inertia_kgm2 - self.N_rdot_kgm2],
+            ]
+        )
+
     @model_validator(mode="after")
     def _inertia_is_positive_definite(self) -> Self:
-        surge = self.mass_kg - self.X_udot_kg
-        sway = self.mass_kg - self.Y_vdot_kg
-        yaw = self.yaw_inertia_kgm2 - self.N_rdot_kgm2
-        if surge <= 0 or sway * yaw - self.Y_rdot_kgm * self.Y_rdot_kgm <= 0:
+        (surge, _, _), (_, sway, coupling), (_, _, yaw) = self.inertia.tolist()
+        if surge <= 0 or sway * yaw - coupling * coupling <= 0:
             raise ValueError(
                 "the inertia matrix (eq. 2.17) is not positive definite; expected negative added masses"
             )
@@ -86,16 +96,8 @@ class Vessel(Model):
         surge = _linearized_damping(self.X_u_kgps, self.X_uu_kgpm, force)
         sway = _linearized_damping(self.Y_v_kgps, self.Y_vv_kgpm, force)
         yaw = _linearized_damping(self.N_r_kgm2ps, self.N_rr_kgm2, moment)
-        m, coupling, inertia = (
-            self.mass_kg - self.Y_vdot_kg,
-            -self.Y_rdot_kgm,
-            self.yaw_inertia_kgm2 - self.N_rdot_kgm2,
-        )
-        determinant = m * inertia - coupling * coupling
-        half = (inertia * sway - coupling * (self.N_v_kgmps + self.Y_r_kgmps) + m * yaw) / determinant / 2
-        product = (sway * yaw - self.Y_r_kgmps * self.N_v_kgmps) / determinant
-        root = cmath.sqrt(half * half - product)
-        return max(surge / (self.mass_kg - self.X_udot_kg), abs(half + root), abs(half - root))
+        damping = np.array([[surge, 0.0, 0.0], [0.0, sway, self.Y_r_kgmps], [0.0, self.N_v_kgmps, yaw]])
+        return float(max(abs(np.linalg.eigvals(np.linalg.solve(self.inertia, damping)))))
 
 
 def _linearized_damping(linear: float, quadratic: float, force: float) -> float:

@@ -18,17 +18,6 @@ from dockctl.geometry import Floats
 from dockctl.scenarios.vessel import Vessel
 
 
-def inertia(vessel: Vessel) -> Floats:
-    """Return M (3, 3), rigid body and added mass (eq. 2.17) [kg, kg m, kg m^2]."""
-    return np.array(
-        [
-            [vessel.mass_kg - vessel.X_udot_kg, 0.0, 0.0],
-            [0.0, vessel.mass_kg - vessel.Y_vdot_kg, -vessel.Y_rdot_kgm],
-            [0.0, -vessel.Y_rdot_kgm, vessel.yaw_inertia_kgm2 - vessel.N_rdot_kgm2],
-        ]
-    )
-
-
 def coriolis(vessel: Vessel, nu: Floats) -> Floats:
     """Return C(nu) (n, 3, 3), rigid body and added mass (eq. 2.18), skew-symmetric."""
     u, v, r = nu.T
@@ -66,7 +55,7 @@ class VesselModel:
 
     def __init__(self, vessel: Vessel) -> None:
         self.vessel = vessel
-        self._inverse_inertia: Floats = np.linalg.inv(inertia(vessel)).astype(float)
+        self._inverse_inertia: Floats = np.linalg.inv(vessel.inertia).astype(float)
         self._coefficients = _pack(vessel, self._inverse_inertia)
 
     @property

@@ -15,7 +15,7 @@ from scipy.integrate import solve_ivp
 from dockctl.geometry import Floats
 from dockctl.scenarios.loader import load
 from dockctl.scenarios.vessel import Vessel
-from dockctl.sim.vessel import VesselModel, coriolis, damping, inertia
+from dockctl.sim.vessel import VesselModel, coriolis, damping
 
 THESIS = load("s1").scenario.vessel
 OTHER = THESIS.model_copy(
@@ -87,7 +87,7 @@ def test_coriolis_forces_do_no_work(vessel: Vessel, nu: tuple[float, ...]) -> No
 def test_without_thrust_the_kinetic_energy_never_grows(vessel: Vessel, nu: tuple[float, ...]) -> None:
     symmetric = (lambda d: d + d.T)(damping(vessel, rows(nu))[0])
     assert (np.linalg.eigvalsh(symmetric) > 0).all()
-    model, mass, idle = VesselModel(vessel), inertia(vessel), np.zeros((1, 2))
+    model, mass, idle = VesselModel(vessel), vessel.inertia, np.zeros((1, 2))
     eta, now = np.zeros((1, 3)), rows(nu)
     for _ in range(5):
         eta, then = model.step(eta, now, idle)
