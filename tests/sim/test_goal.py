@@ -3,12 +3,14 @@
 from __future__ import annotations
 
 import math
+from dataclasses import fields
+from typing import Any
 
 import numpy as np
 import pytest
 
 from dockctl.scenarios.loader import load
-from dockctl.sim.goal import final_reached, intermediate_reached, measure, reached
+from dockctl.sim.goal import StepStatus, final_reached, intermediate_reached, measure, reached
 
 TASK = load("s3").scenario.task
 PI = math.pi
@@ -67,3 +69,14 @@ def test_each_pose_counts_in_its_own_phase_only() -> None:
     intermediate, final = reached(TASK, np.array([0, 1]), zeros, zeros, zeros)
     assert intermediate.tolist() == [True, False]
     assert final.tolist() == [False, True]
+
+
+def test_outcome_of_an_episode() -> None:
+    """A collision or the final pose in the last step is not a timeout; the intermediate pose ends nothing."""
+    values: dict[str, Any] = {field.name: np.zeros(5) for field in fields(StepStatus)}
+    collided, final, intermediate, truncated = np.eye(4, 5, dtype=bool)
+    values |= {"collided": collided, "reached_final": final, "reached_intermediate": intermediate}
+    status = StepStatus(**values)
+    assert status.terminated.tolist() == [True, True, False, False, False]
+    assert status.outcome(truncated).tolist() == ["collision", "docked", "", "timeout", ""]
+    assert status.outcome(np.full(5, True)).tolist() == ["collision", "docked", *["timeout"] * 3]
