@@ -39,7 +39,7 @@ def wrap(angle: Floats) -> Floats:
     return np.where(turned <= -np.pi, np.pi, np.minimum(turned, np.pi))
 
 
-def rotate(x: Floats, y: Floats, angle: float) -> tuple[Floats, Floats]:
+def rotate(x: Floats, y: Floats, angle: float | Floats) -> tuple[Floats, Floats]:
     """Return the coordinates of points rotated about the origin by `angle` [rad]."""
     cosine, sine = np.cos(angle), np.sin(angle)
     return cosine * x - sine * y, sine * x + cosine * y

@@ -8,7 +8,7 @@ from typing import Any, TypeVar, cast
 import numpy as np
 from numpy.typing import NDArray
 
-from dockctl.geometry import Floats, Ints
+from dockctl.geometry import Floats, Ints, rotate
 from dockctl.scenarios.schema import Scenario
 from dockctl.sim.goal import TO_FINAL, StepStatus, measure, reached
 from dockctl.sim.starts import Start
@@ -165,6 +165,5 @@ class Simulator:
 
 def _in_body_frame(velocity: Floats, heading: Floats) -> Floats:
     """Return R(psi)^T [V_x, V_y, 0], (n, 3), of velocities (n, 2) in the world frame [m/s]."""
-    c, s = np.cos(heading), np.sin(heading)
     x, y = velocity.T
-    return np.column_stack([c * x + s * y, c * y - s * x, np.zeros(len(velocity))])
+    return np.column_stack([*rotate(x, y, -heading), np.zeros(len(velocity))])

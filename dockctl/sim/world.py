@@ -159,17 +159,21 @@ class PoseCheck:
 
     def free(self, eta: Floats) -> bool:
         """Return whether the boat at a pose (3,) [m, m, rad] touches nothing and is in the basin."""
-        return self._checker.collided_part(eta) is None and self._in_basin(eta)
+        return not self._obstruction(eta)
 
     def problem(self, pose: Pose) -> str:
         """Return why a pose is not free and the nearest free one, or an empty string."""
         eta = pose_array(pose)
-        part = self._checker.collided_part(eta)
-        if part is None and self._in_basin(eta):
+        if not (obstruction := self._obstruction(eta)):
             return ""
         boat = f"the boat at ({pose.x_m:g}, {pose.y_m:g}, {pose.heading_deg:g}°)"
-        trouble = f"is blocked by the {part}" if part else "is outside the basin"
-        return f"{boat} {trouble}; {self._nearest_free(eta)}"
+        return f"{boat} {obstruction}; {self._nearest_free(eta)}"
+
+    def _obstruction(self, eta: Floats) -> str:
+        """Return why the pose (3,) is not free, or an empty string."""
+        if part := self._checker.collided_part(eta):
+            return f"is blocked by the {part}"
+        return "" if self._in_basin(eta) else "is outside the basin"
 
     def _in_basin(self, eta: Floats) -> bool:
         """Return whether the whole outline is in the basin; a harbor of mesh files has no basin."""

@@ -16,6 +16,8 @@ from pathlib import Path
 
 import numpy as np
 import trimesh
+from scipy.sparse import coo_array
+from scipy.sparse.csgraph import connected_components
 
 from dockctl.errors import Code, InputError, Problem
 from dockctl.scenarios.harbor import VESSEL_MODELS, MeshFile, is_model_file
@@ -49,14 +51,10 @@ def load_bodies(file: MeshFile, base_dir: Path, field: str) -> list[trimesh.Trim
 def _bodies(mesh: trimesh.Trimesh) -> list[trimesh.Trimesh]:
     """Split a mesh into sets of faces that are connected by shared vertices."""
     faces = np.asarray(mesh.faces)
-    label = np.arange(len(mesh.vertices))
-    while True:
-        lowest = label.copy()
-        np.minimum.at(lowest, faces, label[faces].min(axis=1, keepdims=True))
-        lowest = lowest[lowest]  # a label is a vertex, which may have a lower label now
-        if np.array_equal(lowest, label):
-            break
-        label = lowest
+    edges = faces[:, [0, 1, 1, 2]].reshape(-1, 2)
+    size = len(mesh.vertices)
+    graph = coo_array((np.ones(len(edges)), edges.T), shape=(size, size))
+    _, label = connected_components(graph, directed=False)
     body = label[faces[:, 0]]
     order = np.argsort(body, kind="stable")
     groups = np.split(faces[order], np.flatnonzero(np.diff(body[order])) + 1)

@@ -12,6 +12,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.ndimage import distance_transform_edt
 
 from dockctl.compute.jit import compiled
 from dockctl.geometry import Floats
@@ -89,10 +90,10 @@ class HeightGrid(NamedTuple):
         frame = np.array([low[0], low[1], cell])
         counts = np.zeros(nx * ny + 1, np.int32)
         bands = np.zeros((ny, nx), np.int64)
-        _lay(above, frame, bands, counts, np.empty(0, MEMBER))
+        _rasterize(above, frame, bands, counts, np.empty(0, MEMBER))
         starts = np.concatenate([[0], np.cumsum(counts[:-1])]).astype(np.int32)
         members = np.empty(starts[-1], MEMBER)
-        _lay(above, frame, bands, starts[:-1].copy(), members)
+        _rasterize(above, frame, bands, starts[:-1].copy(), members)
         radii, shapes, levels = _dilate_levels(bands, cell, largest_radius_m)
         palette = np.unique(levels)
         place_type = np.uint16 if len(palette) <= 1 << 16 else np.uint32
@@ -110,8 +111,8 @@ class HeightGrid(NamedTuple):
 
 
 @compiled()
-def _lay(triangles: Floats, frame: Floats, bands: Bands, places: Ints, members: Members) -> None:
-    """Enter each triangle, with its bands, in the cells that it touches in plan view.
+def _rasterize(triangles: Floats, frame: Floats, bands: Bands, places: Ints, members: Members) -> None:
+    """Add each triangle, with its bands, to the cells that it touches in plan view.
 
     If `members` is empty, triangles are counted in `places`; otherwise they are written from `places` on.
     Triangles under water are skipped: rays end at the water surface.
@@ -215,55 +216,15 @@ def _dilated(bands: Bands, reach: int) -> Bands:
     return out
 
 
-@compiled()
 def _distances(bands: Bands, cell: float) -> Singles:
     """Return a lower bound of the distance to the nearest cell that is not empty.
 
-    Exact squared distances between cell centers by lower envelopes of parabolas (Felzenszwalb and
-    Huttenlocher, "Distance transforms of sampled functions", 2012), minus the diagonal of a cell.
+    It is the distance between the centers of the cells, minus the diagonal of a cell.
     """
-    ny, nx = bands.shape
-    far = 1e12
-    squared = np.empty((ny, nx))
-    for iy in range(ny):
-        for ix in range(nx):
-            squared[iy, ix] = 0.0 if bands[iy, ix] > 0 else far
-    longest = max(nx, ny)
-    vertex = np.empty(longest, np.int64)
-    border = np.empty(longest + 1)
-    for axis in range(2):
-        lines, length = (nx, ny) if axis == 0 else (ny, nx)
-        for line in range(lines):
-            f = squared[:, line].copy() if axis == 0 else squared[line].copy()
-            last = 0
-            vertex[0] = 0
-            border[0], border[1] = -far, far
-            for q in range(1, length):
-                while True:
-                    p = vertex[last]
-                    meet = ((f[q] + q * q) - (f[p] + p * p)) / (2.0 * (q - p))
-                    if meet > border[last] or last == 0:
-                        break
-                    last -= 1
-                if meet > border[last]:
-                    last += 1
-                vertex[last] = q
-                border[last] = meet if last > 0 else -far
-                border[last + 1] = far
-            nearest = 0
-            for q in range(length):
-                while border[nearest + 1] < q:
-                    nearest += 1
-                value = (q - vertex[nearest]) ** 2 + f[vertex[nearest]]
-                if axis == 0:
-                    squared[q, line] = value
-                else:
-                    squared[line, q] = value
-    out = np.empty((ny, nx), np.float32)
-    for iy in range(ny):
-        for ix in range(nx):
-            out[iy, ix] = max(math.sqrt(squared[iy, ix]) * cell - math.sqrt(2.0) * cell - SLACK_M, 0.0)
-    return out
+    if not bands.any():  # the transform would measure the distance to a cell that does not exist
+        return np.full(bands.shape, np.inf, np.float32)
+    centers: Floats = distance_transform_edt(bands == 0) * cell
+    return np.maximum(centers - math.sqrt(2.0) * cell - SLACK_M, 0.0).astype(np.float32)
 
 
 @compiled(inline="always")
@@ -325,9 +286,9 @@ def first_hit(grid: HeightGrid, line: Line, begin: float, end: float) -> float:
     best = MISS
     entry = begin
     while True:
-        leave = min(next_x, next_y)
-        here, there = oz + dz * entry, oz + dz * min(leave, end)
-        low, high = band_at(min(here, there)), band_at(max(here, there))
+        t_exit = min(next_x, next_y)
+        z_in, z_out = oz + dz * entry, oz + dz * min(t_exit, end)
+        low, high = band_at(min(z_in, z_out)), band_at(max(z_in, z_out))
         place = iy * nx + ix
         if palette[levels[place]] & bits(low, high):
             for slot in range(starts[place], starts[place + 1]):
@@ -336,9 +297,9 @@ def first_hit(grid: HeightGrid, line: Line, begin: float, end: float) -> float:
                     t = hit_triangle(triangles[member.triangle], ox, oy, oz, dx, dy, dz)
                     if t < best:
                         best = t
-        if best <= leave or leave >= end:
+        if best <= t_exit or t_exit >= end:
             return best
-        entry = leave
+        entry = t_exit
         if next_x < next_y:
             ix += step_x
             next_x += across_x

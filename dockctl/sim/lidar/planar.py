@@ -23,7 +23,7 @@ BYTES_PER_TRIANGLE = 200  # of the tree over the harbor
 
 @register(RANGE_SENSORS, source="not in the thesis")
 class PlanarScanner(RangeSensorSpec):
-    """One horizontal circle of rays at height `z_m`; ray 0 points ahead, the others follow anticlockwise."""
+    """One horizontal circle of rays at height `z_m`; ray 0 points ahead, then counterclockwise."""
 
     kind: Literal["planar"] = "planar"
     z_m: NonNegative = 1.0
