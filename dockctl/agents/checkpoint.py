@@ -25,7 +25,7 @@ from dockctl.agents.interface import Policy, Spaces, Tensors
 from dockctl.errors import DockctlError, nearest
 from dockctl.plugins import ALGORITHMS, UnknownNameError
 from dockctl.runs.directory import BEST, LAST, RunDirectory, shipped
-from dockctl.runs.files import write_atomically
+from dockctl.runs.files import write_atomically, write_json
 from dockctl.scenarios.base import Model
 from dockctl.scenarios.schema import PolicyInterface
 
@@ -105,7 +105,7 @@ def save_pair(folder: Path, name: str, tensors: Tensors, facts: Mapping[str, Any
         **facts,
         "sha256": hashlib.sha256(content).hexdigest(),
     }
-    write_atomically(folder / f"{name}.json", (json.dumps(card, indent=2) + "\n").encode())
+    write_json(folder / f"{name}.json", card)
 
 
 def load_pair(facts_file: Path) -> tuple[dict[str, NDArray[Any]], dict[str, Any]]:

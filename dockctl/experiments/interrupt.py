@@ -1,4 +1,4 @@
-"""Ctrl-C and termination ask long commands to save and stop."""
+"""Ctrl-C and SIGTERM: long commands save and stop."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ def on_interrupt(stop: Callable[[], None]) -> Iterator[None]:
 
 @contextmanager
 def interruptible() -> Iterator[Callable[[], bool]]:
-    """Give a function that returns whether Ctrl-C was pressed; a second Ctrl-C stops at once."""
+    """Yield a function that reports whether Ctrl-C was pressed; a second one raises KeyboardInterrupt."""
     pressed = False
 
     def stop() -> None:

@@ -78,7 +78,7 @@ class TrainingDisplay:
             print_text(self._console, line)
 
     def _facts(self, progress: Progress) -> dict[str, str]:
-        """Return the facts to show, by name."""
+        """Return the lines of the display, by name."""
         (start, first), (now, last) = self._marks[0], self._marks[-1]
         speed = (last - first) / (now - start) if now > start else 0.0
         total = self._training.total_steps
@@ -87,7 +87,7 @@ class TrainingDisplay:
         facts = {
             "steps": f"{progress.env_steps:,} of {total:,} steps",
             "speed": f"{speed:,.0f} steps/s",
-            "time": f"{clock(progress.wall_s)}, at most {left} left",
+            "time": f"{clock(progress.wall_s)}, at most {left} remaining",
             "docked": f"{progress.recent_docked} of the last {min(RECENT, progress.episodes)} docked",
             "episodes": f"{progress.episodes:,} episodes" + (f": {outcomes}" if outcomes else ""),
         }

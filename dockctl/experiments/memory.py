@@ -5,13 +5,13 @@ from __future__ import annotations
 from collections.abc import Iterator, Sequence
 from contextlib import suppress
 from dataclasses import dataclass
-from itertools import pairwise
 from pathlib import Path
 from typing import NamedTuple
 
 import psutil
 from gymnasium.spaces import flatdim
 
+from dockctl.agents.dqn.network import network_size
 from dockctl.agents.dqn.replay import Replay
 from dockctl.envs.observation import ObservationEncoder
 from dockctl.errors import DockctlError
@@ -82,14 +82,6 @@ def estimate(scenario: Scenario, worlds: Sequence[World]) -> Estimate:
         Part("work", WORKING_BYTES, ""),
     )
     return Estimate(psutil.Process().memory_info().rss, parts)
-
-
-def network_size(observation_size: int, actions: int, hidden_sizes: Sequence[int]) -> tuple[int, int]:
-    """Return the numbers of parameters and of layer outputs of the dueling network."""
-    width = hidden_sizes[-1]
-    layers = [*pairwise((observation_size, *hidden_sizes))]
-    layers += [(width, width), (width, 1), (width, actions), (actions, actions)]
-    return sum((inputs + 1) * outputs for inputs, outputs in layers), sum(outputs for _, outputs in layers)
 
 
 def require_memory(scenario: Scenario, worlds: Sequence[World]) -> Estimate:

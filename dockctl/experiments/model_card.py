@@ -24,6 +24,7 @@ from dockctl.analysis.success_map import (
 )
 from dockctl.errors import DockctlError
 from dockctl.runs.directory import EVALUATION, LATENCY, MAP, PROVENANCE, RunDirectory
+from dockctl.runs.reader import read_table
 from dockctl.runs.tables import START_KINDS
 from dockctl.scenarios.schema import ObservationPart, Scenario
 
@@ -87,7 +88,7 @@ def read_evaluations(run: RunDirectory, card: PolicyCard) -> dict[str, pd.DataFr
 
 
 def is_of_policy(card: PolicyCard, run: RunDirectory, measurement: str) -> bool:
-    """Whether the run has a measurement, a name in `dockctl.runs.directory`, and it is of this policy.
+    """Return whether the run has a measurement, a name in `dockctl.runs.directory`, and it is of this policy.
 
     Raises:
         DockctlError: its JSON file cannot be read.
@@ -104,15 +105,10 @@ def _read(path: Path, columns: Sequence[str]) -> pd.DataFrame:
     Raises:
         DockctlError: the file cannot be read, or lacks a column.
     """
-    try:
-        table = pd.read_csv(path, keep_default_na=False, na_values=[""], dtype={"collided_with": str})
-    except (OSError, ValueError) as error:
-        raise DockctlError(f"{path}: cannot be read: {error}", code="not_readable") from None
-    if missing := [column for column in columns if column not in table]:
-        raise DockctlError(
-            f"{path}: has no column {', '.join(missing)}; evaluate the run again", code="missing_key"
-        )
-    return table.assign(collided_with=table["collided_with"].fillna(""))
+    table = read_table(path, columns)
+    if table is None:
+        raise DockctlError(f"{path}: is missing or empty; measure the policy again", code="not_found")
+    return table.assign(collided_with=table["collided_with"].astype(object).fillna(""))
 
 
 def _facts(
@@ -126,7 +122,7 @@ def _facts(
         rates = ", ".join(f"{_rate(shares, kind)} (seed {seed})" for seed, shares in candidates)
         yield (
             "selected",
-            f"from {len(candidates)} runs by their evaluations, whose success rates are therefore optimistic;"
+            f"best of {len(candidates)} runs by these evaluations, so its success rates are biased upward;"
             f" {OWN_KINDS.get(kind, kind)} docked: {rates}",
         )
     yield "steps", f"{card.env_steps:,} environment steps to the best greedy evaluation of the training"
@@ -138,11 +134,11 @@ def _facts(
     yield "observation", f"{card.observation_size} numbers: {parts}; {sectors} LiDAR sectors"
     yield "actions", f"{scenario.actions.describe()}, every {scenario.vessel.control_period_s:g} s"
     yield (
-        "made by",
+        "trained with",
         f"dockctl {provenance.get('dockctl')}, commit `{provenance.get('git_commit')}`,"
         f" {provenance.get('started')}",
     )
-    yield "training data", "its own simulated episodes; no recorded data"
+    yield "training data", "simulation only"
 
 
 def _rate(shares: Mapping[str, float], kind: str) -> str:
@@ -175,7 +171,7 @@ def _successes(groups: Sequence[tuple[str, str, pd.DataFrame]]) -> Iterator[tupl
 
 
 def _map(run: RunDirectory, card: PolicyCard) -> dict[str, str] | None:
-    """Summary of the success map, if the run has one of this policy."""
+    """Return the summary of the success map, if the run has one of this policy."""
     if not is_of_policy(card, run, MAP):
         return None
     starts = _read(run.path / f"{MAP}.csv", CELLS)
@@ -194,7 +190,7 @@ def _map(run: RunDirectory, card: PolicyCard) -> dict[str, str] | None:
 
 
 def _latency(run: RunDirectory, card: PolicyCard) -> dict[str, str] | None:
-    """Summary of the decision times, if the run has them of this policy."""
+    """Return the summary of the decision times, if the run has them of this policy."""
     if not is_of_policy(card, run, LATENCY):
         return None
     timing = run.read_json(f"{LATENCY}.json")
@@ -212,7 +208,7 @@ def _latency(run: RunDirectory, card: PolicyCard) -> dict[str, str] | None:
 
 
 def _failures(groups: Sequence[tuple[str, str, pd.DataFrame]]) -> Iterator[dict[str, str]]:
-    """Episodes that did not dock: how they ended, and the first of their start poses."""
+    """Yield the episodes that did not dock: how they ended, and the first of their start poses."""
     for name, kind, episodes in groups:
         failed = episodes[episodes["outcome"] != "docked"]
         if failed.empty:

@@ -1,4 +1,4 @@
-"""Run a study: jobs side by side as dockctl processes, a progress display, and the archive of results."""
+"""Run a study: jobs in parallel, as dockctl processes, a progress display, and the archive of results."""
 
 from __future__ import annotations
 
@@ -40,14 +40,14 @@ Ending = Literal["done", "failed", "interrupted"]
 
 
 def run_study(source: str, names: Sequence[str], out: Path, results: Path, workers: int) -> Ending:
-    """Do what the experiments of a study still lack, and archive the finished runs.
+    """Run the remaining stages of a study and archive the finished runs.
 
     Args:
         source: study file, or name of a packaged study.
-        names: experiments or groups; all where empty.
-        out: gets ``<study>/<experiment>/<scenario>/<time>-seed<N>/``.
-        results: gets ``<study>/<experiment>/seed<N>/``.
-        workers: jobs at a time.
+        names: experiments or groups; all if empty.
+        out: folder of the runs, ``<study>/<experiment>/<scenario>/<time>-seed<N>/``.
+        results: folder of the archive, ``<study>/<experiment>/seed<N>/``.
+        workers: number of parallel jobs.
 
     Raises:
         DockctlError: the study or one of its scenarios is invalid, a run is damaged, or a folder cannot be
@@ -94,7 +94,7 @@ class Progress:
         return time.monotonic() - self.began
 
     def last_line(self) -> str:
-        """Last line of the job's output."""
+        """Return the last line of the job's output."""
         try:
             with self.job.log.open("rb") as file:
                 file.seek(max(0, file.seek(0, os.SEEK_END) - TAIL_BYTES))
@@ -143,7 +143,7 @@ class JobRunner:
 
     def _run(self, progress: Progress) -> None:
         try:
-            with _log_of(progress.job) as log:
+            with _open_log(progress.job) as log:
                 for stage in _stages(progress.job):
                     if not self._stopping:
                         self._change(progress, "working", stage.name)
@@ -186,16 +186,16 @@ class JobRunner:
 
 
 def _stages(job: Job) -> Iterator[Stage]:
-    """Stages of a job; what is missing is looked up again after each one."""
+    """Yield the remaining stages of a job; which ones remain is determined again after the training."""
     if training := job.training():
         yield training
     if job.training() is not None:
-        raise DockctlError(f"{job.folder}: the training left no finished run folder here")
+        raise DockctlError(f"{job.folder}: the training ended without a finished run folder")
     yield from job.measurements()
 
 
 @contextmanager
-def _log_of(job: Job) -> Iterator[IO[bytes]]:
+def _open_log(job: Job) -> Iterator[IO[bytes]]:
     """Open the log of a job for appending, for one process at a time."""
     with writing(job.log):
         job.log.parent.mkdir(parents=True, exist_ok=True)
@@ -222,14 +222,14 @@ class Display:
             yield
 
     def report(self, progress: Progress) -> None:
-        """Print that a job started a stage or ended; in a terminal only the endings."""
+        """Print that a job started a stage or ended; in a terminal only the end."""
         label = progress.job.label
         if progress.state == "working":
             if not self._live:
                 print_text(self._console, f"{label}: {progress.stage}")
         elif progress.state == "failed":
-            words = (f"{label}:", progress.stage, "failed:", progress.reason, f"(see {progress.job.log})")
-            print_text(self._console, " ".join(filter(None, words)), "red")
+            parts = (f"{label}:", progress.stage, "failed:", progress.reason, f"(see {progress.job.log})")
+            print_text(self._console, " ".join(filter(None, parts)), "red")
         else:
             print_text(
                 self._console, f"{label}: {progress.state}", "green" if progress.state == "done" else ""
@@ -273,5 +273,5 @@ def _report_ending(console: Console, runner: JobRunner) -> Ending:
     for progress in failed:
         print_text(console, f"failed: {progress.job.label}: {progress.reason}", "red")
     if failed:
-        print_text(console, f"Once that is fixed:\n  {command}")
+        print_text(console, f"After fixing this, resume with:\n  {command}")
     return "failed" if failed else "done"

@@ -64,7 +64,7 @@ class Experiment(Model):
     probes: tuple[Probe, ...] = ()
 
     def overrides(self, seed: int) -> list[str]:
-        """Overrides that turn the scenario into that of one training."""
+        """Return the overrides of the scenario for one training."""
         return [*self.set, f"training.seed={seed}"]
 
 
@@ -90,7 +90,7 @@ class Study(Model):
         return self
 
     def chosen(self, names: Sequence[str]) -> tuple[Experiment, ...]:
-        """Return the experiments that `names` select by name or group; all where it is empty.
+        """Return the experiments that `names` select by name or group; all if it is empty.
 
         Raises:
             DockctlError: a name is unknown.
@@ -155,7 +155,7 @@ class Job:
     Attributes:
         scenario: resolved, with the seed.
         transfer: other scenarios to evaluate the policy on, as (source in the study, scenario name).
-        folder: gets ``<scenario>/<time>-seed<N>/`` and the log.
+        folder: of the runs, ``<scenario>/<time>-seed<N>/``, and the log.
     """
 
     experiment: Experiment
@@ -174,26 +174,26 @@ class Job:
         return self.folder / f"seed{self.seed}.log"
 
     def runs(self) -> list[Path]:
-        """Usable run folders of this training, finished ones first, then the latest."""
+        """Return the usable run folders of this training: finished ones first, then the latest."""
         runs = [path.parent for path in sorted(self.folder.glob(f"*/*/{PROVENANCE}"), reverse=True)]
         usable = [r for r in runs if self.difference(r) is None and (_finished(r) or _resumable(r))]
         return sorted(usable, key=_finished, reverse=True)
 
     def difference(self, run: Path) -> str | None:
-        """First field in which the run's scenario differs from the job's; None where they are the same."""
+        """Return the first field in which the run's scenario differs from the job's, or None."""
         try:
             return first_difference(self.scenario, load(run / SCENARIO).scenario)
         except (DockctlError, OSError) as error:
             return str(error).splitlines()[0]
 
     def mismatched_runs(self) -> Iterator[tuple[Path, str]]:
-        """Run folders of this seed that hold another training, each with what differs."""
+        """Yield the run folders of this seed that are not of this job, each with the first difference."""
         for path in sorted(self.folder.glob(f"*/*-seed{self.seed}*/{SCENARIO}")):
             if differs := self.difference(path.parent):
                 yield path.parent, differs
 
     def training(self) -> Stage | None:
-        """The stage that starts or resumes the training; None where it is finished."""
+        """Return the stage that starts or resumes the training, or None if it is finished."""
         run = next(iter(self.runs()), None)
         if run is None:
             settings = [word for setting in self.experiment.set for word in ("--set", setting)]
@@ -202,11 +202,11 @@ class Job:
         return None if _finished(run) else Stage("resume", ("train", "--resume", str(run)))
 
     def finished(self) -> Path | None:
-        """Folder of the finished training, if there is one."""
+        """Return the folder of the finished training, if there is one."""
         return next((run for run in self.runs() if _finished(run)), None)
 
     def measurements(self) -> Iterator[Stage]:
-        """Stages after the training that are not done yet."""
+        """Return the remaining stages after the training."""
         run = self.runs()[0]
         return (stage for stage in self._measurements(run) if stage.output and not stage.output.is_file())
 
@@ -229,10 +229,10 @@ class Job:
 
 
 def nearest_failures(table: Path) -> list[str]:
-    """Poses ``x,y,heading`` of the nearest starts that fail as in Figs. 4.39 and 4.40.
+    """Return poses ``x,y,heading`` of the nearest starts that fail as in Figs. 4.39 and 4.40.
 
     The first one collides, after the intermediate pose if any start does; the second one times out before the
-    intermediate pose. Headings off by more than `SMALL_OFFSET_DEG` count only where there are no others.
+    intermediate pose. Heading offsets above `SMALL_OFFSET_DEG` count only if there are no others.
 
     Args:
         table: ``map.csv``.

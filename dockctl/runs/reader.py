@@ -1,9 +1,10 @@
-"""Task, scene and tables of a run folder, for figures."""
+"""Read the task, the scene and the tables of a run folder, for figures."""
 
 from __future__ import annotations
 
 import gzip
 import json
+from collections.abc import Collection
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -120,7 +121,7 @@ def read_scene(path: Path) -> Scene:
         return Scene.from_json(data)
 
 
-def read_table(path: Path, columns: tuple[str, ...]) -> pd.DataFrame | None:
+def read_table(path: Path, columns: Collection[str]) -> pd.DataFrame | None:
     """Read a CSV table, plain or gzipped; None if it is missing or has no rows.
 
     Raises:

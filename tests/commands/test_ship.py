@@ -76,7 +76,7 @@ def test_best_policy_that_docks_from_its_training_poses_is_exported(runs: MakeRu
     assert "| `s1` | training poses | 1 of 1 | 100.0% |" in text
     assert "| `s1` | random starts | 2 of 3 | 66.7% |" in text
     assert "1 of 3 failed: 1 collision with" in text
-    assert "from 4 runs" in text
+    assert "best of 4 runs" in text
     evaluated = dockctl("evaluate", "--ckpt", tmp_path / "out" / "mine", "--episodes", 0)
     assert evaluated.code == 0, evaluated.err
 

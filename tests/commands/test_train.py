@@ -293,7 +293,10 @@ def test_without_a_terminal_there_are_plain_lines(monkeypatch: pytest.MonkeyPatc
         display(first)
     assert isinstance(console.file, io.StringIO)
     (line,) = console.file.getvalue().splitlines()
-    assert "7,000 of 500,000 steps | 200 steps/s | 0:00, at most 41:05 left | 0 of the last 2 docked" in line
+    assert (
+        "7,000 of 500,000 steps | 200 steps/s | 0:00, at most 41:05 remaining | 0 of the last 2 docked"
+        in line
+    )
 
 
 @pytest.mark.parametrize(

@@ -6,12 +6,11 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-import torch
 
-from dockctl.agents.dqn.network import DuelingQNetwork
+from dockctl.agents.dqn.network import network_size
 from dockctl.errors import DockctlError
 from dockctl.experiments import memory
-from dockctl.experiments.memory import available_bytes, estimate, network_size, require_memory
+from dockctl.experiments.memory import available_bytes, estimate, require_memory
 from dockctl.scenarios.loader import load
 from dockctl.sim.lidar.spinning_sensor import SpinningSensor
 from dockctl.sim.world import build_worlds
@@ -45,12 +44,11 @@ def test_the_replay_is_no_longer_than_the_training() -> None:
     assert sizes(replay_capacity=700)["replay"] == 700 * (16 + 8 * 15)
 
 
-@pytest.mark.parametrize("hidden_sizes", [(8,), (256, 128, 64)])
-def test_the_size_of_the_network(hidden_sizes: tuple[int, ...]) -> None:
-    network = DuelingQNetwork(15, 77, hidden_sizes)
-    outputs = sum(layer.out_features for layer in network.modules() if isinstance(layer, torch.nn.Linear))
-    parameters = sum(parameter.numel() for parameter in network.parameters())
-    assert network_size(15, 77, hidden_sizes) == (parameters, outputs)
+def test_the_size_of_the_network() -> None:
+    # Layers 15-8, the value 8-8-1 and the advantage 8-77-77, each output with a bias.
+    parameters = 16 * 8 + 9 * 8 + 9 * 1 + 9 * 77 + 78 * 77
+    assert network_size(15, 77, (8,)) == (parameters, 8 + 8 + 1 + 77 + 77)
+    assert network_size(15, 77, (256, 128, 64)) == (60_484, 256 + 128 + 64 + 64 + 1 + 77 + 77)
 
 
 def test_larger_settings_need_more() -> None:

@@ -56,6 +56,14 @@ class DuelingQNetwork(nn.Module):
         return torch.as_tensor(value + advantage - advantage.mean(dim=1, keepdim=True))
 
 
+def network_size(observation_size: int, actions: int, hidden_sizes: Sequence[int]) -> tuple[int, int]:
+    """Return the numbers of parameters and of layer outputs of a network, without allocating it."""
+    with torch.device("meta"):
+        network = DuelingQNetwork(observation_size, actions, hidden_sizes)
+    outputs = sum(layer.out_features for layer in network.modules() if isinstance(layer, nn.Linear))
+    return sum(parameter.numel() for parameter in network.parameters()), outputs
+
+
 class GreedyPolicy(Policy):
     """The action of the highest value; the policy follows the network as it learns."""
 
