@@ -29,47 +29,28 @@ WATER, WATER_SHADE, WATER_DEEP = "#D9EAF1", "#B9D3DF", "#8FB6C8"
 NIGHT_WATER, NIGHT_LAND, NIGHT_RULE = "#12293A", "#1D3B4F", "#3E6379"  # background of point clouds
 GOAL = "#E4572E"
 OWN_HULL = "#D1383F"
-FILL = {
-    "quay": "#D6D0C3",
-    "finger": "#D8BE94",
-    "pile": "#6E5A45",
-    "hull": "#FBFAF6",
-    "tube": "#C3C9CD",
-    "deck": "#EFE7D6",
-    "cockpit": "#CDB185",
-    "seat": "#E3D3B4",
-    "cabin": "#F6F5F1",
-    "window": "#5B7A8F",
-    "roof": "#E4E8EA",
-    "canvas": "#34587D",
-    "engine": "#39444D",
-    "fender": "#EDEDE6",
-    "rail": "#9AA7B0",
-    "mast": "#55646F",
-    "sail": "#2A4B6C",
-    "mesh": "#BFC4C6",
-    "own": OWN_HULL,
+SOLIDS = {
+    "quay": ("#D6D0C3", "#A39B8B"),  # land around the basin
+    "finger": ("#D8BE94", "#A88A5D"),
+    "pile": ("#6E5A45", "#4A3B2C"),
+    "hull": ("#FBFAF6", "#75838E"),  # topsides; from here on, parts of moored vessels
+    "tube": ("#C3C9CD", "#8D979E"),  # of an inflatable
+    "deck": ("#EFE7D6", "#CDBE9F"),
+    "cockpit": ("#CDB185", "#A68B60"),  # sole of a recess in the deck
+    "seat": ("#E3D3B4", "#BCA880"),
+    "cabin": ("#F6F5F1", "#9AA6AE"),
+    "window": ("#5B7A8F", "#46586A"),
+    "roof": ("#E4E8EA", "#AEB8BE"),
+    "canvas": ("#34587D", "#27425E"),  # sprayhood, bimini, trampoline
+    "engine": ("#39444D", "#262E35"),
+    "fender": ("#EDEDE6", "#7D8890"),
+    "rail": ("#9AA7B0", "#9AA7B0"),
+    "mast": ("#55646F", "#3E4C58"),  # with boom, spreaders and stays
+    "sail": ("#2A4B6C", "#1C3650"),
+    "mesh": ("#BFC4C6", "#8C9396"),  # a solid of a mesh file
+    "own": (OWN_HULL, "#8C9396"),
 }
-EDGE = {
-    "quay": "#A39B8B",
-    "finger": "#A88A5D",
-    "pile": "#4A3B2C",
-    "hull": "#75838E",
-    "tube": "#8D979E",
-    "deck": "#CDBE9F",
-    "cockpit": "#A68B60",
-    "seat": "#BCA880",
-    "cabin": "#9AA6AE",
-    "window": "#46586A",
-    "roof": "#AEB8BE",
-    "canvas": "#27425E",
-    "engine": "#262E35",
-    "fender": "#7D8890",
-    "rail": "#9AA7B0",
-    "mast": "#3E4C58",
-    "sail": "#1C3650",
-    "mesh": "#8C9396",
-}
+"""Fill and edge of each kind of solid; other kinds, in a user's file, are drawn as "mesh"."""
 PLANK = "#C4A678"
 # Moored hulls: mostly white, a few in color
 HULLS = (
@@ -86,8 +67,7 @@ HULLS = (
 )
 
 
-def solid_color(kind: str, name: str) -> str:
-    """Return the color of a solid of one kind in the part `name`; hulls differ from boat to boat."""
-    if kind == "hull":
-        return HULLS[zlib.crc32(name.encode()) % len(HULLS)]
-    return FILL.get(kind, FILL["mesh"])
+def solid_colors(kind: str, name: str) -> tuple[str, str]:
+    """Return fill and edge of a solid of one kind in the part `name`; hulls differ from boat to boat."""
+    fill, edge = SOLIDS.get(kind, SOLIDS["mesh"])
+    return (HULLS[zlib.crc32(name.encode()) % len(HULLS)] if kind == "hull" else fill), edge

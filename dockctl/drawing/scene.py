@@ -12,28 +12,6 @@ from numpy.typing import ArrayLike
 from dockctl.drawing import palette
 from dockctl.geometry import Floats
 
-KINDS = (
-    "quay",  # land around the basin
-    "finger",
-    "pile",
-    "hull",  # topsides; from here on, parts of moored vessels
-    "tube",  # of an inflatable
-    "deck",
-    "cockpit",  # sole of a recess in the deck
-    "seat",
-    "cabin",
-    "window",
-    "roof",
-    "canvas",  # sprayhood, bimini, trampoline
-    "engine",
-    "fender",
-    "rail",
-    "mast",  # with boom, spreaders and stays
-    "sail",
-    "mesh",  # a solid of a mesh file
-)
-"""Kinds of solids."""
-
 SHADED = ("quay", "finger", "hull", "tube", "mesh")
 SHADOW_M_PER_M = np.array([0.16, -0.22])  # offset of the shadow per meter of height
 PLANK_M = 0.5
@@ -112,8 +90,7 @@ def strokes(scene: Scene) -> Iterator[Stroke]:
         if polygon.kind in SHADED:
             yield Stroke(polygon.xy + min(polygon.height_m, 2.0) * SHADOW_M_PER_M, palette.WATER_SHADE, None)
     for polygon in scene.polygons:
-        edge = palette.EDGE.get(polygon.kind, palette.EDGE["mesh"])
-        yield Stroke(polygon.xy, palette.solid_color(polygon.kind, polygon.name), edge)
+        yield Stroke(polygon.xy, *palette.solid_colors(polygon.kind, polygon.name))
         if polygon.kind == "finger" and len(polygon.xy) == 4:
             yield from _planks(polygon)
 

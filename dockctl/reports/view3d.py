@@ -30,7 +30,7 @@ class Body:
 
     @property
     def color(self) -> str:
-        return palette.solid_color(self.kind, self.name)
+        return palette.solid_colors(self.kind, self.name)[0]
 
 
 @dataclass(frozen=True)

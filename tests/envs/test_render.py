@@ -28,7 +28,7 @@ def test_a_frame_shows_water_boat_and_quay_at_their_positions() -> None:
     assert frame.shape[2] == 3
     assert max(frame.shape) == 900
     assert color_at(frame, 20.0, 20.0) == ImageColor.getrgb(palette.WATER)
-    assert color_at(frame, 40.0, 10.0) == ImageColor.getrgb(palette.FILL["quay"])
+    assert color_at(frame, 40.0, 10.0) == ImageColor.getrgb(palette.SOLIDS["quay"][0])
     astern = ETA[:2] - 1.0 * np.array([math.cos(ETA[2]), math.sin(ETA[2])])
     assert color_at(frame, *astern) == ImageColor.getrgb(palette.OWN_HULL)
 

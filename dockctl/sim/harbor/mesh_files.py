@@ -3,7 +3,7 @@
 Obstacles are GLB, OBJ, STL or PLY files. A vessel model is an OBJ file; it can be edited or replaced (in
 Blender: import and export with Z up), and a new file is a new model. Its first line is a comment with the
 class of the vessel. Every object is one closed solid, named ``<number>-<kind>``: drawings paint the solids in
-the order of their numbers, and the kinds are those of `dockctl.drawing.scene.KINDS`.
+the order of their numbers, and the kinds are those of `dockctl.drawing.palette.SOLIDS`.
 """
 
 from __future__ import annotations

@@ -26,7 +26,7 @@ MIN_OUTLINE_M2 = 0.002
 
 @dataclass(frozen=True, eq=False)
 class Solid:
-    """A closed mesh [m] and its kind for drawings, one of `dockctl.drawing.scene.KINDS`."""
+    """A closed mesh [m] and its kind for drawings, one of `dockctl.drawing.palette.SOLIDS`."""
 
     kind: str
     mesh: trimesh.Trimesh

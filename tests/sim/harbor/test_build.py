@@ -15,7 +15,8 @@ import pytest
 import trimesh
 from pydantic import TypeAdapter, ValidationError
 
-from dockctl.drawing.scene import KINDS, Scene
+from dockctl.drawing.palette import SOLIDS
+from dockctl.drawing.scene import Scene
 from dockctl.errors import DockctlError, InputError
 from dockctl.scenarios.base import Pose
 from dockctl.scenarios.harbor import HarborSpec, Marina, MeshFile, MeshHarbor
@@ -343,7 +344,7 @@ def test_a_scene_is_read_back_from_json(harbor: Harbor) -> None:
 
 def test_a_scene_shows_every_part_with_known_kinds(harbor: Harbor) -> None:
     scene = scene_of(harbor, HULL)
-    assert {polygon.kind for polygon in scene.polygons} == set(KINDS) - {"mesh"}
+    assert {polygon.kind for polygon in scene.polygons} == set(SOLIDS) - {"mesh", "own"}
     assert {polygon.name for polygon in scene.polygons} == {part.name for part in harbor.parts}
 
 

@@ -9,7 +9,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from dockctl.drawing.scene import KINDS
+from dockctl.drawing.palette import SOLIDS
 from dockctl.errors import InputError
 from dockctl.scenarios.content import first_difference, mesh_files, with_paths
 from dockctl.scenarios.harbor import DEFAULT_MODELS, VESSEL_MODELS
@@ -53,7 +53,7 @@ def test_every_piece_is_a_closed_solid_facing_outwards(model: MooredModel) -> No
         assert solid.mesh.is_watertight
         assert solid.mesh.is_winding_consistent
         assert solid.mesh.volume > 0
-        assert solid.kind in KINDS
+        assert solid.kind in SOLIDS
     assert model.mesh.is_watertight
 
 
