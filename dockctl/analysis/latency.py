@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
+
 import pandas as pd
 
 PARTS = {
@@ -11,7 +13,8 @@ PARTS = {
     "decision_ms": "Whole decision",
 }
 """Columns of ``latency.csv`` [ms], with their names."""
-STATISTICS = ("mean", "p50", "p95", "p99", "max")
+STATISTICS = {"mean": "mean", "p50": "50%", "p95": "95%", "p99": "99%", "max": "max"}
+"""Names of the statistics here and in pandas."""
 THESIS_FORWARD_MS = 2.0
 """Forward pass of the thesis' network on an i5-8400 (section 4.3.3)."""
 
@@ -25,12 +28,16 @@ def summarize(samples: pd.DataFrame) -> dict[str, dict[str, float]]:
     Returns:
         by part, the value of each of `STATISTICS`.
     """
-    quantiles = {"p50": 0.5, "p95": 0.95, "p99": 0.99}
-    return {
-        part: {
-            "mean": float(samples[part].mean()),
-            **{name: float(samples[part].quantile(share)) for name, share in quantiles.items()},
-            "max": float(samples[part].max()),
-        }
-        for part in PARTS
-    }
+    table = samples[list(PARTS)].describe(percentiles=[0.5, 0.95, 0.99])
+    return {part: {name: float(table[part][row]) for name, row in STATISTICS.items()} for part in PARTS}
+
+
+def verdict(summary: Mapping[str, Mapping[str, float]], control_period_ms: float) -> str:
+    """Compare the times with the thesis' forward pass and with the control period, in two lines."""
+    forward, decision = summary["forward_ms"]["p50"], summary["decision_ms"]["max"]
+    return (
+        f"Forward pass: {forward:.3g} ms at the median, {THESIS_FORWARD_MS / forward:.1f} times as fast as"
+        f" the thesis' {THESIS_FORWARD_MS:g} ms (on another machine).\n"
+        f"Slowest decision: {decision:.3g} ms, {decision / control_period_ms:.1%} of the control period"
+        f" of {control_period_ms:g} ms."
+    )

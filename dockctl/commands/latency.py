@@ -42,6 +42,7 @@ def latency(
 
     Example: dockctl latency --ckpt runs/s3/20250101-120000-seed0
     """
+    from dockctl.analysis.latency import verdict
     from dockctl.evaluation.latency import latency as run
     from dockctl.reports.latency import latency_figure
 
@@ -59,19 +60,6 @@ def latency(
     csv = result.samples.to_csv(index_label="decision", float_format="%.6g", lineterminator="\n")
     print_text(console, str(write_atomically(folder / f"{stem}.csv", csv.encode())))
     print_text(console, str(write_json(folder / f"{stem}.json", result.as_json())))
-
-
-def verdict(summary: dict[str, dict[str, float]], control_period_ms: float) -> str:
-    """Compare the times with the thesis' forward pass and with the control period, in two lines."""
-    from dockctl.analysis.latency import THESIS_FORWARD_MS
-
-    forward, decision = summary["forward_ms"]["p50"], summary["decision_ms"]["max"]
-    return (
-        f"Forward pass: {forward:.3g} ms at the median, {THESIS_FORWARD_MS / forward:.1f} times as fast as"
-        f" the thesis' {THESIS_FORWARD_MS:g} ms (on another machine).\n"
-        f"Slowest decision: {decision:.3g} ms, {decision / control_period_ms:.1%} of the control period"
-        f" of {control_period_ms:g} ms."
-    )
 
 
 def _policy(ckpt: Path | None, policy: str | None, scenario: str | None) -> LoadedPolicy:

@@ -10,7 +10,6 @@ import pandas as pd
 import pytest
 
 from dockctl.analysis.latency import PARTS
-from dockctl.commands.latency import verdict
 from tests.commands.conftest import Outcome, dockctl, forget_interface
 
 FILES = {"latency-s1.png", "latency-s1.svg", "latency-s1.csv", "latency-s1.json"}
@@ -72,10 +71,3 @@ def test_a_missing_checkpoint_is_an_error(tmp_path: Path) -> None:
     outcome = dockctl("latency", "--ckpt", tmp_path / "nothing")
     assert outcome.code == 2
     assert outcome.error is not None and str(tmp_path / "nothing") in str(outcome.error)
-
-
-def test_the_verdict_compares_with_the_thesis_and_the_control_period() -> None:
-    row = {"p50": 0.5, "max": 50.0}
-    text = verdict(dict.fromkeys(PARTS, row), 500.0)
-    assert "4.0 times as fast" in text
-    assert "10.0% of the control period of 500 ms" in text
