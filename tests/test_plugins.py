@@ -57,7 +57,7 @@ def test_the_same_content_at_another_path_is_the_same_plugin(write: Write) -> No
     assert REWARD_TERMS.origin("mine").endswith("mine.py")
 
 
-def test_an_edited_file_replaces_itself(write: Write) -> None:
+def test_an_edited_file_replaces_its_earlier_registrations(write: Write) -> None:
     first = TERM.format(name="mine")
     for text, names in ((first, {"mine"}), (TERM.format(name="other"), {"other"}), (first, {"mine"})):
         plugins.load_file(write("mine.py", text))
@@ -95,7 +95,7 @@ def test_a_missing_file(tmp_path: Path) -> None:
         plugins.load_file(tmp_path / "gone.py")
 
 
-def test_a_scenario_names_its_files_and_every_failure_has_its_place(write: Write) -> None:
+def test_a_scenario_names_its_files_and_every_failure_is_located(write: Write) -> None:
     write("mine.py", TERM.format(name="mine"))
     write("bad.py", "1 / 0\n")
     scenario = write(
@@ -297,7 +297,7 @@ def documented(tmp_path: Path) -> Path:
     return tmp_path
 
 
-def test_the_documented_classes_keep_their_contracts(documented: Path) -> None:
+def test_the_documented_classes_fulfill_their_contracts(documented: Path) -> None:
     for name in ("gentle", "nearest", "astern", "river", "bow", "softmax"):
         plugins.load_file(documented / f"{name}.py")
     testing.check_reward_term("gentle_turns", limit_radps=0.02)
@@ -333,7 +333,7 @@ def test_a_run_is_evaluated_with_its_own_copies_of_local_plugins(
 
 
 @pytest.mark.parametrize(("base", "missing"), [("ActionType", "commands"), ("Kind", "ActionType")])
-def test_an_incomplete_class_is_refused_where_it_is_selected(write: Write, base: str, missing: str) -> None:
+def test_an_incomplete_class_is_rejected_where_it_is_selected(write: Write, base: str, missing: str) -> None:
     write(
         "half.py",
         "from typing import Literal\nfrom dockctl.plugins import ACTIONS\n"

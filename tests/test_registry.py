@@ -33,7 +33,7 @@ def test_outside_of_a_plugin_the_origin_is_the_module(registry: Registry[object]
     assert registry.origin("mine") == f"module {__name__}"
 
 
-def test_a_second_origin_is_refused_and_both_are_named(registry: Registry[object]) -> None:
+def test_a_second_origin_is_rejected_and_both_are_named(registry: Registry[object]) -> None:
     with registering_as("file mine.py"), pytest.raises(DuplicateNameError) as caught:
         registry.register("distance", 2)
     assert caught.value.origins == ("dockctl", "file mine.py")
@@ -63,7 +63,7 @@ def test_a_lazy_entry_is_loaded_on_first_use(registry: Registry[object]) -> None
     assert calls == ["load"]
 
 
-def test_a_lazy_entry_with_a_taken_name_is_refused_on_first_use(registry: Registry[object]) -> None:
+def test_a_lazy_entry_with_a_taken_name_is_rejected_on_first_use(registry: Registry[object]) -> None:
     registry.register_lazily("distance", "package p 1", lambda: None)
     registry.register_lazily("speed", "package p 1", lambda: None)
     registry.register_lazily("speed", "package q 2", lambda: None)

@@ -119,7 +119,7 @@ def load_study(source: str) -> Study:
         path = known[source]
     tree = read_file(path, display_path(path))
     try:
-        study = Study.model_validate(tree.plain())
+        study = Study.model_validate(tree.to_python())
     except ValidationError as error:
         raise InputError(model_problems(error, tree, Study)) from None
     name = study.name if "name" in study.model_fields_set else path.stem

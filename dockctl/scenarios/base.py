@@ -42,7 +42,7 @@ class FieldError(ValueError):
 
 
 class Pose(Model):
-    """Planar pose in the world frame: meters, and degrees counter-clockwise from +x."""
+    """Planar pose in the world frame: meters, and degrees counterclockwise from +x."""
 
     x_m: Number
     y_m: Number

@@ -75,6 +75,9 @@ def register(registry: Registry[type[Any]], *, group: str = "", source: str = ""
 class Kinds:
     """Annotation of a field that holds a model of a registry.
 
+    It does what pydantic's discriminated unions do, but looks up the model at validation time: plugins
+    register theirs after the schema of the scenario is built, and errors name the origin.
+
     Args:
         registry: the models by name.
         default: the kind of a section that does not name one.
@@ -140,7 +143,7 @@ def _dump(value: Kind, info: SerializationInfo) -> dict[str, Any]:
 
 
 class ActionType(Kind, ABC):
-    """What a policy's actions are, and the commands that they stand for; registered in `ACTIONS`."""
+    """Action space of a policy and its mapping to actuator commands; registered in `ACTIONS`."""
 
     @abstractmethod
     def describe(self) -> str:
@@ -168,7 +171,7 @@ class RangeSensor(Protocol):
 
     @property
     def table_bytes(self) -> int:
-        """Memory that the sensor takes once it is in use [bytes], for the estimate before a training."""
+        """Memory of the sensor in use [bytes], for the estimate before training."""
         ...
 
     def sector_ranges(self, eta: Floats) -> Floats:
@@ -199,7 +202,7 @@ class RangeSensorSpec(Kind, ABC):
 
 
 class Disturbance:
-    """A condition at run time, for n boats; a hook that a subclass does not override changes nothing."""
+    """Run-time state of a condition for n boats; the hooks do nothing by default."""
 
     def reset(self, rows: Ints, rngs: Sequence[np.random.Generator]) -> None:
         """Draw the values of the episodes that begin in `rows` (k,), each from the generator of its boat."""
@@ -214,7 +217,7 @@ class Disturbance:
 
 
 class Condition(Kind, ABC):
-    """A departure from calm water and exact sensors and actuators; registered in `CONDITIONS`.
+    """An environmental disturbance, or an error of sensors or actuators; registered in `CONDITIONS`.
 
     Register it with a group: water, air, sensing or actuation. A key may be `Drawn`: a number, or a range
     from which each episode draws.
@@ -222,7 +225,7 @@ class Condition(Kind, ABC):
 
     @abstractmethod
     def build(self, num_boats: int) -> Disturbance:
-        """Return the condition for so many boats."""
+        """Return the condition for `num_boats` boats."""
 
 
 def _as_bounds(given: Any) -> Any:
@@ -250,5 +253,5 @@ Drawn = Annotated[
 
 
 def draw(bounds: tuple[float, ...], rng: np.random.Generator) -> float:
-    """Return the number, or one drawn uniformly from the range; a number takes nothing from `rng`."""
+    """Return the number, or one drawn uniformly from the range; a single number does not advance `rng`."""
     return bounds[0] if len(bounds) == 1 else rng.uniform(bounds[0], bounds[1])

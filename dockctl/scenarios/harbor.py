@@ -213,7 +213,7 @@ class Layout(NamedTuple):
 
 
 def layouts(harbor: HarborSpec, berths: Berths | None) -> tuple[Layout, ...]:
-    """Return the harbors of a scenario: its own, or one for each group of berths that are free together.
+    """Return the harbors of a scenario: its own, or one for each group of berths that are vacant together.
 
     A group has every k-th berth of the list, so that the neighbors of a free berth are occupied.
     """
@@ -242,10 +242,10 @@ def missing_berth(harbor: HarborSpec, berths: Berths) -> str:
     """Describe the first berth of the list that the harbor lacks; an empty string if it has all."""
     if not isinstance(harbor, Marina):
         return "the harbor has no berths: expected kind marina"
-    there = {BerthPlace(row.side, at) for row in harbor.rows for at in row.berths}
+    existing = {BerthPlace(row.side, at) for row in harbor.rows for at in row.berths}
     for place in berths.trained.places + berths.held_out.places:
-        if place not in there:
-            on_side = [berth.at_m for berth in there if berth.side == place.side]
+        if place not in existing:
+            on_side = [berth.at_m for berth in existing if berth.side == place.side]
             nearest = min(on_side, key=lambda at: abs(at - place.at_m), default=None)
             hint = "that quay has none" if nearest is None else f"the nearest one is at {nearest:g}"
             return f"no berth on the {place.side} quay at {place.at_m:g}; {hint}"

@@ -25,7 +25,7 @@ from dockctl.scenarios.yaml_tree import (
     Location,
     Node,
     PlainDumper,
-    described,
+    describe,
     input_error,
     read_file,
     read_text,
@@ -96,12 +96,12 @@ def load(
     tree = reduce(_override, sorted(overrides, key=_changes_a_value), tree)
     hint = ""
     if tree.get("name") is None:
-        tree = tree.replaced("name", Node(path.stem, Location(display)))
+        tree = tree.with_value("name", Node(path.stem, Location(display)))
         hint = "; the name is that of the file: add 'name: ...' to the file"
     problems = list(_load_plugins(tree))
     problems += function_problems(tree)
     try:
-        scenario = Scenario.model_validate(tree.plain())
+        scenario = Scenario.model_validate(tree.to_python())
     except ValidationError as error:
         found = model_problems(error, tree, Scenario)
         problems += [replace(p, message=p.message + hint) if p.field == "name" else p for p in found]
@@ -149,7 +149,9 @@ def merge(base: Node, over: Node, path: tuple[str, ...] = ()) -> Node:
         base, over = _as_term(base), _as_term(over)
     if not (isinstance(base.value, dict) and isinstance(over.value, dict)):
         return over
-    if any(key in over.value and over.value[key].plain() != _plain(base.get(key)) for key in SELECTORS):
+    if any(
+        key in over.value and over.value[key].to_python() != _to_python(base.get(key)) for key in SELECTORS
+    ):
         return over
     merged = {
         key: merge(base.value[key], over.value[key], (*path, key))
@@ -165,8 +167,8 @@ def _as_term(node: Node) -> Node:
     return Node({"weight": node}, node.location, {"weight": node.location}) if is_weight else node
 
 
-def _plain(node: Node | None) -> Any:
-    return node.plain() if node else None
+def _to_python(node: Node | None) -> Any:
+    return node.to_python() if node else None
 
 
 def _by_location(problem: Problem) -> tuple[str, int, int]:
@@ -197,7 +199,7 @@ def _read(path: Path, display: str, registry: Registry[Path], chain: tuple[str, 
 
 def _find(registry: Registry[Path], node: Node, directory: Path, path: str = "extends") -> tuple[Path, str]:
     if not isinstance(node.value, str):
-        message = f"found {described(node.plain())}, expected the name or the path of a {registry.noun}"
+        message = f"found {describe(node.to_python())}, expected the name or the path of a {registry.noun}"
         raise input_error(node.location, message, path, "wrong_type")
     try:
         return catalog.find(registry, node.value, directory)
@@ -210,15 +212,15 @@ def _expanded(tree: Node, directory: Path) -> Node:
     for key, registry in BY_NAME.items():
         node = tree.get(key)
         if node is not None and isinstance(node.value, str):
-            tree = tree.replaced(key, _read(*_find(registry, node, directory, key), registry, ()))
+            tree = tree.with_value(key, _read(*_find(registry, node, directory, key), registry, ()))
     if (listed := tree.get("plugins")) is not None:
-        tree = tree.replaced("plugins", _absolute(listed, directory))
+        tree = tree.with_value("plugins", _absolute(listed, directory))
     if (harbor := tree.get("harbor")) is not None:
-        tree = tree.replaced("harbor", _expanded(harbor, directory))
+        tree = tree.with_value("harbor", _expanded(harbor, directory))
     if (meshes := tree.get("meshes")) is not None:  # in a harbor file, and in the `harbor` of a scenario
-        tree = tree.replaced("meshes", _absolute(meshes, directory))
+        tree = tree.with_value("meshes", _absolute(meshes, directory))
     if (fleet := tree.get("fleet")) is not None and (models := fleet.get("models")) is not None:
-        tree = tree.replaced("fleet", fleet.replaced("models", _absolute_models(models, directory)))
+        tree = tree.with_value("fleet", fleet.with_value("models", _absolute_models(models, directory)))
     return tree
 
 
@@ -239,7 +241,9 @@ def _absolute(node: Node, directory: Path) -> Node:
     if isinstance(node.value, list):
         return Node([_absolute(item, directory) for item in node.value], node.location)
     path = node.get("path")
-    return node.replaced("path", _absolute(path, directory)) if path and isinstance(path.value, str) else node
+    return (
+        node.with_value("path", _absolute(path, directory)) if path and isinstance(path.value, str) else node
+    )
 
 
 def _changes_a_value(override: str) -> bool:
@@ -275,7 +279,7 @@ def _put(node: Node, keys: list[str], value: Node, location: Location, done: tup
     child = node.get(key)
     if child is None or not rest:
         return merge(node, inner, done)
-    return node.replaced(key, _put(child, rest, value, location, (*done, key)))
+    return node.with_value(key, _put(child, rest, value, location, (*done, key)))
 
 
 def _at(node: Node, location: Location) -> Node:
@@ -293,7 +297,7 @@ def _load_part(source: str | Path, registry: Registry[Path], model: type[P]) -> 
     node = _read(*catalog.find(registry, str(source), Path()), registry, ())
     tree = Node({key: node}, node.location, {key: node.location})
     try:
-        return model.model_validate(tree.plain())
+        return model.model_validate(tree.to_python())
     except ValidationError as error:
         raise InputError(sorted(model_problems(error, tree, model), key=_by_location)) from None
 

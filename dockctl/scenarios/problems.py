@@ -22,7 +22,7 @@ from dockctl.plugins import HARBORS, OBSERVATION_PARTS, REWARD_TERMS, VESSELS, E
 from dockctl.scenarios.base import FieldError
 from dockctl.scenarios.extensions import Kind, Kinds
 from dockctl.scenarios.schema import long_part, long_term
-from dockctl.scenarios.yaml_tree import Location, Node, described
+from dockctl.scenarios.yaml_tree import Location, Node, describe
 
 Step = str | int
 
@@ -166,18 +166,18 @@ def description(detail: ErrorDetails, path: str = "") -> tuple[str, Code, str]:
         return str(error), "invalid", ""
     if kind == "union_tag_invalid":
         choice, choices = context["tag"], context["expected_tags"]
-        message = f"found {described(choice)}, expected {choices}"
+        message = f"found {describe(choice)}, expected {choices}"
         return message, "unknown_name", nearest(choice, _quoted(choices))
     if kind not in EXPECTED:
-        return f"found {described(found)}: {detail['msg']}", "invalid", ""
+        return f"found {describe(found)}: {detail['msg']}", "invalid", ""
     expected = EXPECTED[kind].format(**context)
     if kind == "greater_than" and "tolerance" in path:
         expected += "; a tolerance of zero or less can never be reached"
     if kind == "literal_error":
         suggestion = nearest(found, _quoted(expected)) if isinstance(found, str) else ""
-        return f"found {described(found)}, expected {expected}", "unknown_name", suggestion
+        return f"found {describe(found)}, expected {expected}", "unknown_name", suggestion
     code: Code = "invalid" if kind.startswith("string_pattern") else "wrong_type"
-    return f"found {described(found)}, expected {expected}", "out_of_range" if kind in RANGES else code, ""
+    return f"found {describe(found)}, expected {expected}", "out_of_range" if kind in RANGES else code, ""
 
 
 def _quoted(words: object) -> list[str]:
@@ -235,7 +235,7 @@ def _kinds_by_name(info: FieldInfo) -> Kinds | None:
 def _selected(kinds: Kinds, node: Node | None, name: str | None = None) -> list[type[BaseModel]]:
     """Return the model selected by the key `kind` of a section, else by `name` or the default."""
     kind = node.get("kind") if node else None
-    model = kinds.model(kind.plain() if kind else name)
+    model = kinds.model(kind.to_python() if kind else name)
     return [] if model is None else [model]
 
 
@@ -260,7 +260,7 @@ def function_problems(tree: Node) -> Iterator[Problem]:
         first.setdefault(name, locate(tree, steps).path)
         yield from _check(tree, REWARD_TERMS, name, steps, term.get("params"))
     listed = tree.get("observation")
-    for index, item in enumerate(listed.plain() if listed and isinstance(listed.value, list) else ()):
+    for index, item in enumerate(listed.to_python() if listed and isinstance(listed.value, list) else ()):
         part = long_part(item)
         if isinstance(part, dict) and isinstance(name := part.get("part"), str):
             yield from _check(tree, OBSERVATION_PARTS, name, ["observation", str(index)], part.get("params"))
@@ -270,7 +270,7 @@ def _terms(tree: Node) -> Iterator[tuple[list[str], dict[str, Any]]]:
     """Yield the path and the long form of every term."""
     reward = tree.get("reward")
     terms = reward.get("terms") if reward else None
-    plain = terms.plain() if terms else None
+    plain = terms.to_python() if terms else None
     if isinstance(plain, dict):
         plain = {name: long_term(name, value) for name, value in plain.items()}
     items = plain.items() if isinstance(plain, dict) else enumerate(plain) if isinstance(plain, list) else ()

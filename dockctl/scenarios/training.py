@@ -49,7 +49,7 @@ class StopRule(Model):
     episodes: Count = 100
 
     @model_validator(mode="after")
-    def _reachable(self) -> Self:
+    def _docked_at_most_episodes(self) -> Self:
         if self.docked > self.episodes:
             raise FieldError(
                 "docked", f"{self.docked} is more than episodes, {self.episodes}", "out_of_range"

@@ -52,19 +52,19 @@ class Node:
     location: Location
     keys: dict[str, Location] = field(default_factory=dict)
 
-    def plain(self) -> Any:
+    def to_python(self) -> Any:
         """Return the tree as dicts, lists and scalars."""
         if isinstance(self.value, dict):
-            return {key: node.plain() for key, node in self.value.items()}
+            return {key: node.to_python() for key, node in self.value.items()}
         if isinstance(self.value, list):
-            return [node.plain() for node in self.value]
+            return [node.to_python() for node in self.value]
         return self.value
 
     def get(self, key: str) -> Node | None:
         """Return the value of `key`; None if this is not a mapping or lacks the key."""
         return self.value.get(key) if isinstance(self.value, dict) else None
 
-    def replaced(self, key: str, node: Node) -> Node:
+    def with_value(self, key: str, node: Node) -> Node:
         """Return this mapping with `node` as the value of `key`."""
         assert isinstance(self.value, dict)
         return Node(
@@ -116,7 +116,7 @@ def read_file(path: Path, display: str) -> Node:
     if tree.value is None:
         raise input_error(Location(display, 1, 1), "is empty; expected keys and values", code="wrong_type")
     if not isinstance(tree.value, dict):
-        message = f"expected a mapping of keys to values, found {described(tree.plain())}"
+        message = f"expected a mapping of keys to values, found {describe(tree.to_python())}"
         raise input_error(tree.location, message, code="wrong_type")
     return tree
 
@@ -151,7 +151,7 @@ def read_text(text: str, display: str) -> Node:
     return tree
 
 
-def described(value: object) -> str:
+def describe(value: object) -> str:
     """Describe a value for messages: ``the text 'abc'``, ``a list``, ``true``, ``3``."""
     if value is None:
         return "nothing"

@@ -48,7 +48,7 @@ class Shapes(Model):
 def problem(text: str, model: type[Model] = Drawing) -> Problem:
     tree = read_text(text, "drawing.yaml")
     with pytest.raises(ValidationError) as caught:
-        model.model_validate(tree.plain())
+        model.model_validate(tree.to_python())
     (found,) = model_problems(caught.value, tree, model)
     return found
 

@@ -143,7 +143,7 @@ def test_an_inherited_error_names_the_file_that_contains_it(tmp_path: Path) -> N
     ]
 
 
-def test_a_circular_reference_is_refused(tmp_path: Path) -> None:
+def test_a_circular_reference_is_rejected(tmp_path: Path) -> None:
     write(tmp_path, "extends: x.yaml\n", "parent.yaml")
     assert refused(tmp_path, "name: x\nextends: parent.yaml\n") == [
         ("parent.yaml", 1, 10, "extends", "invalid")
@@ -259,7 +259,7 @@ def test_wrong_overrides(override: str, file: str, field: str, code: str, sugges
     assert (problem.code, problem.suggestion) == (code, suggestion)
 
 
-def test_a_path_wins_over_a_name(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_path_takes_precedence_over_a_name(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.chdir(tmp_path)
     (tmp_path / "s2").mkdir()
     write(tmp_path, "extends: s3\ntitle: mine\n", "s1")

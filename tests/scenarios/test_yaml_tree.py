@@ -14,7 +14,7 @@ from hypothesis import strategies as st
 
 from dockctl.errors import InputError
 from dockctl.scenarios import yaml_tree
-from dockctl.scenarios.yaml_tree import PlainDumper, described, read_file, read_text
+from dockctl.scenarios.yaml_tree import PlainDumper, describe, read_file, read_text
 
 LAUGHS = "a: &a [x, x, x, x, x, x, x, x, x, x]\n" + "".join(
     f"{name}: &{name} [{', '.join([f'*{before}'] * 10)}]\n"
@@ -50,7 +50,7 @@ REFUSED = [
 
 
 @pytest.mark.parametrize(("text", "place", "code"), REFUSED, ids=[row[0][:20] for row in REFUSED])
-def test_refuses_with_the_location(
+def test_rejects_with_the_location(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, text: str, place: str, code: str
 ) -> None:
     monkeypatch.setattr(yaml_tree, "MAX_NODES", 1000)
@@ -71,7 +71,7 @@ def test_refuses_with_the_location(
     ],
     ids=["not UTF-8", "null byte", "too large"],
 )
-def test_refuses_what_is_not_a_small_text(
+def test_rejects_what_is_not_a_small_text(
     tmp_path: Path, data: bytes, expected: tuple[int, int, str]
 ) -> None:
     path = tmp_path / "x.yaml"
@@ -82,18 +82,18 @@ def test_refuses_what_is_not_a_small_text(
     assert (problem.file, problem.line, problem.column, problem.code) == ("x.yaml", *expected)
 
 
-def test_refuses_a_directory(tmp_path: Path) -> None:
+def test_rejects_a_directory(tmp_path: Path) -> None:
     with pytest.raises(InputError, check=lambda error: error.code == "not_readable"):
         read_file(tmp_path, "here")
 
 
-def test_refuses_a_pipe_without_waiting_for_it(tmp_path: Path) -> None:
+def test_rejects_a_pipe_without_waiting_for_it(tmp_path: Path) -> None:
     os.mkfifo(tmp_path / "x.yaml")
     with pytest.raises(InputError, check=lambda error: error.code == "not_readable"):
         read_file(tmp_path / "x.yaml", "x.yaml")
 
 
-def test_refuses_what_cannot_be_opened(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_rejects_what_cannot_be_opened(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     path = tmp_path / "x.yaml"
     path.write_text("a: 1")
 
@@ -130,7 +130,7 @@ def test_refuses_what_cannot_be_opened(tmp_path: Path, monkeypatch: pytest.Monke
     ],
 )
 def test_scalars(text: str, value: object) -> None:
-    found = read_text(f"a: {text}", "x").plain()["a"]
+    found = read_text(f"a: {text}", "x").to_python()["a"]
     assert found == value
     assert type(found) is type(value)
 
@@ -145,7 +145,7 @@ def test_locations_count_from_one_and_keys_have_their_own() -> None:
 def test_a_byte_order_mark_is_ignored(tmp_path: Path) -> None:
     path = tmp_path / "x.yaml"
     path.write_bytes(b"\xef\xbb\xbfa: 1\n")
-    assert read_file(path, "x").plain() == {"a": 1}
+    assert read_file(path, "x").to_python() == {"a": 1}
 
 
 PLAIN = st.recursive(
@@ -165,7 +165,7 @@ PLAIN = st.recursive(
 @given(PLAIN)
 def test_what_the_dumper_writes_is_read_back(data: object) -> None:
     text = yaml.dump({"data": data}, Dumper=PlainDumper, allow_unicode=True)
-    assert read_text(text, "x").plain() == {"data": data}
+    assert read_text(text, "x").to_python() == {"data": data}
 
 
 @given(st.text(max_size=80) | st.text("[]{}:-#&*!|>'\"%@ \n\tab1.,?", max_size=80))
@@ -176,7 +176,7 @@ def test_any_text_is_a_tree_or_an_input_error(text: str) -> None:
 
 def test_described() -> None:
     values = [None, True, 3, math.pi, "abc", [], [1], {}, {"a": 1}, "x" * 50]
-    assert [described(value) for value in values] == [
+    assert [describe(value) for value in values] == [
         "nothing",
         "true",
         "3",
