@@ -74,10 +74,10 @@ def test_algorithms(keys: dict[str, Any], actions: Space[Any]) -> None:
     testing.check_algorithm(**keys, action_space=actions)
 
 
-def test_an_algorithm_whose_policy_explores_is_refused(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_an_algorithm_whose_policy_explores_is_rejected(monkeypatch: pytest.MonkeyPatch) -> None:
     rng = np.random.default_rng()
     monkeypatch.setattr(GreedyPolicy, "act", lambda self, rows, info: rng.random(len(rows)))
-    refused(lambda: testing.check_algorithm("dqn", Discrete(7)), "random")
+    assert_rejected(lambda: testing.check_algorithm("dqn", Discrete(7)), "random")
 
 
 def test_every_condition_and_sensor_is_checked() -> None:
@@ -95,22 +95,22 @@ def test_harbors(name: str) -> None:
     testing.check_harbor(name)
 
 
-def refused(check: Callable[[], None], rule: str) -> None:
+def assert_rejected(check: Callable[[], None], rule: str) -> None:
     with pytest.raises(AssertionError, match=rule):
         check()
 
 
-def test_an_environment_that_shares_its_state_is_refused(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_an_environment_that_shares_its_state_is_rejected(monkeypatch: pytest.MonkeyPatch) -> None:
     info = DockingVectorEnv._info
 
     def sharing(env: DockingVectorEnv, events: Any) -> Any:
         return {**info(env, events), "velocity": env.simulator.nu}
 
     monkeypatch.setattr(DockingVectorEnv, "_info", sharing)
-    refused(lambda: testing.check_action_type("grid"), "differs under the same seed")
+    assert_rejected(lambda: testing.check_action_type("grid"), "differs under the same seed")
 
 
-def test_impure_terms_are_refused() -> None:
+def test_impure_terms_are_rejected() -> None:
     calls = iter(range(1000))
 
     @reward_term("drifting", kind="dense")
@@ -137,18 +137,18 @@ def test_impure_terms_are_refused() -> None:
         "greedy": "changes its argument distance_m",
         "inverse": "not finite",
     }.items():
-        refused(lambda name=name: testing.check_reward_term(name), rule)  # type: ignore[misc]  # bound now
+        assert_rejected(lambda name=name: testing.check_reward_term(name), rule)  # type: ignore[misc]  # bound now
 
 
-def test_a_part_without_bounds_is_refused() -> None:
+def test_a_part_without_bounds_is_rejected() -> None:
     @observation_part("boundless")
     def boundless(view: View) -> Columns:
         return Columns(["distance"], view.distance_m[:, None], 0, np.inf)
 
-    refused(lambda: testing.check_observation_part("boundless"), "bounds are not finite")
+    assert_rejected(lambda: testing.check_observation_part("boundless"), "bounds are not finite")
 
 
-def test_commands_beyond_the_limits_are_refused() -> None:
+def test_commands_beyond_the_limits_are_rejected() -> None:
     @register(ACTIONS)
     class Strong(GridActions):
         kind: Literal["strong"] = "strong"  # type: ignore[assignment]
@@ -156,10 +156,10 @@ def test_commands_beyond_the_limits_are_refused() -> None:
         def require_within_limits(self, vessel: Any) -> None:
             return
 
-    refused(lambda: testing.check_action_type("strong", propeller_n=[60]), "exceeds the limits")
+    assert_rejected(lambda: testing.check_action_type("strong", propeller_n=[60]), "exceeds the limits")
 
 
-def test_a_condition_that_draws_from_a_common_generator_is_refused() -> None:
+def test_a_condition_that_draws_from_a_common_generator_is_rejected() -> None:
     common = np.random.default_rng(0)
 
     class Flow(Disturbance):
@@ -179,10 +179,10 @@ def test_a_condition_that_draws_from_a_common_generator_is_refused() -> None:
         def build(self, num_boats: int) -> Disturbance:
             return Flow(num_boats)
 
-    refused(lambda: testing.check_condition("unseeded"), "same generators")
+    assert_rejected(lambda: testing.check_condition("unseeded"), "same generators")
 
 
-def test_a_sensor_whose_points_do_not_agree_is_refused() -> None:
+def test_a_sensor_whose_points_do_not_agree_is_rejected() -> None:
     class Long(PlanarSensor):
         def points(self, pose: Any) -> Any:
             return 2 * super().points(pose)
@@ -195,4 +195,4 @@ def test_a_sensor_whose_points_do_not_agree_is_refused() -> None:
             return Long(self, triangles)
 
     assert issubclass(LongScanner, RangeSensorSpec)
-    refused(lambda: testing.check_range_sensor("long"), "nearest point")
+    assert_rejected(lambda: testing.check_range_sensor("long"), "nearest point")

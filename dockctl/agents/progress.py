@@ -14,7 +14,7 @@ from dockctl.runs.tables import RECENT, Value
 from dockctl.scenarios.training import StopRule, Training
 
 REASONS = {
-    "mastered": "The task is mastered",
+    "mastered": "The stop rule is met",
     "episodes": "The episode limit is reached",
     "steps": "The step limit is reached",
     "interrupted": "Interrupted",
@@ -54,7 +54,7 @@ class Progress:
     loss: float | None = None
 
     def count_episode(self, outcome: str, from_initial_pose: bool, window: int) -> None:
-        """Count a finished training episode, and keep the latest `window` for the stop rule."""
+        """Count a finished training episode, and remember the latest `window` for the stop rule."""
         self.episodes += 1
         if outcome:
             self.outcomes[outcome] = self.outcomes.get(outcome, 0) + 1

@@ -20,7 +20,7 @@ from dockctl.sim.world import World
 
 # Measured on the reference marina with full LiDARs.
 BOAT_BYTES = 20_000  # state, observation, info and reward sums, per boat
-WORKING_BYTES = 80_000_000  # compiled kernels, thread stacks, buffers of evaluations and tables
+WORKING_BYTES = 80_000_000  # compiled kernels, thread stacks, buffers of validations and tables
 COPIES_IN_SAVING = 3  # of the tensors of a checkpoint: arrays, serialized, and the content of the file
 
 GB = 1e9
@@ -57,7 +57,10 @@ class Estimate:
 
 
 def estimate(scenario: Scenario, worlds: Sequence[World]) -> Estimate:
-    """Estimate the peak memory of a training with dqn; other algorithms need about as much.
+    """Estimate the peak memory of a training, with the replay and networks of dqn for every algorithm.
+
+    The replay of Stable-Baselines3 takes about as many bytes per transition, but it is not saved, so the
+    estimate is too high for it.
 
     Args:
         worlds: built, with range sensors whose tables are not.

@@ -217,7 +217,7 @@ def _run(session: _Session, run: RunDirectory, console: Console, *, resumed: boo
             note = f"; {session.spec.on_resume}" if session.spec.on_resume else ""
             print_text(console, f"resumed after {trainer.progress.env_steps:,} steps{note}")
         reason = trainer.run()
-        display.show_evaluation(trainer.progress)
+        display.show_validation(trainer.progress)
     facts = run.read_json(PROVENANCE)
     facts |= {"finished": None if reason == "interrupted" else provenance.now(), "stop_reason": reason}
     run.write_json(PROVENANCE, facts)

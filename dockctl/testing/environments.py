@@ -26,11 +26,11 @@ Rows = dict[str, NDArray[Any]]
 
 
 def check_scenario(source: str | Path, *, steps: int = 40) -> None:
-    """Check that a scenario loads, survives a round trip through YAML, and gives a sound environment.
+    """Check that a scenario loads, survives a round trip through YAML, and gives a valid environment.
 
     The environment is deterministic under a seed; a boat does not depend on the number of boats; a single
     boat equals a row of the vector; observations are in their space; rewards are finite sums of their terms;
-    returned arrays are the caller's own.
+    returned arrays are not shared with the environment.
     """
     loaded = load_checked(source)
     scenario = loaded.scenario
@@ -138,7 +138,7 @@ def check_environment(scenario: Scenario, worlds: Sequence[World], steps: int) -
             assert np.array_equal(value[0], alone[key]), f"{where}: {key} of a single boat differs"
             assert value.dtype == object or np.isfinite(value).all(), f"{where}: {key} is not finite"
         assert many["observation"] in env.observation_space, f"{where}: observation out of bounds"
-        for value in equal.values():  # the caller may do what it likes with them
+        for value in equal.values():  # the caller may overwrite them
             if value.dtype != object:
                 value[:] = 0
         action = env.action_space.sample()

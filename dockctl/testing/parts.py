@@ -94,11 +94,11 @@ def check_condition(kind: str, **keys: Any) -> None:
     what, scenario = f"condition '{kind}'", _scenario(conditions={kind: spec})
     group = CONDITIONS.get(kind).kind
     assert group in GROUPS, f"{what}: unknown group '{group}' (known: {', '.join(GROUPS)})"
-    many, few, other = (_sail(scenario, boats) for boats in (BOATS, 2, BOATS))
+    many, few, other = (_simulate(scenario, boats) for boats in (BOATS, 2, BOATS))
     assert all(np.isfinite(state).all() for state in many), f"{what}: a boat's state is not finite"
     assert np.array_equal(many, other), f"{what}: the same generators give different episodes"
     assert np.array_equal(many[:, :2], few), f"{what}: a boat depends on the number of boats"
-    reset = _sail(scenario, BOATS, reset_at=10)
+    reset = _simulate(scenario, BOATS, reset_at=10)
     others = np.arange(BOATS) != 1
     assert np.array_equal(many[:, others], reset[:, others]), f"{what}: a reset changes other boats"
     check_environment(scenario, [open_water()], steps=20)
@@ -228,8 +228,8 @@ def _scenario(**changes: Any) -> Scenario:
     return Scenario.model_validate({**dict(scenario), "sensors": sensors, **changes})
 
 
-def _sail(scenario: Scenario, boats: int, reset_at: int | None = None) -> Floats:
-    """Return the states (steps, boats, 6) of boats that follow random commands in open water."""
+def _simulate(scenario: Scenario, boats: int, reset_at: int | None = None) -> Floats:
+    """Return the states (steps, boats, 6) of boats under random commands in open water."""
     simulator = Simulator(scenario, [open_water()], boats)
     site = own_site(scenario)
     start = given_start(site, scenario.task, site.initial[0], 0)

@@ -44,7 +44,7 @@ def test_the_same_seed_gives_the_same_bytes(tmp_path: Path) -> None:
         assert len({(run / name).read_bytes() for run in runs}) == 1, name
 
 
-def test_a_resumed_training_keeps_its_networks_and_starts_with_an_empty_replay(tmp_path: Path) -> None:
+def test_a_resumed_training_restores_its_networks_and_starts_with_an_empty_replay(tmp_path: Path) -> None:
     run = RunDirectory.create(tmp_path, "toy", 0)
     first = trainer_in(run, Training(**{**DQN, "total_steps": 1_200, "stop": None}))
     first.run()

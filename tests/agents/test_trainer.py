@@ -62,7 +62,7 @@ def make_card(spaces: Spaces, training: Training) -> PolicyCard:
     return PolicyCard.for_spaces(spaces, scenario="toy", **shared)
 
 
-def test_it_learns_and_stops_when_the_task_is_mastered(tmp_path: Path) -> None:
+def test_it_learns_until_the_stop_rule_is_met(tmp_path: Path) -> None:
     learner = trainer(tmp_path)
     assert learner.run() == "mastered"
     best, card = load_policy(learner.run_directory.path)
@@ -218,7 +218,7 @@ def test_episode_limit(tmp_path: Path) -> None:
 
 
 def test_a_foreign_environment_without_infos(tmp_path: Path) -> None:
-    """CartPole: +1 per step while the pole stands; a random policy lasts about 22 steps."""
+    """CartPole: +1 per step until the pole falls; a random policy lasts about 22 steps."""
     training = Training(
         boats=4, hidden_sizes=(64, 64), total_steps=8_000, warmup_steps=500, batch_size=64,
         steps_per_update=4, learning_rate=2e-3, final_learning_rate=5e-4, reward_scale=0.1, n_step=3,

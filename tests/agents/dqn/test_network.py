@@ -51,7 +51,7 @@ def test_the_generator_decides_the_weights() -> None:
 
 
 @pytest.mark.parametrize("shape", [(5,), (2, 4), (2, 6), (1, 1, 5)])
-def test_observations_of_another_shape_are_refused(shape: tuple[int, ...]) -> None:
+def test_observations_of_another_shape_are_rejected(shape: tuple[int, ...]) -> None:
     with pytest.raises(ValueError, match="shape"):
         GreedyPolicy(DuelingQNetwork(5, 3, (8,))).act(np.zeros(shape, np.float32), {})
 
