@@ -19,7 +19,7 @@ from dockctl.commands.options import (
     ScenarioOption,
     StartSeed,
     finite,
-    policy_of,
+    select_policy,
 )
 from dockctl.console import make_table, numeric, print_text, table_console
 from dockctl.runs.files import require_writable_file, write_atomically, write_json
@@ -68,7 +68,7 @@ def evaluate(
     """
     from dockctl.evaluation import evaluate as run
 
-    given = policy_of(ckpt, policy)
+    given = select_policy(ckpt, policy)
     for path in filter(None, (json_, csv)):
         require_writable_file(path)
     with Console(stderr=True).status("running episodes"):

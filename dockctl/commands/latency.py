@@ -9,7 +9,7 @@ import typer
 from rich.console import Console
 from rich.table import Table
 
-from dockctl.commands.options import DEFAULT_SCENARIO, Ckpt, PolicyOption, policy_of
+from dockctl.commands.options import DEFAULT_SCENARIO, Ckpt, PolicyOption, select_policy
 from dockctl.commands.outputs import Outputs, save_figures
 from dockctl.console import make_table, numeric, print_text, table_console
 from dockctl.errors import DockctlError
@@ -47,7 +47,7 @@ def latency(
     from dockctl.reports.latency import latency_figure
 
     given = _policy(ckpt, policy, scenario)
-    outputs = Outputs.of("latency", given, scenario, out, None)
+    outputs = Outputs.select("latency", given, scenario, out, None)
     folder, stem = outputs.figures, outputs.stem
     with Console(stderr=True).status("timing decisions"):
         result = run(given, scenario, decisions)
@@ -71,7 +71,7 @@ def _policy(ckpt: Path | None, policy: str | None, scenario: str | None) -> Load
             ckpt = RunDirectory.latest(RUNS).path
         except DockctlError:
             return untrained(scenario or DEFAULT_SCENARIO)
-    return policy_of(ckpt, policy)
+    return select_policy(ckpt, policy)
 
 
 def _table(summary: dict[str, dict[str, float]]) -> Table:

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 from rich.console import Console
 
-from dockctl.commands.options import Ckpt, PolicyOption, ScenarioOption, finite, parse_numbers, policy_of
+from dockctl.commands.options import Ckpt, PolicyOption, ScenarioOption, finite, parse_numbers, select_policy
 from dockctl.commands.outputs import Outputs
 from dockctl.console import make_table, numeric, print_text, table_console
 from dockctl.runs.directory import MAP
@@ -53,8 +53,8 @@ def map_(
     offsets = None if headings is None else parse_numbers("--headings", headings, example)
     given: dict[str, Any] = {"reach_m": reach_m, "step_m": step_m, "headings_deg": offsets}
     grid = Grid(**{name: value for name, value in given.items() if value is not None})
-    loaded_policy = policy_of(ckpt, policy)
-    outputs = Outputs.of(MAP, loaded_policy, scenario, out, csv)
+    loaded_policy = select_policy(ckpt, policy)
+    outputs = Outputs.select(MAP, loaded_policy, scenario, out, csv)
     with Console(stderr=True).status("running episodes"):
         result = success_map(loaded_policy, scenario, grid)
     _print(result)

@@ -57,7 +57,7 @@ Episodes = Annotated[
 StartSeed = Annotated[int | None, typer.Option(min=0, help="Seed of the random starts.")]
 
 
-def policy_of(ckpt: Path | None, policy: str | None) -> LoadedPolicy:
+def select_policy(ckpt: Path | None, policy: str | None) -> LoadedPolicy:
     """Return the policy that the options name; without any, that of the latest run.
 
     Raises:

@@ -32,7 +32,7 @@ class Outputs:
     policy: LoadedPolicy
 
     @classmethod
-    def of(
+    def select(
         cls, what: str, policy: LoadedPolicy, scenario: str | None, out: Path | None, csv: Path | None
     ) -> Outputs:
         """Select the run folder of the policy, or `out`, or a folder under ``figures/``.

@@ -8,7 +8,7 @@ from typing import Annotated
 
 import typer
 
-from dockctl.commands.options import Ckpt, PolicyOption, ScenarioOption, parse_pose, policy_of
+from dockctl.commands.options import Ckpt, PolicyOption, ScenarioOption, parse_pose, select_policy
 
 
 def record(
@@ -38,7 +38,7 @@ def record(
     from dockctl.runs.files import require_replaceable
 
     poses = [parse_pose(text) for text in pose or ()]
-    given = policy_of(ckpt, policy)
+    given = select_policy(ckpt, policy)
     name = given.scenario(scenario).scenario.name
     folder = out or (given.run.path if given.run else Path()) / TRANSFER / name
     require_replaceable(folder, FILES, (FIGURES,), "earlier recording")

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 from rich.console import Console
 
-from dockctl.commands.options import Ckpt, PolicyOption, parse_numbers, policy_of
+from dockctl.commands.options import Ckpt, PolicyOption, parse_numbers, select_policy
 from dockctl.commands.outputs import Outputs
 from dockctl.console import make_table, numeric, print_text, table_console
 from dockctl.errors import DockctlError
@@ -46,8 +46,8 @@ def returns(
     from dockctl.reports.returns import returns_figure
 
     units_m = parse_units(units)
-    loaded_policy = policy_of(ckpt, policy)
-    outputs = Outputs.of(RETURNS, loaded_policy, scenario, out, csv)
+    loaded_policy = select_policy(ckpt, policy)
+    outputs = Outputs.select(RETURNS, loaded_policy, scenario, out, csv)
     with Console(stderr=True).status("simulating behaviors"):
         result = run(loaded_policy, scenario, units_m)
     _print(result)

@@ -51,8 +51,8 @@ def train(
         )
     else:
         given = {"SCENARIO": scenario, "--seed": seed, "--out": out, "--set": set_, "--plugin": plugin}
-        if refused := [name for name, value in given.items() if value not in (None, [])]:
-            raise DockctlError(f"--resume continues the run with its own settings: omit {', '.join(refused)}")
+        if extra := [name for name, value in given.items() if value not in (None, [])]:
+            raise DockctlError(f"--resume continues the run with its own settings: omit {', '.join(extra)}")
         run = experiments.resume(resume, steps=steps, device=device)
     if run.reason == "interrupted":
         raise typer.Exit(INTERRUPTED)

@@ -67,7 +67,7 @@ def ship(runs: Sequence[Path], name: str | None, out: Path) -> None:
 
     Raises:
         DockctlError: a run does not exist or is not evaluated, the runs have different scenarios, no policy
-            docks from all its training poses, or the folder cannot be written or holds something else.
+            docks from all its training poses, or the folder cannot be written or contains something else.
     """
     candidates = sorted((read_candidate(path) for path in runs), key=lambda candidate: candidate.rank)
     names = sorted({candidate.policy.card.scenario for candidate in candidates})

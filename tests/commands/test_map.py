@@ -75,7 +75,7 @@ def test_a_changed_scenario_of_the_same_name_has_files_of_its_own(run: Path, tmp
 
 
 def test_a_map_needs_a_free_start(run: Path, tmp_path: Path) -> None:
-    """Along the quay there is room for the boat, across there is not."""
+    """The boat fits along the quay but not across."""
     quay = "extends: s1\ntask: {initial: [{x_m: 37, y_m: 0, heading_deg: 90}]}\n"
     (tmp_path / "quay.yaml").write_text(quay)
     small = ("--reach-m", 0, "--headings", "90")

@@ -106,10 +106,10 @@ def test_interrupted_resumed_finished_and_extended(tmp_path: Path, monkeypatch: 
     assert [again["env_steps"] for again in facts["resumed"]] == [150]
 
     for arguments in ((), ("--steps", 200)):
-        refused = dockctl("train", "--resume", run, *arguments)
-        assert refused.code == 2
-        assert f"{run}: " in refused.err
-        assert "200 steps" in refused.err
+        outcome = dockctl("train", "--resume", run, *arguments)
+        assert outcome.code == 2
+        assert f"{run}: " in outcome.err
+        assert "200 steps" in outcome.err
     extended = dockctl("train", "--resume", run, "--steps", 240)
     assert extended.code == 0
     assert [int(row["env_steps"]) for row in rows(run / "evaluations.csv")] == [100, 200, 240]
@@ -170,16 +170,16 @@ def test_a_run_in_use_is_not_resumed(trained: Trained) -> None:
 
 
 def test_a_training_locks_its_run(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    refused: list[Outcome] = []
+    outcomes: list[Outcome] = []
 
     def resume(*_: object) -> None:
-        if not refused:
-            refused.append(dockctl("train", "--resume", only_run(tmp_path)))
+        if not outcomes:
+            outcomes.append(dockctl("train", "--resume", only_run(tmp_path)))
 
     monkeypatch.setattr(TrainingDisplay, "__call__", resume)
     assert quick_train(tmp_path, "s1", "--steps", 20).code == 0
-    assert refused[0].code == 2
-    assert refused[0].err.startswith(f"error: {only_run(tmp_path)}:")
+    assert outcomes[0].code == 2
+    assert outcomes[0].err.startswith(f"error: {only_run(tmp_path)}:")
 
 
 @pytest.mark.parametrize(
@@ -325,7 +325,7 @@ def test_stable_baselines_leaves_a_normal_run_folder(model: str, actions: str, t
         assert outcome.code == 0, (command, outcome.err)
 
 
-def test_without_the_extra_the_error_tells_how_to_install_it(
+def test_without_the_extra_the_error_explains_how_to_install_it(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr("dockctl.agents.algorithms.find_spec", lambda name: None)

@@ -88,7 +88,7 @@ def test_long_tables_are_thinned_but_include_the_last_row(run: Path, tmp_path: P
         ("provenance.json", b"{"),
     ],
 )
-def test_damaged_run_is_refused_and_the_earlier_archive_is_unchanged(
+def test_damaged_run_is_rejected_and_the_earlier_archive_is_unchanged(
     run: Path, tmp_path: Path, name: str, content: bytes | None
 ) -> None:
     archive(run, tmp_path / "results", "s1", 3)
@@ -107,7 +107,7 @@ def test_damaged_run_is_refused_and_the_earlier_archive_is_unchanged(
 
 
 @pytest.mark.parametrize("table", ["episodes.csv.gz", "scenes"])
-def test_damaged_archive_is_refused(run: Path, tmp_path: Path, table: str) -> None:
+def test_damaged_archive_is_rejected(run: Path, tmp_path: Path, table: str) -> None:
     archived = archive(run, tmp_path / "results", "s1", 3)
     file = next((tmp_path / "results" / "scenes").iterdir()) if table == "scenes" else archived / table
     content = bytearray(file.read_bytes())
