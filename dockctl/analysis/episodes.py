@@ -6,8 +6,6 @@ from collections import Counter
 from collections.abc import Mapping, Sequence
 from typing import TYPE_CHECKING, Any
 
-from dockctl.analysis.statistics import wilson_interval
-
 if TYPE_CHECKING:
     import pandas as pd
 
@@ -36,6 +34,8 @@ def summarize(rows: Sequence[Mapping[str, Any]], control_period_s: float) -> dic
         rows: columns `dockctl.runs.tables.EPISODE_RESULT`, one row per episode.
         control_period_s: duration of a step [s].
     """
+    from dockctl.analysis.statistics import wilson_interval  # loads scipy.stats, about a second
+
     docked = [row for row in rows if row["outcome"] == "docked"]
     low, high = wilson_interval(len(docked), len(rows))
     means = {

@@ -18,20 +18,20 @@ def row(outcome: str, steps: int, **values: Any) -> dict[str, Any]:
 
 
 def test_summary() -> None:
-    played = [
+    episodes = [
         row("docked", 10),
         row("docked", 20, clearance_m=0.4, heading_error_deg=4.0),
         row("collision", 5, collided_with="moored 3", clearance_m=0.0),
         row("timeout", 30, phase=0),
     ]
-    summary = summarize(played, 0.5)
+    summary = summarize(episodes, 0.5)
     assert (summary["docked"], summary["episodes"], summary["success"]) == (2, 4, 0.5)
     assert list(summary["endings"].values()) == [2, 1, 1]
     assert summary["least_clearance_m"] == 0.0
     means = summary["mean_of_docked"]
     assert (means["steps"], means["time_s"], means["path_length_m"]) == (15, 7.5, 15)
     assert means["heading_error_deg"] == pytest.approx(5.0)
-    assert summarize(played[2:], 0.5)["mean_of_docked"] is None
+    assert summarize(episodes[2:], 0.5)["mean_of_docked"] is None
     assert summarize([], 0.5)["success"] is None
 
 
