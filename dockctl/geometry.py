@@ -1,6 +1,6 @@
 """Planar geometry that several packages share: angles, poses, outlines, sectors.
 
-A pose is x, y [m] and heading [rad], counter-clockwise from the x axis. The body frame has x forward and y to
+A pose is x, y [m] and heading [rad], counterclockwise from the x axis. The body frame has x forward and y to
 port.
 """
 
@@ -51,7 +51,7 @@ def place_outline(outline: Floats, pose: Floats) -> Floats:
     return np.asarray(outline @ np.array([[cosine, sine], [-sine, cosine]]) + pose[:2])
 
 
-def transfer_poses(poses: Floats, origin: Floats, to: Floats, mirrored: bool) -> Floats:
+def relocate_poses(poses: Floats, origin: Floats, to: Floats, mirrored: bool) -> Floats:
     """Move poses by the rigid motion that takes `origin` to `to`.
 
     Args:

@@ -9,7 +9,7 @@ import pytest
 from hypothesis import example, given
 from hypothesis import strategies as st
 
-from dockctl.geometry import place_outline, sector_index, transfer_poses, wrap
+from dockctl.geometry import place_outline, relocate_poses, sector_index, wrap
 
 PI = math.pi
 coordinate, angle = st.floats(-50, 50), st.floats(-math.pi, math.pi)
@@ -54,13 +54,13 @@ def test_transfer_preserves_distances_and_turns_and_mirroring_swaps_the_sides(
     first: np.ndarray, second: np.ndarray, origin: np.ndarray, to: np.ndarray, mirrored: bool
 ) -> None:
     before = np.stack([first, second])
-    after = transfer_poses(before, origin, to, mirrored)
+    after = relocate_poses(before, origin, to, mirrored)
     assert np.hypot(*(after[0] - after[1])[:2]) == pytest.approx(np.hypot(*(first - second)[:2]), abs=1e-9)
     turned = wrap(np.array([second[2] - first[2], after[1, 2] - after[0, 2]]))
     assert math.cos(turned[0]) == pytest.approx(math.cos(turned[1]), abs=1e-9)
     assert math.sin(turned[0]) == pytest.approx(math.sin(turned[1]) * (-1 if mirrored else 1), abs=1e-9)
-    assert transfer_poses(origin[None], origin, to, mirrored)[0, :2] == pytest.approx(to[:2], abs=1e-9)
-    back = transfer_poses(after, to, origin, mirrored)
+    assert relocate_poses(origin[None], origin, to, mirrored)[0, :2] == pytest.approx(to[:2], abs=1e-9)
+    back = relocate_poses(after, to, origin, mirrored)
     assert back[:, :2] == pytest.approx(before[:, :2], abs=1e-9)
 
 

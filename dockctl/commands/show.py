@@ -40,14 +40,14 @@ def show(
     """
     from dockctl.reports.show import figures
     from dockctl.runs.files import require_writable
-    from dockctl.sim.harbor.build import build_harbor, scene_of
+    from dockctl.sim.harbor.build import build_harbor, build_scene
     from dockctl.sim.world import PoseCheck, load_checked
 
     loaded = load_checked(scenario, plugin_files=plugin or ())
     spec = loaded.scenario
     harbor = build_harbor(spec.harbor, loaded.base_dir)
     start = spec.task.initial[0] if pose is None else parse_pose(pose)
-    if problem := PoseCheck.of(spec, harbor).problem(start):
+    if problem := PoseCheck.build(spec, harbor).problem(start):
         raise DockctlError(f"--pose {pose}: {problem}")
     folder = out or Path("figures") / spec.name
     require_writable(folder)
@@ -55,7 +55,7 @@ def show(
     console = Console()
     print_text(console, f"{len(measured.points):,} LiDAR points from {measured.label}")
     console.print(sector_table(measured))
-    plan = scene_of(harbor, spec.vessel.hull)
+    plan = build_scene(harbor, spec.vessel.hull)
     save_figures(lambda: figures(plan, spec, *bodies(spec, harbor), measured), folder)
 
 

@@ -35,7 +35,7 @@ class Scene:
     Attributes:
         name: of the harbor.
         polygons: outlines in the world frame [m].
-        hull: (k, 2) outline of the own boat in the body frame [m].
+        hull: (k, 2) outline of our boat in the body frame [m].
         bounds: of the water, ``(x_min, y_min, x_max, y_max)`` [m].
     """
 

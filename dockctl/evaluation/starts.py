@@ -91,7 +91,7 @@ def pose_check(loaded: LoadedScenario) -> PoseCheck:
     """Return the check of poses in the harbor in which the berth of the task is vacant."""
     scenario = loaded.scenario
     layout = layouts(scenario.harbor, scenario.task.berths)[own_site(scenario).harbor]
-    return PoseCheck.of(scenario, build_harbor(layout.harbor, loaded.base_dir))
+    return PoseCheck.build(scenario, build_harbor(layout.harbor, loaded.base_dir))
 
 
 def random_starts(

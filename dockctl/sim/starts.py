@@ -1,4 +1,4 @@
-"""Where episodes start: the poses of the task at each berth, and starts drawn on the way or around them."""
+"""Start poses: the initial poses of the task at each berth, and exploring starts along its path."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from typing import get_args
 import numpy as np
 
 from dockctl.errors import InputError, Problem
-from dockctl.geometry import Bools, Floats, pose_array, transfer_poses, wrap
+from dockctl.geometry import Bools, Floats, pose_array, relocate_poses, wrap
 from dockctl.scenarios.harbor import BerthKind, BerthPlace, Marina, layouts
 from dockctl.scenarios.schema import Scenario, Task
 from dockctl.scenarios.training import ExploringStarts
@@ -32,8 +32,8 @@ class Site:
         goals: (2, 3) intermediate and final pose; the final pose twice if the task has no intermediate pose.
         first_phase: phase in which an episode starts.
         harbor: index of the scenario's harbor in which the berth is free.
-        kind: "trained" or "held_out"; empty if the task is not transferred to berths.
-        berth: its name; empty if the task is not transferred to berths.
+        kind: "trained" or "held_out"; empty if the task is not relocated to berths.
+        berth: its name; empty if the task is not relocated to berths.
     """
 
     initial: Floats
@@ -57,7 +57,7 @@ class Start:
         kind: "pose", "exploring", "random", "trained" or "held_out".
         index: of the initial pose, or of the given pose.
         harbor: index of the harbor that the boat is in.
-        berth: name of the berth; empty if the task is not transferred to berths.
+        berth: name of the berth; empty if the task is not relocated to berths.
         seed: of the random values of the conditions in this episode; None uses the generator of the boat.
     """
 
@@ -77,15 +77,15 @@ def own_site(scenario: Scenario) -> Site:
     """Return the task with the poses that the scenario gives, in the harbor in which its berth is free.
 
     Raises:
-        InputError: the task is transferred to berths, and its final pose is not the pose of one of them.
+        InputError: the task is relocated to berths, and its final pose is not the pose of one of them.
     """
-    own, every = _untransferred(scenario.task), sites(scenario)
+    own, every = _task_site(scenario.task), sites(scenario)
     distance, turn = measure(np.stack([site.goals[1] for site in every]), own.goals[1:])
     same = np.flatnonzero((distance < SAME_POSE) & (np.abs(turn) < SAME_POSE))
     if not len(same):
         x, y, heading = every[int(distance.argmin())].goals[1]
         message = (
-            "it is not the pose of a berth of task.berths, so that no harbor is known in which it is free;"
+            "is not at any berth in task.berths;"
             f" the nearest berth has ({x:g}, {y:g}, {np.degrees(heading):g}°)"
         )
         raise _error(scenario, "task.final", message)
@@ -94,12 +94,12 @@ def own_site(scenario: Scenario) -> Site:
 
 def sites(scenario: Scenario) -> list[Site]:
     """Return every site: the task itself, or each berth with the approach from one side or from both."""
-    own, berths = _untransferred(scenario.task), scenario.task.berths
+    own, berths = _task_site(scenario.task), scenario.task.berths
     if berths is None:
         return [own]
     assert isinstance(scenario.harbor, Marina)  # checked by the validator of the scenario
     return [
-        _transferred(own, berth_pose(scenario.harbor, place), mirrored, harbor, layout.kind or "", place)
+        _relocated(own, berth_pose(scenario.harbor, place), mirrored, harbor, layout.kind or "", place)
         for harbor, layout in enumerate(layouts(scenario.harbor, berths))
         for place in layout.berths
         for mirrored in ((False, True) if berths.mirrored else (False,))
@@ -129,19 +129,19 @@ def free_sites(scenario: Scenario, blocked: Sequence[Blocked]) -> list[Site]:
     return free
 
 
-def _untransferred(task: Task) -> Site:
+def _task_site(task: Task) -> Site:
     final = pose_array(task.final)
     intermediate = final if task.intermediate is None else pose_array(task.intermediate)
     phase = TO_FINAL if task.intermediate is None else TO_INTERMEDIATE
     return Site(np.stack([pose_array(pose) for pose in task.initial]), np.stack([intermediate, final]), phase)
 
 
-def _transferred(
+def _relocated(
     own: Site, to: tuple[float, float, float], mirrored: bool, harbor: int, kind: str, place: BerthPlace
 ) -> Site:
     final, target = own.goals[1], np.array(to)
     berth = f"{place.side} {place.at_m:g}{' mirrored' if mirrored else ''}"
-    initial, goals = (transfer_poses(poses, final, target, mirrored) for poses in (own.initial, own.goals))
+    initial, goals = (relocate_poses(poses, final, target, mirrored) for poses in (own.initial, own.goals))
     return Site(initial, goals, own.first_phase, harbor, kind, berth)
 
 
@@ -170,7 +170,7 @@ def initial_start(site: Site, task: Task, rng: np.random.Generator, blocked: Blo
 def exploring_start(
     site: Site, task: Task, exploring: ExploringStarts, rng: np.random.Generator, blocked: Blocked
 ) -> Start:
-    """Draw a start on the way: a leg of the task, a point on its straight line, and noise of a random size.
+    """Draw an exploring start: a random point on a random leg of the task, with noise of a random size.
 
     The heading turns along the leg by the smaller angle. If no draw is free, an initial pose is drawn.
     """

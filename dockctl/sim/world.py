@@ -22,7 +22,7 @@ from dockctl.scenarios.loader import LoadedScenario, load
 from dockctl.scenarios.schema import Scenario
 from dockctl.scenarios.vessel import Hull
 from dockctl.sim.collision import CollisionChecker, collision_checker
-from dockctl.sim.harbor.build import Harbor, build_harbor, scene_of
+from dockctl.sim.harbor.build import Harbor, build_harbor, build_scene
 from dockctl.sim.harbor.solids import hull_outline
 from dockctl.sim.starts import free_sites, own_site
 
@@ -78,12 +78,12 @@ def _world(harbor: Harbor, hull: Hull, lidar: RangeSensorSpec) -> World:
     return World(
         obstacles=collision_checker(harbor, hull),
         lidar=lidar.build(harbor.triangles),
-        scene=cache(partial(scene_of, harbor, hull)),
+        scene=cache(partial(build_scene, harbor, hull)),
     )
 
 
 def prepare(worlds: Sequence[World]) -> None:
-    """Scan once in each world, so that the sensors build their tables now and side by side."""
+    """Run one scan in each world, to build the tables of the sensors now and in parallel."""
     first, *others = (world.lidar for world in worlds)
     first.sector_ranges(np.zeros((1, 3)))  # compiles, and builds what all share
     list(workers().map(lambda sensor: sensor.sector_ranges(np.zeros((1, 3))), others))
@@ -111,7 +111,7 @@ def load_checked(
 def check_poses(scenario: Scenario, base_dir: Path) -> list[tuple[str, str]]:
     """Return (field path, message) for every start, goal and test pose that is not free.
 
-    The final pose of a task that is transferred to berths must be the pose of one of them, and some berths of
+    The final pose of a task that is relocated to berths must be the pose of one of them, and some berths of
     each kind must be free.
 
     Raises:
@@ -122,7 +122,7 @@ def check_poses(scenario: Scenario, base_dir: Path) -> list[tuple[str, str]]:
         build_harbor(layout.harbor, base_dir) for layout in layouts(scenario.harbor, scenario.task.berths)
     ]
     try:
-        check = PoseCheck.of(scenario, harbors[own_site(scenario).harbor])
+        check = PoseCheck.build(scenario, harbors[own_site(scenario).harbor])
         if found := [(field, reason) for field, pose in _poses(scenario) if (reason := check.problem(pose))]:
             return found
         hull = scenario.vessel.hull
@@ -152,7 +152,7 @@ class PoseCheck:
         self._outline = outline
 
     @classmethod
-    def of(cls, scenario: Scenario, harbor: Harbor) -> PoseCheck:
+    def build(cls, scenario: Scenario, harbor: Harbor) -> PoseCheck:
         """Return the check for the vessel of a scenario in one of its harbors."""
         hull = scenario.vessel.hull
         return cls(collision_checker(harbor, hull), harbor.basin, hull_outline(hull))

@@ -20,7 +20,7 @@ from dockctl.scenarios.extensions import ActionType, Condition, RangeSensorSpec
 from dockctl.scenarios.loader import load, load_harbor, load_vessel
 from dockctl.scenarios.schema import ObservationPart, Scenario
 from dockctl.sim.goal import StepStatus
-from dockctl.sim.harbor.build import build_harbor, scene_of
+from dockctl.sim.harbor.build import build_harbor, build_scene
 from dockctl.sim.simulator import Simulator
 from dockctl.sim.starts import given_start, own_site
 from dockctl.sim.vessel import VesselModel
@@ -151,7 +151,7 @@ def check_harbor(source: str | Path) -> None:
     assert len(harbor.triangles) and np.isfinite(harbor.triangles).all(), f"{what}: empty or not finite"
     assert np.array_equal(harbor.triangles, again.triangles), f"{what}: built differently the second time"
     assert spec == load_harbor(source), f"{what}: loads differently the second time"
-    assert scene_of(harbor, load_vessel("eilbrecht").hull).polygons, f"{what}: nothing to draw"
+    assert build_scene(harbor, load_vessel("eilbrecht").hull).polygons, f"{what}: nothing to draw"
 
 
 def _spec(registry: Registry[type[Any]], base: type[Any], kind: str, keys: dict[str, Any]) -> Any:

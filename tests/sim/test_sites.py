@@ -1,4 +1,4 @@
-"""A task transferred to many berths: the same maneuver everywhere, in a harbor in which the berth is free."""
+"""A task relocated to many berths: the same maneuver everywhere, in a harbor in which the berth is free."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ coordinate, angle = st.floats(-50, 50), st.floats(-math.pi, math.pi)
 poses = st.tuples(coordinate, coordinate, angle).map(np.array)
 
 
-def test_a_task_transferred_to_its_own_berth_is_unchanged_and_mirrored_comes_from_the_other_side() -> None:
+def test_a_task_relocated_to_its_own_berth_is_unchanged_and_mirrored_comes_from_the_other_side() -> None:
     by_name = {site.berth: site for site in sites(MARINA)}
     own = own_site(S3)
     assert by_name["east 0"].initial == pytest.approx(own.initial)
@@ -119,7 +119,7 @@ def test_a_final_pose_must_be_the_pose_of_a_berth() -> None:
         ("task.berths.trained={east: [], west: []}", "missing_key"),
     ],
 )
-def test_invalid_berths_are_refused(override: str, code: str) -> None:
+def test_invalid_berths_are_rejected(override: str, code: str) -> None:
     with pytest.raises(InputError, check=lambda error: error.code == code):
         load("marina", overrides=[override])
 

@@ -15,7 +15,7 @@ from dockctl.scenarios.extensions import Condition, Disturbance, Drawn, draw, re
 
 @register(CONDITIONS, group="water", source="not in the thesis; Fossen 2012")
 class Current(Condition):
-    """Speed of the water, and the direction in which it flows, counter-clockwise from +x."""
+    """Speed of the water, and the direction in which it flows, counterclockwise from +x."""
 
     kind: Literal["current"] = "current"
     speed_mps: Drawn[NonNegative]

@@ -92,8 +92,8 @@ class Harbor:
         return float(x_min), float(y_min), float(x_max), float(y_max)
 
 
-def scene_of(harbor: Harbor, hull: Hull) -> Scene:
-    """Return the plan view of the harbor and the own boat, in painting order."""
+def build_scene(harbor: Harbor, hull: Hull) -> Scene:
+    """Return the plan view of the harbor and our boat, in painting order."""
     polygons = (
         Polygon(solid.kind, part.name, xy, height)
         for part in harbor.parts
@@ -188,9 +188,9 @@ def _furniture(row: SideRow | EndRow, basin: Basin) -> Iterator[Solid]:
     post = Solid("roof", box((-1.15, -0.14, z), (-0.85, 0.14, z + 1.1)))
     bollard = [(-0.3, 0.0, z), (-0.3, 0.0, z + 0.3), (-0.3, 0.0, z + 0.42)]
     for at in row.fingers:
-        yield QuayFrame.of(row.side, basin, at).to_world(post)
+        yield QuayFrame.at_quay(row.side, basin, at).to_world(post)
     for at in row.berths:
-        yield QuayFrame.of(row.side, basin, at).to_world(
+        yield QuayFrame.at_quay(row.side, basin, at).to_world(
             Solid("engine", tube(bollard, (0.1, 0.1, 0.16), sides=8))
         )
 
@@ -199,7 +199,7 @@ def _fingers(row: SideRow | EndRow, basin: Basin) -> Iterator[Part]:
     """Yield finger decks and their piles, with a mooring pile at the head of each finger."""
     length, half = row.finger_length_m, row.finger_width_m / 2
     for at in row.fingers:
-        frame = QuayFrame.of(row.side, basin, at)
+        frame = QuayFrame.at_quay(row.side, basin, at)
         where = f"{row.side} {row.axis}={at:g}"
         deck = Solid("finger", box((0.0, -half, FINGER_HEIGHT_M - 0.3), (length, half, FINGER_HEIGHT_M)))
         cleats = [
@@ -228,7 +228,7 @@ def _berths(spec: Marina) -> Iterator[Berth]:
 
 def berth_pose(spec: Marina, place: BerthPlace) -> tuple[float, float, float]:
     """Return x, y [m] and heading [rad] of a boat that is docked stern-to at a berth."""
-    return QuayFrame.of(place.side, spec.basin, place.at_m, gap=BERTH_POSE_GAP_M).pose
+    return QuayFrame.at_quay(place.side, spec.basin, place.at_m, gap=BERTH_POSE_GAP_M).pose
 
 
 def _moored(spec: Marina, berths: Sequence[Berth]) -> Iterator[Part]:
@@ -238,10 +238,10 @@ def _moored(spec: Marina, berths: Sequence[Berth]) -> Iterator[Part]:
     """
     rng = np.random.Generator(np.random.PCG64(spec.fleet.seed))
     slots = [(row, at) for row in spec.rows for at in row.berths]
-    deck: list[str] = []
+    pool: list[str] = []
     for (row, at), berth in zip(slots, berths, strict=True):
         width = _berth_width(row, at, spec.basin) - SIDE_CLEARANCE_M
-        model = _draw(deck, spec.fleet.models, width, rng)
+        model = _draw(pool, spec.fleet.models, width, rng)
         if not berth.occupied:
             continue
         if model is None:
@@ -251,7 +251,7 @@ def _moored(spec: Marina, berths: Sequence[Berth]) -> Iterator[Part]:
                 f"narrowest model of the fleet has {narrowest:.2f} m; make the berth wider or free",
                 code="mismatch",
             )
-        frame = QuayFrame.of(row.side, spec.basin, at, gap=spec.fleet.stern_gap_m)
+        frame = QuayFrame.at_quay(row.side, spec.basin, at, gap=spec.fleet.stern_gap_m)
         name = f"moored {model.vessel_class}, {berth.name}"
         yield Part(name, "vessel", tuple(map(frame.to_world, model.solids)))
 
@@ -266,15 +266,15 @@ def _model_problems(fleet: Fleet) -> Iterator[Problem]:
 
 
 def _draw(
-    deck: list[str], names: Sequence[str], width: float, rng: np.random.Generator
+    pool: list[str], names: Sequence[str], width: float, rng: np.random.Generator
 ) -> MooredModel | None:
-    """Deal the first model not wider than `width` [m] from a shuffled deck; if there is none, add a deck."""
+    """Take the first model not wider than `width` [m] from a shuffled pool, refilled when none fits."""
     for _ in range(2):
-        for name in deck:
+        for name in pool:
             if moored_model(name).beam_m <= width:
-                deck.remove(name)
+                pool.remove(name)
                 return moored_model(name)
-        deck += [names[i] for i in np.argsort(rng.random(len(names)))]
+        pool += [names[i] for i in np.argsort(rng.random(len(names)))]
     return None
 
 
@@ -296,7 +296,7 @@ class QuayFrame:
     sine: int
 
     @classmethod
-    def of(cls, side: Side, basin: Basin, at: float, gap: float = 0.0) -> QuayFrame:
+    def at_quay(cls, side: Side, basin: Basin, at: float, gap: float = 0.0) -> QuayFrame:
         """Return the frame `gap` meters off the quay `side`, at the coordinate `at` along it."""
         heading = math.radians(INTO_BASIN_DEG[side])
         cosine, sine = round(math.cos(heading)), round(math.sin(heading))  # exact quarter turns

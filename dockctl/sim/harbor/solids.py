@@ -1,4 +1,4 @@
-"""Closed solids, lofted from rings of points: basic shapes, the own hull, and outlines from above."""
+"""Closed solids, lofted from rings of points: basic shapes, our hull, and outlines from above."""
 
 from __future__ import annotations
 
@@ -99,7 +99,7 @@ def tube(path: Points, radius: ArrayLike, sides: int = 6) -> trimesh.Trimesh:
 
 
 def hull_outline(hull: Hull) -> Floats:
-    """Return the convex (k, 2) outline of the hull from above, in the body frame, counter-clockwise [m]."""
+    """Return the convex (k, 2) outline of the hull from above, in the body frame, counterclockwise [m]."""
     stern, shoulder = -hull.length_m / 2, hull.length_m * (0.5 - BOW_SHARE)
     bow = [(shoulder + s * BOW_SHARE * hull.length_m, b * hull.beam_m / 2) for s, b in BOW_BREADTHS]
     port = [*reversed(bow), (stern, hull.beam_m / 2)]
@@ -114,7 +114,7 @@ def hull_mesh(hull: Hull) -> trimesh.Trimesh:
 
 
 def outlines(mesh: trimesh.Trimesh) -> Iterator[tuple[Floats, float]]:
-    """Yield the outlines (k, 2) from above, counter-clockwise, with the heights of their highest corners [m].
+    """Yield the outlines (k, 2) from above, counterclockwise, with the heights of their highest corners [m].
 
     An outline is a loop of edges between a triangle that faces up and one that does not. Loops around holes
     run clockwise and are skipped, as are loops with almost no area.

@@ -79,7 +79,7 @@ class HeightGrid(NamedTuple):
     distances: Singles
 
     @classmethod
-    def over(cls, triangles: Floats, largest_radius_m: float) -> HeightGrid:
+    def build(cls, triangles: Floats, largest_radius_m: float) -> HeightGrid:
         """Build the grid over (m, 3, 3) triangles [m], with levels up to at least `largest_radius_m`."""
         above = triangles[triangles[:, :, 2].max(axis=1, initial=-math.inf) >= 0.0]
         corners = above.reshape(-1, 3)[:, :2] if len(above) else np.zeros((1, 2))

@@ -53,7 +53,7 @@ class PlanarSensor:
     def _volumes(self) -> BoundingVolumes:
         from dockctl.sim.lidar.raycast import BoundingVolumes
 
-        return BoundingVolumes.over(self.triangles)
+        return BoundingVolumes.build(self.triangles)
 
     @cached_property
     def _beams(self) -> Floats:

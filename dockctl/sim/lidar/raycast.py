@@ -81,7 +81,7 @@ class BoundingVolumes:
     triangles: Floats
 
     @classmethod
-    def over(cls, triangles: Floats) -> BoundingVolumes:
+    def build(cls, triangles: Floats) -> BoundingVolumes:
         """Build the tree over (m, 3, 3) triangles [m]."""
         low, high = triangles.min(axis=1), triangles.max(axis=1)
         centers = (low + high) / 2

@@ -41,7 +41,7 @@ BINS_PER_SECTOR = 32
 SHELL_GROWTH = 1.03
 CORE_CELL_M = 0.25
 CORE_STEP_M = 0.05
-# From the center of a core cell to the rays that are entered in it by a point every step.
+# From the center of a core cell to the rays that are added to it by a point every step.
 CORE_REACH_M = CORE_CELL_M / math.sqrt(2) + CORE_STEP_M
 
 
@@ -81,7 +81,7 @@ class ShellTable(NamedTuple):
     core: Floats
 
     @classmethod
-    def of(
+    def build(
         cls, origins: Floats, directions: Floats, reach: Floats, channel: Ints, sectors: int, range_m: float
     ) -> ShellTable:
         """Return the table of rays (k, 3), with their lengths `reach` (k,) [m] and channels (k,)."""
@@ -124,7 +124,7 @@ class Levels(NamedTuple):
     shell_cells: Ints
 
     @classmethod
-    def of(cls, table: ShellTable, grid: HeightGrid) -> Levels:
+    def build(cls, table: ShellTable, grid: HeightGrid) -> Levels:
         radii = needed_radii(table)
         levels = np.searchsorted(grid.radii, radii).astype(np.int32)
         return cls(int(levels[0]), int(levels[1]), levels[2:])
@@ -146,36 +146,36 @@ def _gather(
     places: Ints,
     runs: Runs,
 ) -> None:
-    """Enter every ray in the cells that it crosses, extending runs of neighboring rays.
+    """Add every ray to the cells that it crosses, extending runs of neighboring rays.
 
     If `runs` is empty, runs are counted in `places`; otherwise they are written from `places` on.
     """
     shells = len(radii) - 1
-    last = np.full(len(places), -2, np.int32)  # last ray entered in each cell
+    last = np.full(len(places), -2, np.int32)  # last ray added to each cell
     width = 2 * math.pi / bins
     for ray in range(len(rays)):
         origin, (dx, dy, dz, reach) = origins[ray], rays[ray]
         ox, oy, oz = origin
         joined = ray > 0 and channel[ray - 1] == channel[ray]
-        t = min(_leaves(origin, rays[ray], radii[0]), reach)
+        t = min(_exit_parameter(origin, rays[ray], radii[0]), reach)
         steps = math.ceil(t / CORE_STEP_M) + 1
         for step in range(steps):
-            here, there = t * step / steps, t * (step + 1) / steps
-            middle = (here + there) / 2
+            begin, end = t * step / steps, t * (step + 1) / steps
+            middle = (begin + end) / 2
             ix = min(int((ox + middle * dx) / CORE_CELL_M + core_side), 2 * core_side - 1)
             iy = min(int((oy + middle * dy) / CORE_CELL_M + core_side), 2 * core_side - 1)
             cell = shells * bins + iy * 2 * core_side + ix
-            _enter(ray, cell, joined, oz + dz * here, oz + dz * there, last, places, runs)
+            _add(ray, cell, joined, oz + dz * begin, oz + dz * end, last, places, runs)
         theta = math.atan2(oy + t * dy, ox + t * dx)
         for shell in range(shells):
             if t >= reach:
                 break
-            t_out = min(_leaves(origin, rays[ray], radii[shell + 1]), reach)
+            t_out = min(_exit_parameter(origin, rays[ray], radii[shell + 1]), reach)
             theta_out = math.atan2(oy + t_out * dy, ox + t_out * dx)
             low, high = _turn(theta, theta_out)
             for index in range(math.floor((low + math.pi) / width), math.floor((high + math.pi) / width) + 1):
                 cell = shell * bins + index % bins
-                _enter(ray, cell, joined, oz + dz * t, oz + dz * t_out, last, places, runs)
+                _add(ray, cell, joined, oz + dz * t, oz + dz * t_out, last, places, runs)
             t, theta = t_out, theta_out
 
 
@@ -188,22 +188,22 @@ def _turn(begin: float, end: float) -> tuple[float, float]:
 
 
 @compiled()
-def _enter(
+def _add(
     ray: int, cell: int, joined: bool, z: float, z_out: float, last: Ints, places: Ints, runs: Runs
 ) -> None:
-    """Enter one ray, which passes the cell between the heights `z` and `z_out` [m], in the cell.
+    """Add one ray, which passes the cell between the heights `z` and `z_out` [m], to the cell.
 
     It extends the last run of the cell if it is `joined` to the last ray of that run.
     """
-    same, joins = last[cell] == ray, joined and last[cell] == ray - 1
+    same, extends_run = last[cell] == ray, joined and last[cell] == ray - 1
     last[cell] = ray
-    if not (same or joins):
+    if not (same or extends_run):
         places[cell] += 1
     if len(runs) == 0:
         return
     low, high = band_at(min(z, z_out) - SLACK_M), band_at(max(z, z_out) + SLACK_M)
     run = runs[places[cell] - 1]
-    if not (same or joins):
+    if not (same or extends_run):
         run.first, run.low, run.high = ray, low, high
     if not same:
         run.length += 1
@@ -211,7 +211,7 @@ def _enter(
 
 
 @compiled(inline="always")
-def _leaves(origin: Floats, ray: Floats, radius: float) -> float:
+def _exit_parameter(origin: Floats, ray: Floats, radius: float) -> float:
     """Return the ray parameter at which a ray with its origin within `radius` leaves that circle."""
     h2 = ray[0] * ray[0] + ray[1] * ray[1]
     if h2 < 1e-12:
@@ -251,11 +251,11 @@ def sector_ranges(
         for shell in range(shells):
             inner, outer = radii[shell], radii[shell + 1]
             middle = (inner + outer) / 2
-            looking = False
+            searching = False
             for sector in range(sectors):
                 if best[sector] <= inner:
                     continue
-                looking = True
+                searching = True
                 for index in range(sector * bins, (sector + 1) * bins):
                     if skip_below[index] >= outer:
                         continue
@@ -267,7 +267,7 @@ def sector_ranges(
                     elif best[sector] > inner:
                         cell = shell * len(middles) + index
                         _visit(table, grid, cell, near, inner, min(outer, best[sector]), pose, best)
-            if not looking:
+            if not searching:
                 break
 
 
@@ -277,8 +277,8 @@ def _search_core(table: ShellTable, grid: HeightGrid, level: int, pose: Pose, be
     x, y, c, s = pose
     shell_cells = len(table.bins) * (len(table.radii) - 1)
     for index in range(len(table.core)):
-        ahead, aside = table.core[index, 0], table.core[index, 1]
-        near = bands_near(grid, level, x + (c * ahead - s * aside), y + (s * ahead + c * aside))
+        ahead, lateral = table.core[index, 0], table.core[index, 1]
+        near = bands_near(grid, level, x + (c * ahead - s * lateral), y + (s * ahead + c * lateral))
         if near != 0:
             _visit(table, grid, shell_cells + index, near, 0.0, table.radii[0], pose, best)
 
@@ -303,8 +303,8 @@ def _visit(
         origin = table.origins[table.sensor[run.first]]
         for index in range(run.first, run.first + run.length):
             ray = rays[index]
-            begin = _leaves(origin, ray, inner) - 1e-7 if inner > 0.0 else 0.0
-            end = min(_leaves(origin, ray, outer) + 1e-7, ray[3])
+            begin = _exit_parameter(origin, ray, inner) - 1e-7 if inner > 0.0 else 0.0
+            end = min(_exit_parameter(origin, ray, outer) + 1e-7, ray[3])
             if begin > end:
                 continue
             line = _in_world(origin, ray, pose)
@@ -316,7 +316,7 @@ def _visit(
                 continue
             clear = _clear_up_to(origin, ray, core, t, best) if inner > 0.0 else inner
             if clear < inner:  # something else may be hit first
-                begin = _leaves(origin, ray, clear) - 1e-7 if clear > 0.0 else 0.0
+                begin = _exit_parameter(origin, ray, clear) - 1e-7 if clear > 0.0 else 0.0
                 t = first_hit(grid, line, begin, t)
                 rho, sector = _polar(origin, ray, t, len(best))
             best[sector] = min(best[sector], rho)
@@ -332,7 +332,7 @@ def _clear_up_to(origin: Floats, ray: Floats, core: float, t: float, best: Float
     for sector in range(len(best)):
         if best[sector] <= core:
             return 0.0
-    t_core = _leaves(origin, ray, core)
+    t_core = _exit_parameter(origin, ray, core)
     theta = math.atan2(origin[1] + t_core * ray[1], origin[0] + t_core * ray[0])
     low, high = _turn(theta, math.atan2(origin[1] + t * ray[1], origin[0] + t * ray[0]))
     width = 2 * math.pi / len(best)

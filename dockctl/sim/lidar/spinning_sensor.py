@@ -63,7 +63,7 @@ class Rays:
     channel: Ints
 
     @classmethod
-    def of(cls, spec: SpinningLidars) -> Rays:
+    def from_spec(cls, spec: SpinningLidars) -> Rays:
         """Return the rays of `spec`: mounts x channels x azimuth steps."""
         elevation = np.radians(np.linspace(spec.lowest_channel_deg, spec.highest_channel_deg, spec.channels))
         azimuth = np.arange(spec.azimuth_steps) * (2 * np.pi / spec.azimuth_steps)
@@ -99,11 +99,11 @@ class SpinningSensor:
 
     @cached_property
     def rays(self) -> Rays:
-        return Rays.of(self.spec)
+        return Rays.from_spec(self.spec)
 
     @cached_property
     def _volumes(self) -> BoundingVolumes:
-        return BoundingVolumes.over(self.triangles)
+        return BoundingVolumes.build(self.triangles)
 
     @property
     def table_bytes(self) -> int:
@@ -129,10 +129,10 @@ class SpinningSensor:
         radius = needed_radii(table).max()
         harbor = [self.triangles.tobytes(), radius.tobytes(), _source(height_grid)]
         grid = HeightGrid(**cached("harbor grid", harbor, lambda: self._build_grid(radius)))
-        return table, grid, Levels.of(table, grid)
+        return table, grid, Levels.build(table, grid)
 
     def _build_grid(self, largest_radius_m: float) -> Arrays:
-        return HeightGrid.over(self.triangles, largest_radius_m)._asdict()
+        return HeightGrid.build(self.triangles, largest_radius_m)._asdict()
 
     def sector_ranges(self, eta: Floats) -> Floats:
         """Return the range of the nearest return in each sector; exact, by branch and bound.
@@ -203,9 +203,9 @@ def _shells(spec: SpinningLidars) -> ShellTable:
     """Return the table of rays by shells, which does not depend on the harbor."""
 
     def build() -> Arrays:
-        rays = Rays.of(spec)
+        rays = Rays.from_spec(spec)
         beams = rays.origins, rays.directions, rays.reach, rays.channel
-        return ShellTable.of(*beams, spec.sectors, spec.range_m)._asdict()
+        return ShellTable.build(*beams, spec.sectors, spec.range_m)._asdict()
 
     inputs = [spec.model_dump_json().encode(), _source(scan, height_grid)]
     return ShellTable(**cached("LiDAR rays", inputs, build))

@@ -22,7 +22,7 @@ from dockctl.scenarios.base import Pose
 from dockctl.scenarios.harbor import HarborSpec, Marina, MeshFile, MeshHarbor
 from dockctl.scenarios.vessel import Hull
 from dockctl.sim.collision import CollisionChecker
-from dockctl.sim.harbor.build import Harbor, Part, assemble, build_harbor, scene_of
+from dockctl.sim.harbor.build import Harbor, Part, assemble, build_harbor, build_scene
 from dockctl.sim.harbor.solids import Solid, box, hull_outline
 from dockctl.sim.world import PoseCheck
 from tests.sim.harbor.harbors import reference_harbor, reference_spec
@@ -219,7 +219,7 @@ def test_a_narrow_berth_gets_a_narrow_vessel() -> None:
     assert vessel.mesh.extents[1] <= 2.2 - 0.3
 
 
-def test_berth_too_narrow_for_every_vessel_is_refused() -> None:
+def test_berth_too_narrow_for_every_vessel_is_rejected() -> None:
     rows = [{"side": "east", "finger_y_m": (-1.0, 1.0), "berth_y_m": (0.0,)}]
     with pytest.raises(DockctlError, match="east berth y=0") as error:
         build_harbor(marina(rows=rows), Path())
@@ -228,7 +228,7 @@ def test_berth_too_narrow_for_every_vessel_is_refused() -> None:
     assert parts(freed, "vessel") == []
 
 
-def test_an_unknown_free_berth_is_refused() -> None:
+def test_an_unknown_free_berth_is_rejected() -> None:
     rows = [{"side": "east", "berth_y_m": (0.0, 4.0), "free_y_m": (3.0,)}]
     with pytest.raises(ValidationError) as caught:
         marina(rows=rows)
@@ -236,7 +236,7 @@ def test_an_unknown_free_berth_is_refused() -> None:
     assert (error.field, error.code, error.suggestion) == ("free_y_m", "unknown_name", "4")
 
 
-def test_basin_without_water_is_refused() -> None:
+def test_basin_without_water_is_rejected() -> None:
     with pytest.raises(ValidationError, match="x_min_m"):
         marina(basin={"x_min_m": 5.0, "x_max_m": 5.0, "y_min_m": 0.0, "y_max_m": 1.0})
 
@@ -331,7 +331,7 @@ def test_all_damaged_mesh_files_are_reported_together(tmp_path: Path) -> None:
 
 
 def test_a_scene_is_read_back_from_json(harbor: Harbor) -> None:
-    scene = scene_of(harbor, HULL)
+    scene = build_scene(harbor, HULL)
     again = Scene.from_json(json.loads(json.dumps(scene.to_json())))
     assert (again.name, again.bounds) == (scene.name, scene.bounds)
     assert len(again.polygons) == len(scene.polygons)
@@ -343,13 +343,13 @@ def test_a_scene_is_read_back_from_json(harbor: Harbor) -> None:
 
 
 def test_a_scene_shows_every_part_with_known_kinds(harbor: Harbor) -> None:
-    scene = scene_of(harbor, HULL)
+    scene = build_scene(harbor, HULL)
     assert {polygon.kind for polygon in scene.polygons} == set(SOLIDS) - {"mesh", "own"}
     assert {polygon.name for polygon in scene.polygons} == {part.name for part in harbor.parts}
 
 
 def test_the_outline_of_a_vessel_covers_it_from_stern_to_bow(harbor: Harbor) -> None:
-    scene = scene_of(harbor, HULL)
+    scene = build_scene(harbor, HULL)
     for part in parts(harbor, "vessel"):
         xy = np.concatenate([polygon.xy for polygon in scene.polygons if polygon.name == part.name])
         np.testing.assert_allclose([xy.min(axis=0), xy.max(axis=0)], part.mesh.bounds[:, :2], atol=0.12)

@@ -71,7 +71,7 @@ def test_brute_force_gives_the_same_points() -> None:
         assert points == pytest.approx(np.array(expected))
 
 
-def test_it_looks_over_what_is_lower_and_reads_its_range_there() -> None:
+def test_obstacles_below_the_scan_plane_give_the_maximum_range() -> None:
     low = basin(height=0.9)
     assert (PlanarScanner(z_m=1.0).build(low).sector_ranges(POSES) == 100.0).all()
     assert (PlanarScanner(z_m=0.8).build(low).sector_ranges(POSES) < 25.0).all()

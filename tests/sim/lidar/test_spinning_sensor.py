@@ -58,7 +58,7 @@ def test_rotation_is_the_matrix_of_equation_3_2() -> None:
 
 
 def test_a_scan_has_every_ray_of_four_vlp16() -> None:
-    rays = Rays.of(SpinningLidars())
+    rays = Rays.from_spec(SpinningLidars())
     assert len(rays.directions) == 4 * 16 * 1800 == 115_200
     np.testing.assert_allclose(np.linalg.norm(rays.directions, axis=1), 1.0)
     assert 0.45 < np.mean(rays.directions[:, 2] > 0) < 0.55  # half of them point up
@@ -69,7 +69,7 @@ def test_a_scan_has_every_ray_of_four_vlp16() -> None:
 
 
 def test_rays_end_at_the_water() -> None:
-    rays = Rays.of(SpinningLidars())
+    rays = Rays.from_spec(SpinningLidars())
     ends = rays.origins + rays.reach[:, None] * rays.directions
     assert ends[:, 2].min() > -1e-9
     assert rays.reach.max() == 100.0
@@ -175,7 +175,7 @@ def test_closest_hits_equal_brute_force() -> None:
     rng = np.random.default_rng(11)
     triangles = rng.uniform(-1, 1, (200, 3, 3))
     origins, directions = rng.uniform(-2, 2, (300, 3)), rng.normal(size=(300, 3))
-    volumes = BoundingVolumes.over(triangles)
+    volumes = BoundingVolumes.build(triangles)
     found = closest_hits(
         volumes.boxes, volumes.children, volumes.triangles, origins, directions, np.full(300, np.inf)
     )
@@ -215,7 +215,7 @@ def test_the_grid_is_conservative() -> None:
     weights = rng.dirichlet([1, 1, 1], (len(triangles), 8))
     points = np.einsum("tki,tij->tkj", weights, triangles).reshape(-1, 3)
     points = points[points[:, 2] >= 0]
-    grid = HeightGrid.over(triangles, 2.0)
+    grid = HeightGrid.build(triangles, 2.0)
     x0, y0, cell = grid.frame
     _, nx, ny, _ = grid.level_shape[0]
     heights = np.array([bits(band_at(z), band_at(z)) for z in points[:, 2]])
@@ -232,7 +232,7 @@ def test_the_grid_is_conservative() -> None:
 
 def test_triangles_of_a_cell_have_their_bands_of_height() -> None:
     triangles = clutter(6)
-    grid = HeightGrid.over(triangles, 1.0)
+    grid = HeightGrid.build(triangles, 1.0)
     x0, y0, cell = grid.frame
     nx = grid.level_shape[0, 1]
     corners = grid.triangles[:, :3]
