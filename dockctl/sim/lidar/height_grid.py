@@ -12,7 +12,6 @@ from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.ndimage import distance_transform_edt
 
 from dockctl.compute.jit import compiled
 from dockctl.geometry import Floats
@@ -221,6 +220,8 @@ def _distances(bands: Bands, cell: float) -> Singles:
 
     It is the distance between the centers of the cells, minus the diagonal of a cell.
     """
+    from scipy.ndimage import distance_transform_edt  # not needed when the grid is cached
+
     if not bands.any():  # the transform would measure the distance to a cell that does not exist
         return np.full(bands.shape, np.inf, np.float32)
     centers: Floats = distance_transform_edt(bands == 0) * cell
