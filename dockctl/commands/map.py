@@ -58,8 +58,8 @@ def map_(
     with Console(stderr=True).status("running episodes"):
         result = success_map(loaded_policy, scenario, grid)
     _print(result)
-    caption = loaded_policy.caption
-    outputs.write(result.csv, lambda: map_figure(result.table, result.plan, result.scenario.task, caption))
+    caption, task = loaded_policy.caption, result.scenario.task
+    outputs.write(result.csv, lambda: {outputs.stem: map_figure(result.table, result.plan, task, caption)})
 
 
 def _print(result: SuccessMap) -> None:

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -16,9 +15,8 @@ from dockctl.runs.directory import FIGURES
 from dockctl.runs.files import require_writable, require_writable_file, write_atomically, write_json, writing
 
 if TYPE_CHECKING:
-    from matplotlib.figure import Figure
-
     from dockctl.evaluation.policies import LoadedPolicy
+    from dockctl.reports.style import Draw
 
 
 @dataclass(frozen=True)
@@ -60,26 +58,23 @@ class Outputs:
         stem = what if run and is_own else f"{what}-{resolved.name}"
         return cls(tables, figures, stem, csv, policy)
 
-    def write(self, table: str, draw: Callable[[], Figure]) -> None:
-        """Draw the figure, write it, the table (CSV) and the policy's identity (JSON); print the paths.
+    def write(self, table: str, draw: Draw) -> None:
+        """Draw and write the figures, the table (CSV) and the policy's identity (JSON); print the paths.
 
         Raises:
             DockctlError: a file cannot be written.
         """
         with writing(self.tables):
             self.tables.mkdir(parents=True, exist_ok=True)
-        save_figures(lambda: {self.stem: draw()}, self.figures)
+        save_figures(draw, self.figures)
         for path in filter(None, (self.tables / f"{self.stem}.csv", self.csv)):
             print_text(Console(), str(write_atomically(path, table.encode())))
         facts = {"policy": self.policy.facts()}
         print_text(Console(), str(write_json(self.tables / f"{self.stem}.json", facts)))
 
 
-def save_figures(draw: Callable[[], Mapping[str, Figure]], folder: Path) -> None:
+def save_figures(draw: Draw, folder: Path) -> None:
     """Draw figures in the style of the package, write them as PNG and SVG, and print the paths.
-
-    Args:
-        draw: returns the figures by file name.
 
     Raises:
         DockctlError: the folder cannot be written.

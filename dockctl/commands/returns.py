@@ -53,7 +53,7 @@ def returns(
     _print(result)
     gamma = result.scenario.training.gamma
     caption = f"scenario {result.scenario.name}, {loaded_policy.caption}; discounted by {gamma:g} per step"
-    outputs.write(result.csv, lambda: returns_figure(result.table, caption))
+    outputs.write(result.csv, lambda: {outputs.stem: returns_figure(result.table, caption)})
 
 
 def parse_units(text: str) -> tuple[float, ...]:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import io
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
@@ -20,6 +20,9 @@ from matplotlib.ticker import FuncFormatter
 
 from dockctl.drawing import palette
 from dockctl.runs.files import write_atomically, writing
+
+Draw = Callable[[], Mapping[str, Figure]]
+"""Draws figures; returns them by file name, without suffix."""
 
 DPI = 200
 HALO = [withStroke(linewidth=2.6, foreground="white", alpha=0.85)]

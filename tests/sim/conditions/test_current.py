@@ -126,7 +126,7 @@ def test_conditions_are_merged_by_key_and_removed_by_null(tmp_path: Path) -> Non
 @pytest.mark.parametrize(
     ("text", "field", "column"),
     [
-        ("curent: {speed_mps: 1}", "conditions.curent", 22),
+        ("curent: {speed_mps: 1}", "conditions.curent", 14),
         ("current: {speed_mps: -1, direction_deg: 0}", "conditions.current.speed_mps", 35),
         ("current: {speed_mps: [0.2, 0.1], direction_deg: 0}", "conditions.current.speed_mps", 35),
         ("current: {speed_mps: [0, a], direction_deg: 0}", "conditions.current.speed_mps.1", 39),
