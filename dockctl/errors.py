@@ -93,6 +93,21 @@ class InputError(DockctlError):
         return self.message
 
 
+def require_shape(who: str, shape: tuple[int, ...], expected: tuple[int, ...]) -> None:
+    """Check the shape of an array that registered code returned.
+
+    Args:
+        who: the code, for example ``reward term 'speed'``.
+
+    Raises:
+        DockctlError: the shapes differ.
+    """
+    if shape != expected:
+        raise DockctlError(
+            f"{who} returned shape {shape}, expected {expected}, one row per boat", code="plugin"
+        )
+
+
 def nearest(name: str, known: Iterable[str]) -> str:
     """Return the known name closest to `name`, for `suggestion`; an empty string if none is close."""
     matches = get_close_matches(name, list(known), cutoff=0.5)

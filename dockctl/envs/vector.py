@@ -13,7 +13,7 @@ from gymnasium.vector.utils import batch_space
 from numpy.typing import NDArray
 
 from dockctl.envs.observation import ObservationEncoder, View
-from dockctl.errors import DockctlError, nearest
+from dockctl.errors import DockctlError, nearest, require_shape
 from dockctl.geometry import Bools, Floats, Ints
 from dockctl.rewards.compose import RewardFunction
 from dockctl.scenarios.loader import LoadedScenario
@@ -230,13 +230,20 @@ class DockingVectorEnv(VectorEnv[Observations, NDArray[Any], NDArray[Any]]):
         return self._observe(), {**self._info(events), **final}
 
     def _commands(self, actions: NDArray[Any]) -> Floats:
-        """Return the commands (n, 2) [N, rad] of the actions."""
+        """Return the commands (n, 2) [N, rad] of the actions.
+
+        Raises:
+            gymnasium.error.InvalidAction: the actions are not in the action space.
+            DockctlError: the action type returned another shape.
+        """
         chosen, dtype = np.asarray(actions), self.action_space.dtype
         if dtype is not None and np.can_cast(chosen.dtype, dtype, "same_kind"):
             chosen = chosen.astype(dtype)
         if not self.action_space.contains(chosen):
             raise error.InvalidAction(f"expected actions of {self.action_space}, got {actions}")
-        return self.scenario.actions.commands(chosen, self.scenario.vessel)
+        commands = self.scenario.actions.commands(chosen, self.scenario.vessel)
+        require_shape(f"action type '{self.scenario.actions.kind}'", commands.shape, (self.num_envs, 2))
+        return commands
 
     def _observe(self) -> Observations:
         return self._encoder(View.of(self.simulator, self.simulator.sector_ranges_m))

@@ -7,7 +7,7 @@ from collections.abc import Callable
 import numpy as np
 
 import dockctl.rewards.terms  # noqa: F401 - registers the terms
-from dockctl.errors import DockctlError
+from dockctl.errors import require_shape
 from dockctl.geometry import Bools, Floats
 from dockctl.plugins import REWARD_TERMS
 from dockctl.scenarios.schema import Reward, WeightedTerm
@@ -41,12 +41,7 @@ class RewardFunction:
         breakdown = {name: np.zeros(len(status.phase)) for name in self.names}
         for name, kind, weight, measure in self._terms:
             value = np.asarray(measure(status), float)
-            if value.shape != status.phase.shape:
-                raise DockctlError(
-                    f"reward term '{name}' returned shape {value.shape}, "
-                    f"expected one value per boat, {status.phase.shape}",
-                    code="plugin",
-                )
+            require_shape(f"reward term '{name}'", value.shape, status.phase.shape)
             breakdown[name] += np.where(applies[kind], weight * value, 0.0)
         return sum(breakdown.values(), np.zeros(len(status.phase))), breakdown  # eq. 3.10 or 3.13
 

@@ -8,6 +8,7 @@ from typing import Any, TypeVar, cast
 import numpy as np
 from numpy.typing import NDArray
 
+from dockctl.errors import require_shape
 from dockctl.geometry import Floats, Ints, rotate
 from dockctl.scenarios.schema import Scenario
 from dockctl.sim.goal import TO_FINAL, StepStatus, measure, reached
@@ -120,8 +121,15 @@ class Simulator:
         return status
 
     def scan(self, rows: Ints | None = None) -> Floats:
-        """Return the sector ranges (k, sectors) [m] of the boats in `rows` (k,), by default of all."""
-        return self.in_harbors(lambda world, eta: world.lidar.sector_ranges(eta), rows)
+        """Return the sector ranges (k, sectors) [m] of the boats in `rows` (k,), by default of all.
+
+        Raises:
+            DockctlError: the sensor returned another shape.
+        """
+        ranges = self.in_harbors(lambda world, eta: world.lidar.sector_ranges(eta), rows)
+        boats, sectors = self.sector_ranges_m.shape
+        require_shape("the range sensor", ranges.shape, (boats if rows is None else len(rows), sectors))
+        return ranges
 
     def in_harbors(self, query: Callable[[World, Floats], Answer], rows: Ints | None = None) -> Answer:
         """Evaluate a function of world and pose for each boat, in the boat's own world.
@@ -153,7 +161,10 @@ class Simulator:
             return
         current = np.zeros((len(self.eta), 2))
         for disturbance in self.disturbances:
-            current += disturbance.water_velocity()
+            velocity = np.asarray(disturbance.water_velocity())
+            if velocity.ndim:  # the default is a number, no current
+                require_shape(f"{type(disturbance).__name__}.water_velocity", velocity.shape, current.shape)
+            current += velocity
         nu_r = self.nu - _in_body_frame(current, self.eta[:, 2])
         self.eta, nu_r = self.vessel.step(self.eta, nu_r, self.command)
         self.eta[:, :2] += current * self.vessel.vessel.control_period_s

@@ -10,6 +10,7 @@ import numpy as np
 import pytest
 from gymnasium.error import InvalidAction, ResetNeeded
 
+from dockctl.envs.actions import GridActions
 from dockctl.envs.vector import DockingVectorEnv
 from dockctl.errors import DockctlError, InputError
 from dockctl.scenarios.loader import load
@@ -171,3 +172,11 @@ def test_clearance_of_the_boats() -> None:
     vector = env(2)
     vector.reset(options={"poses": np.array([[20.0, 3.0, 2.5], [19.0, -1.0, 3.0]])})
     assert vector.clearance().tolist() == [4, 5]
+
+
+def test_an_action_type_that_returns_another_shape_is_reported(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(GridActions, "commands", lambda self, actions, vessel: np.zeros((len(actions), 3)))
+    vector = env(2)
+    vector.reset(seed=0)
+    with pytest.raises(DockctlError, check=lambda error: error.code == "plugin"):
+        vector.step(np.zeros(2, int))

@@ -8,6 +8,9 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from dockctl.errors import DockctlError
+from dockctl.geometry import Floats
+from dockctl.scenarios.extensions import Disturbance
 from dockctl.scenarios.loader import load
 from dockctl.sim.simulator import Simulator
 from dockctl.sim.starts import Start, given_start, own_site
@@ -136,3 +139,20 @@ def test_each_boat_scans_and_collides_in_its_own_harbor() -> None:
     sim.eta = np.array([[x, 0.0, 0.1] for x in (1.0, 2.0, 3.0, 4.0)])
     assert np.array_equal(sim.scan(), Rings().sector_ranges(sim.eta))
     assert np.array_equal(sim.scan(np.array([2, 1])), Rings().sector_ranges(sim.eta[[2, 1]]))
+
+
+def test_a_sensor_that_returns_another_shape_is_reported() -> None:
+    world = replace(walled(), lidar=Rings(sectors=3))
+    with pytest.raises(DockctlError, check=lambda error: error.code == "plugin"):
+        Simulator(S3, [world], 1).reset(np.arange(1), [start_at(23, -10, 90)])
+
+
+def test_a_current_of_another_shape_is_reported() -> None:
+    class Flow(Disturbance):
+        def water_velocity(self) -> Floats:
+            return np.zeros((1, 1))
+
+    sim = simulator(start_at(23, -10, 90))
+    sim.disturbances = [Flow()]
+    with pytest.raises(DockctlError, check=lambda error: error.code == "plugin"):
+        sim.step(IDLE)
