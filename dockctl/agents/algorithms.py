@@ -8,6 +8,7 @@ The models here are light; what they build imports torch.
 
 from __future__ import annotations
 
+from abc import abstractmethod
 from importlib.util import find_spec
 from typing import TYPE_CHECKING, Any, ClassVar, Literal
 
@@ -30,6 +31,7 @@ class AlgorithmSpec(Kind):
 
     on_resume: ClassVar[str] = ""
 
+    @abstractmethod
     def build(self, spaces: Spaces, training: Training, device: str) -> Algorithm:
         """Return the algorithm for ``training.boats`` boats.
 
@@ -43,8 +45,8 @@ class AlgorithmSpec(Kind):
                 with ``training.algorithm`` or ``actions``.
             DockctlError: the device or a library is not available.
         """
-        raise NotImplementedError
 
+    @abstractmethod
     def load_policy(self, tensors: Tensors, spaces: Spaces, hidden_sizes: tuple[int, ...]) -> Policy:
         """Rebuild the greedy policy from what `Algorithm.policy_tensors` returned.
 
@@ -52,7 +54,6 @@ class AlgorithmSpec(Kind):
             KeyError, TypeError, ValueError, RuntimeError: the tensors belong to another network.
             DockctlError: a library is missing.
         """
-        raise NotImplementedError
 
 
 @register(ALGORITHMS, source="sections 3.2.4-3.2.6")

@@ -21,7 +21,7 @@ from dataclasses import dataclass, field, replace
 from functools import partial
 from pathlib import Path
 from types import ModuleType
-from typing import Any
+from typing import Any, cast
 
 import numpy as np
 from gymnasium.spaces import Space, flatdim
@@ -338,7 +338,7 @@ def _attribute(module: ModuleType, name: str, given: str) -> Factory:
     """
     factory = getattr(module, name, None)
     if callable(factory):
-        return factory  # type: ignore[no-any-return]
+        return cast("Factory", factory)
     known = [
         key for key, value in vars(module).items() if callable(value) and value.__module__ == module.__name__
     ]

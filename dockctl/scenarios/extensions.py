@@ -39,7 +39,7 @@ from dockctl.scenarios.vessel import Vessel
 if TYPE_CHECKING:
     import gymnasium
 
-T = TypeVar("T")
+T = TypeVar("T", bound=float)
 K = TypeVar("K", bound="type[Kind]")
 
 
@@ -233,7 +233,7 @@ def _as_bounds(given: Any) -> Any:
 
 
 def _ordered(bounds: tuple[T, ...]) -> tuple[T, ...]:
-    if list(bounds) != sorted(bounds):  # type: ignore[type-var]  # numbers
+    if list(bounds) != sorted(bounds):
         raise ValueError(f"found {list(bounds)}, expected the lower bound first")
     return bounds
 
