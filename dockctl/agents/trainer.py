@@ -179,13 +179,18 @@ class Trainer:
 
     def _save_last(self) -> None:
         """Save the policy and everything else that `restore` needs."""
+        tables = {name: table.save() for name, table in self.tables.items()}
         with self.run_directory.new_checkpoint(LAST) as folder:
             save_policy(folder, self.algorithm.policy_tensors(), self._card())
-            tensors, facts = self.algorithm.state()
-            save_pair(folder, LEARNER, tensors, {"progress": asdict(self.progress), "algorithm": facts})
+            tensors, state = self.algorithm.state()
+            facts = {"progress": asdict(self.progress), "algorithm": state, "tables": tables}
+            save_pair(folder, LEARNER, tensors, facts)
 
-    def restore(self) -> None:
+    def restore(self) -> list[str]:
         """Continue from the checkpoint ``last``; unfinished episodes are lost.
+
+        Returns:
+            What damaged tables have lost.
 
         Raises:
             CheckpointError: the checkpoint is missing, damaged, or does not fit.
@@ -199,5 +204,6 @@ class Trainer:
         except (KeyError, TypeError, ValueError, RuntimeError) as error:
             reason = " ".join(str(error).split())
             raise CheckpointError(f"{folder}: cannot be resumed: {reason}") from None
-        for table in TABLES:
-            self.run_directory.cut_table(table, self.progress.env_steps)
+        saved = facts.get("tables", {})
+        lost = [t.restore(saved.get(name), self.progress.env_steps) for name, t in self.tables.items()]
+        return [loss for loss in lost if loss]

@@ -213,9 +213,11 @@ def _run(session: _Session, run: RunDirectory, console: Console, *, resumed: boo
             on_progress=display, interrupted=interrupted,
         )  # fmt: skip
         if resumed:
-            trainer.restore()
+            lost = trainer.restore()
             note = f"; {session.spec.on_resume}" if session.spec.on_resume else ""
             print_text(console, f"resumed after {trainer.progress.env_steps:,} steps{note}")
+            for loss in lost:
+                print_text(console, f"warning: {loss}", "yellow")
         reason = trainer.run()
         display.show_validation(trainer.progress)
     facts = run.read_json(PROVENANCE)

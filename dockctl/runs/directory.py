@@ -46,7 +46,7 @@ from typing import Any
 import dockctl
 from dockctl.errors import DockctlError
 from dockctl.runs.files import intact, new_folder, reading, write_atomically, write_json
-from dockctl.runs.tables import Table, cut_table
+from dockctl.runs.tables import Table
 
 RUNS = Path("runs")
 """Default folder of the trainings."""
@@ -150,11 +150,6 @@ class RunDirectory:
     def table(self, name: str, columns: Iterable[str]) -> Table:
         """Return the table `name`, to append rows."""
         return Table(self.path / name, columns)
-
-    def cut_table(self, name: str, env_steps: int) -> None:
-        """Remove the rows of a table after `env_steps`, from which the run is resumed."""
-        if (self.path / name).exists():
-            self.write_text(name, cut_table(self.path / name, env_steps))
 
     def inside(self, path: str) -> str:
         """Return the path relative to the run folder; unchanged for a file outside of it."""

@@ -1,7 +1,8 @@
-"""Files and folders: atomic writes, locks, and checks that a path can be read or written."""
+"""Files and folders: atomic writes that survive a power cut, locks, and checks that a path can be used."""
 
 from __future__ import annotations
 
+import errno
 import json
 import os
 import shutil
@@ -44,8 +45,28 @@ def reading(path: Path) -> Iterator[None]:
         raise DockctlError(f"{path}: cannot be read: {reason}", code=code) from None
 
 
+def sync(path: Path) -> None:
+    """Wait until the content of a file, or the names in a folder, are on the disk."""
+    descriptor = os.open(path, os.O_RDONLY)
+    try:
+        os.fsync(descriptor)
+    except OSError as error:
+        if error.errno != errno.EINVAL:  # a file system without it, for example of a network
+            raise
+    finally:
+        os.close(descriptor)
+
+
+def make_folder(path: Path) -> None:
+    """Create a folder and its parents, unless they exist."""
+    missing = [folder for folder in (path, *path.parents) if not os.path.exists(folder)]
+    path.mkdir(parents=True, exist_ok=True)
+    for folder in missing:
+        sync(folder.parent)
+
+
 def write_atomically(path: Path, content: bytes) -> Path:
-    """Write a file so that a reader sees the old or the new content, also after a crash.
+    """Write a file so that a reader sees the old or the new content, also after a crash or a power cut.
 
     Raises:
         DockctlError: the file cannot be written.
@@ -54,7 +75,9 @@ def write_atomically(path: Path, content: bytes) -> Path:
     with writing(path):
         try:
             temporary.write_bytes(content)
+            sync(temporary)
             temporary.replace(path)
+            sync(path.parent)
         except OSError:
             temporary.unlink(missing_ok=True)
             raise
@@ -82,12 +105,17 @@ def new_folder(path: Path) -> Iterator[Path]:
         if intact(path) == old:
             old.replace(path)
         shutil.rmtree(new, ignore_errors=True)
-        new.mkdir(parents=True)
+        make_folder(path.parent)
+        new.mkdir()
         yield new
+        for item in (*new.rglob("*"), new):
+            sync(item)
         shutil.rmtree(old, ignore_errors=True)
         if os.path.exists(path):
             path.replace(old)
+            sync(path.parent)
         new.replace(path)
+        sync(path.parent)
         shutil.rmtree(old, ignore_errors=True)
 
 

@@ -3,11 +3,14 @@
 from __future__ import annotations
 
 import csv
+import hashlib
 import io
+import os
 from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
+from typing import Any
 
-from dockctl.runs.files import reading, writing
+from dockctl.runs.files import reading, sync, write_atomically, writing
 
 Value = str | int | float | bool | None
 
@@ -78,7 +81,7 @@ class Table:
     def __init__(self, path: Path, columns: Iterable[str]) -> None:
         self._path = path
         self._columns = list(columns)
-        self._has_header = False
+        self._take(self._read())
 
     def append(self, rows: Iterable[Mapping[str, Value]]) -> None:
         """Append rows in one write, so that a reader never sees an incomplete row.
@@ -89,21 +92,90 @@ class Table:
         rows = list(rows)
         if not rows:
             return
-        if not self._has_header and (header := _header(self._path)):
-            self._columns, self._has_header = header, True
-        if not self._has_header:
+        if not self._size:
             self._columns = all_columns(self._columns, rows)
-        text = to_csv(rows, self._columns, header=not self._has_header)
-        with writing(self._path), self._path.open("a", encoding="utf-8", newline="") as file:
-            file.write(text)
-        self._has_header = True
+        content = to_csv(rows, self._columns, header=not self._size).encode()
+        with writing(self._path), self._path.open("ab") as file:
+            file.write(content)
+        self._count(content)
+
+    def save(self) -> dict[str, Any]:
+        """Wait until all rows are on the disk, and return what `restore` needs to return to this state.
+
+        Raises:
+            DockctlError: the file cannot be written.
+        """
+        if self._size:
+            with writing(self._path):
+                sync(self._path)
+                sync(self._path.parent)
+        return {"lines": self._lines, "bytes": self._size, "sha256": self._hash.hexdigest()}
+
+    def restore(self, saved: Mapping[str, Any] | None, env_steps: int) -> str | None:
+        """Remove the rows that were appended after `save`; in a damaged file, leave the rows that are intact.
+
+        Args:
+            saved: the result of `save`; None in checkpoints of early versions.
+            env_steps: steps at that time.
+
+        Returns:
+            What the file has lost, or None.
+
+        Raises:
+            DockctlError: the file cannot be read or written.
+        """
+        content, lost = self._read(), None
+        kept = content[: saved["bytes"]] if saved else _intact_lines(content, env_steps)
+        if saved and hashlib.sha256(kept).hexdigest() != saved["sha256"]:
+            kept = _intact_lines(content, env_steps, saved["lines"])
+            rows, left = saved["lines"] - 1, max(kept.count(b"\n") - 1, 0)
+            lost = (
+                f"{self._path}: damaged: {rows - left:,} of {rows:,} rows up to step {env_steps:,} are lost"
+            )
+        if kept != content:
+            write_atomically(self._path, kept)
+        self._take(kept)
+        return lost
+
+    def _read(self) -> bytes:
+        if not os.path.exists(self._path):
+            return b""
+        with reading(self._path):
+            return self._path.read_bytes()
+
+    def _take(self, content: bytes) -> None:
+        """Continue after this content."""
+        self._hash, self._size, self._lines = hashlib.sha256(), 0, 0
+        self._count(content)
+        if content:
+            self._columns = next(csv.reader([content.partition(b"\n")[0].decode("utf-8", "replace")]))
+
+    def _count(self, content: bytes) -> None:
+        self._hash.update(content)
+        self._size += len(content)
+        self._lines += content.count(b"\n")
 
 
-def _header(path: Path) -> list[str]:
-    if not path.exists():
+def _intact_lines(content: bytes, env_steps: int, most: int | None = None) -> bytes:
+    """Return the header and the complete rows up to `env_steps`; a crash leaves half rows and NUL bytes."""
+    header, *lines = content.split(b"\n")[:-1][:most] or [b""]
+    names = _cells(header)
+    if "env_steps" not in names:
+        return b""
+    column = names.index("env_steps")
+
+    def intact(cells: list[str]) -> bool:
+        return len(cells) == len(names) and cells[column].isdigit() and int(cells[column]) <= env_steps
+
+    return b"".join(line + b"\n" for line in (header, *(line for line in lines if intact(_cells(line)))))
+
+
+def _cells(line: bytes) -> list[str]:
+    """Return the cells of a line of a table; of a damaged line, none."""
+    try:
+        return [] if b"\0" in line else next(csv.reader([line.decode()]), [])
+    except (UnicodeDecodeError, csv.Error):
         return []
-    with path.open(encoding="utf-8") as file:
-        return next(csv.reader(file), [])
 
 
 def all_columns(first: Iterable[str], rows: Sequence[Mapping[str, Value]]) -> list[str]:
@@ -128,22 +200,3 @@ def _cell(value: Value) -> str | int:
     if isinstance(value, str | int):
         return int(value) if isinstance(value, bool) else value
     return format(float(value), ".6g")
-
-
-def cut_table(path: Path, env_steps: int) -> str:
-    """Return the text of a table without the rows after `env_steps`.
-
-    Raises:
-        DockctlError: the file cannot be read.
-    """
-    rows = csv.DictReader(io.StringIO(_complete_lines(path)))
-    if rows.fieldnames is None:
-        return ""
-    return to_csv([row for row in rows if int(row["env_steps"]) <= env_steps], rows.fieldnames)
-
-
-def _complete_lines(path: Path) -> str:
-    """Return the text of a table without a last line that a crash cut short."""
-    with reading(path):
-        text = path.read_text(encoding="utf-8")
-    return text[: text.rfind("\n") + 1]
