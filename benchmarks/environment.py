@@ -20,7 +20,7 @@ import gymnasium
 import numpy as np
 
 import dockctl.envs  # noqa: F401  registers the environments
-from dockctl.compute.threads import usable_cores
+from dockctl.compute import usable_cores
 from dockctl.envs.vector import DockingVectorEnv
 
 BOATS = (1, 16, 256, 4096)

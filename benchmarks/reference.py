@@ -16,7 +16,7 @@ import numpy as np
 from lidar import embree_scanner
 from rich.progress import track
 
-from dockctl.compute.threads import usable_cores
+from dockctl.compute import usable_cores
 from dockctl.scenarios.loader import load
 from dockctl.sim.world import build_worlds
 

@@ -24,7 +24,7 @@ from dockctl.agents.checkpoint import (
 )
 from dockctl.agents.interface import Algorithm, Policy, Step, final_info, final_observation
 from dockctl.agents.progress import EpisodeRecorder, Progress, UpdateRecorder
-from dockctl.compute.threads import workers
+from dockctl.compute import workers
 from dockctl.runs.directory import (
     BEST,
     EPISODES_CSV,

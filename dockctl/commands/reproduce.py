@@ -34,7 +34,7 @@ def reproduce(
 
     Example: dockctl reproduce s1 s2 s3
     """
-    from dockctl.compute.threads import usable_cores
+    from dockctl.compute import usable_cores
     from dockctl.experiments.runner import run_study
 
     ending = run_study(study, names or [], out, results, jobs or usable_cores())

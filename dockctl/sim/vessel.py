@@ -13,7 +13,7 @@ from typing import Any
 
 import numpy as np
 
-from dockctl.compute.jit import compiled
+from dockctl.compute import compiled
 from dockctl.geometry import Floats
 from dockctl.scenarios.vessel import Vessel
 

@@ -11,7 +11,7 @@ from typing import Protocol
 
 import numpy as np
 
-from dockctl.compute.threads import workers
+from dockctl.compute import workers
 from dockctl.drawing.scene import Scene
 from dockctl.errors import InputError
 from dockctl.geometry import Bools, Floats, place_outline, pose_array

@@ -9,10 +9,10 @@ Each function returns None, or raises an `AssertionError` that names the rule th
 module that registers the name first, or install its package. Values are random but the same in every run.
 """
 
-from dockctl.testing.algorithms import check_algorithm
 from dockctl.testing.environments import check_policy, check_scenario, open_water
 from dockctl.testing.parts import (
     check_action_type,
+    check_algorithm,
     check_condition,
     check_harbor,
     check_observation_part,

@@ -1,24 +1,37 @@
-"""Contract tests of reward terms, observation parts, actions, conditions, sensors, vessels and harbors."""
+"""Contract tests of all extensions but policies: reward terms, actions, sensors, algorithms, harbors ..."""
 
 from __future__ import annotations
 
+import json
+import math
 from collections.abc import Callable
 from dataclasses import fields, replace
 from pathlib import Path
 from typing import Any, get_args
 
 import numpy as np
-from gymnasium import Space
+from gymnasium.spaces import Box, Space
 from gymnasium.vector.utils import batch_space
 
+from dockctl.agents.algorithms import AlgorithmSpec
+from dockctl.agents.interface import Algorithm, Spaces, Step, Tensors
 from dockctl.envs.observation import Columns, ObservationEncoder, View
 from dockctl.geometry import Floats
-from dockctl.plugins import ACTIONS, CONDITIONS, OBSERVATION_PARTS, RANGE_SENSORS, REWARD_TERMS, Registry
+from dockctl.plugins import (
+    ACTIONS,
+    ALGORITHMS,
+    CONDITIONS,
+    OBSERVATION_PARTS,
+    RANGE_SENSORS,
+    REWARD_TERMS,
+    Registry,
+)
 from dockctl.rewards.terms import Kind as RewardKind
 from dockctl.scenarios import catalog
 from dockctl.scenarios.extensions import ActionType, Condition, RangeSensorSpec
 from dockctl.scenarios.loader import load, load_harbor, load_vessel
 from dockctl.scenarios.schema import ObservationPart, Scenario
+from dockctl.scenarios.training import Training
 from dockctl.sim.goal import StepStatus
 from dockctl.sim.harbor.build import build_harbor, build_scene
 from dockctl.sim.simulator import Simulator
@@ -27,6 +40,8 @@ from dockctl.sim.vessel import VesselModel
 from dockctl.testing.environments import SECTORS, Rows, check_environment, open_water
 
 BOATS = 7
+LEARNING_STEPS = 24
+FEATURES = Box(-1.0, 1.0, (5,), np.float32)
 GROUPS = ("water", "air", "sensing", "actuation")
 
 
@@ -110,10 +125,8 @@ def check_range_sensor(kind: str, **keys: Any) -> None:
     what, sensor = f"range sensor '{kind}'", spec.build(_basin())
     rng = np.random.default_rng(0)
     poses = np.column_stack([rng.uniform(-8, 8, (BOATS, 2)), rng.uniform(-4, 4, BOATS)])
-    ranges = _check_rows(what, lambda rows: {"ranges": sensor.sector_ranges(rows["eta"])}, {"eta": poses})[
-        "ranges"
-    ]
-    expected = (BOATS, spec.sectors)
+    scanned = _check_rows(what, lambda rows: {"ranges": sensor.sector_ranges(rows["eta"])}, {"eta": poses})
+    ranges, expected = scanned["ranges"], (BOATS, spec.sectors)
     assert ranges.shape == expected, f"{what}: ranges of shape {ranges.shape}, expected {expected}"
     assert (ranges >= 0).all() and (ranges <= spec.range_m).all(), f"{what}: not in 0 to {spec.range_m:g} m"
     for pose, row in zip(poses, ranges, strict=True):
@@ -124,6 +137,43 @@ def check_range_sensor(kind: str, **keys: Any) -> None:
     assert sensor.table_bytes >= 0, f"{what}: negative table_bytes"
     empty = spec.build(np.empty((0, 3, 3))).sector_ranges(poses)
     assert (empty == spec.range_m).all(), f"{what}: nothing returns, but a range is not {spec.range_m:g} m"
+
+
+def check_algorithm(kind: str, action_space: Space[Any], **keys: Any) -> None:
+    """Check the algorithm `kind` with these keys, on random steps.
+
+    Actions are in the space; nothing is learned in the warm-up; metrics are finite; the same seed gives the
+    same policy; the greedy policy is deterministic and can be rebuilt from its tensors; a restored algorithm
+    continues with the same policy and number of updates.
+
+    Args:
+        kind: registered name.
+        action_space: of one boat.
+        keys: of ``training.algorithm``.
+    """
+    spec: AlgorithmSpec = _spec(ALGORITHMS, AlgorithmSpec, kind, keys)
+    total = BOATS * LEARNING_STEPS
+    training = Training(
+        algorithm=spec, boats=BOATS, total_steps=total, warmup_steps=total // 2, batch_size=8,
+        steps_per_update=BOATS, hidden_sizes=(8, 8), replay_capacity=1000, n_step=1,
+    )  # fmt: skip
+    spaces = Spaces(FEATURES, action_space)
+    first, second = (_trained(spec, spaces, training) for _ in range(2))
+    what = f"algorithm '{kind}'"
+    assert first.updates > 0, f"{what} makes no updates"
+    _require_equal(first.policy_tensors(), second.policy_tensors(), f"{what}: the same seed gives another")
+
+    observation = np.random.default_rng(1).uniform(-1, 1, (BOATS, 5)).astype(np.float32)
+    actions = first.policy.act(observation, {})
+    assert np.array_equal(actions, first.policy.act(observation, {})), f"{what}: the policy is random"
+    rebuilt = spec.load_policy(first.policy_tensors(), spaces, training.hidden_sizes)
+    assert np.allclose(actions, rebuilt.act(observation, {})), f"{what}: the rebuilt policy differs"
+
+    tensors, facts = first.state()
+    restored = spec.build(spaces, training, "cpu")
+    restored.restore(first.policy_tensors(), tensors, json.loads(json.dumps(facts)))
+    assert restored.updates == first.updates, f"{what}: restore changes the number of updates"
+    _require_equal(first.policy_tensors(), restored.policy_tensors(), f"{what}: restore gives another")
 
 
 def check_vessel(source: str | Path) -> None:
@@ -163,7 +213,8 @@ def _spec(registry: Registry[type[Any]], base: type[Any], kind: str, keys: dict[
     spec = model.model_validate({**keys, "kind": kind})
     again = model.model_validate(spec.model_dump(mode="json"))
     assert again == spec, f"{what}: a dump loads as {again}, not as {spec}"
-    assert hash(again) == hash(spec), f"{what}: equal specs have different hashes"
+    if base is not AlgorithmSpec:  # whose options may be a dictionary
+        assert hash(again) == hash(spec), f"{what}: equal specs have different hashes"
     return spec
 
 
@@ -248,6 +299,34 @@ def _simulate(scenario: Scenario, boats: int, reset_at: int | None = None) -> Fl
             )
         states.append(np.hstack([simulator.eta, simulator.nu]))
     return np.array(states)
+
+
+def _trained(spec: AlgorithmSpec, spaces: Spaces, training: Training) -> Algorithm:
+    """Return an algorithm that learned from random observations and rewards."""
+    algorithm = spec.build(spaces, training, "cpu")
+    what, space = f"algorithm '{spec.kind}'", batch_space(spaces.action, BOATS)
+    rng = np.random.default_rng(0)
+    observation = rng.uniform(-1, 1, (BOATS, 5)).astype(np.float32)
+    for step in range(LEARNING_STEPS):
+        env_steps = step * BOATS
+        before = observation.copy()
+        action = np.asarray(algorithm.act(observation, env_steps))
+        assert np.array_equal(before, observation), f"{what}: act changes the observation"
+        assert space.contains(action.astype(space.dtype)), f"{what}: actions {action} are not in {space}"
+        for metrics in algorithm.learn(env_steps):
+            assert env_steps >= training.warmup_steps, f"{what} learns in the warm-up"
+            assert math.isfinite(metrics["loss"]), f"{what}: loss {metrics['loss']}"
+        following = rng.uniform(-1, 1, observation.shape).astype(np.float32)
+        terminated, truncated = rng.random((2, BOATS)) < 0.1
+        algorithm.store(Step(observation, action, rng.normal(size=BOATS), following, terminated, truncated))
+        observation = following
+    return algorithm
+
+
+def _require_equal(first: Tensors, second: Tensors, what: str) -> None:
+    assert first.keys() == second.keys(), f"{what} set of tensors"
+    for name, tensor in first.items():
+        assert np.array_equal(tensor, second[name]), f"{what} {name}"
 
 
 def _basin() -> Floats:

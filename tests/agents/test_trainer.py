@@ -17,7 +17,7 @@ from dockctl.agents.dqn.algorithm import DQN
 from dockctl.agents.interface import Policy, Spaces
 from dockctl.agents.progress import Progress
 from dockctl.agents.trainer import Trainer, Validation
-from dockctl.compute.threads import usable_cores, workers
+from dockctl.compute import usable_cores, workers
 from dockctl.evaluation.rollout import run_episodes, score
 from dockctl.runs.directory import RunDirectory
 from dockctl.scenarios.training import StopRule, Training

@@ -56,41 +56,29 @@ class PlanarSensor:
         return BoundingVolumes.build(self.triangles)
 
     @cached_property
-    def _beams(self) -> Floats:
-        """Directions of the rays in the body frame, (rays, 2)."""
+    def _rays(self) -> tuple[Floats, Floats, Floats]:
+        """Origins and directions (rays, 3) in the body frame, and lengths (rays,) [m]."""
         angle = np.arange(self.spec.rays) * (2 * np.pi / self.spec.rays)
-        return np.column_stack([np.cos(angle), np.sin(angle)])
+        zero = np.zeros_like(angle)
+        origins = np.column_stack([zero, zero, zero + self.spec.z_m])
+        directions = np.column_stack([np.cos(angle), np.sin(angle), zero])
+        return origins, directions, zero + self.spec.range_m
 
     @cached_property
     def _sectors(self) -> NDArray[np.int64]:
         """Sector of each ray, (rays,): all returns of a ray through the body's origin are in one sector."""
-        return np.array([sector_index(x, y, self.spec.sectors) for x, y in self._beams])
+        return np.array([sector_index(x, y, self.spec.sectors) for x, y, _ in self._rays[1]])
 
     def sector_ranges(self, eta: Floats) -> Floats:
         """Return the nearest return of each sector, (n, sectors) [m], from the poses (n, 3)."""
         nearest = np.full((len(eta), self.spec.sectors), self.spec.range_m)
         for row, pose in zip(nearest, eta, strict=True):
-            np.minimum.at(row, self._sectors, self._trace(pose))
+            np.minimum.at(row, self._sectors, self._volumes.trace(pose, *self._rays))
         return nearest
 
     def points(self, pose: Floats) -> Floats:
         """Return the returns (k, 3) [m] in the body frame from one pose (3,)."""
-        hits = self._trace(pose)
+        hits = self._volumes.trace(pose, *self._rays)
         seen = np.isfinite(hits)
-        return np.column_stack([hits[seen, None] * self._beams[seen], np.full(seen.sum(), self.spec.z_m)])
-
-    def _trace(self, pose: Floats) -> Floats:
-        """Return the distance (rays,) [m] to the nearest hit of each ray, infinity for a miss."""
-        from dockctl.sim.lidar.raycast import closest_hits
-
-        x, y, heading = pose
-        c, s = np.cos(heading), np.sin(heading)
-        directions = np.zeros((self.spec.rays, 3))
-        directions[:, :2] = self._beams @ [[c, s], [-s, c]]
-        origins = np.tile([x, y, self.spec.z_m], (self.spec.rays, 1))
-        reach = np.full(self.spec.rays, self.spec.range_m)
-        volumes = self._volumes
-        hits: Floats = closest_hits(
-            volumes.boxes, volumes.children, volumes.triangles, origins, directions, reach
-        )
-        return hits
+        origins, directions, _ = self._rays
+        return origins[seen] + hits[seen, None] * directions[seen]

@@ -6,12 +6,13 @@ The tracer is the reference implementation of the LiDAR scan, without shells or 
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 
-from dockctl.compute.jit import compiled
+from dockctl.compute import compiled
 from dockctl.geometry import Floats
 
 Ints = NDArray[np.int32]
@@ -115,6 +116,29 @@ class BoundingVolumes:
             np.array(children, np.int32).reshape(-1, 2),
             corner_and_edges(triangles[ranks]),
         )
+
+    def trace(self, pose: Floats, origins: Floats, directions: Floats, reach: Floats) -> Floats:
+        """Return the distance to the closest hit of each ray [m], infinity for a miss.
+
+        Args:
+            pose: (3,) of the body in the world frame.
+            origins, directions: (k, 3) of the rays in the body frame [m].
+            reach: (k,) length of the rays [m].
+        """
+        x, y, heading = pose
+        c, s = math.cos(heading), math.sin(heading)
+        starts = _rotated(origins, c, s)
+        starts[:, 0] += x
+        starts[:, 1] += y
+        return closest_hits(
+            self.boxes, self.children, self.triangles, starts, _rotated(directions, c, s), reach
+        )
+
+
+def _rotated(vectors: Floats, c: float, s: float) -> Floats:
+    """Rotate (k, 3) vectors about z by the angle with cosine c and sine s."""
+    x, y, z = vectors.T
+    return np.stack([c * x - s * y, s * x + c * y, z], axis=1)
 
 
 @compiled()

@@ -19,7 +19,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from dockctl.compute.jit import compiled
+from dockctl.compute import compiled
 from dockctl.geometry import Floats, sector_index
 from dockctl.sim.lidar.height_grid import (
     SLACK_M,

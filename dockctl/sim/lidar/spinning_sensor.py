@@ -14,12 +14,11 @@ from types import ModuleType
 import numpy as np
 from numpy.typing import NDArray
 
-from dockctl.compute.cache import Arrays, cached
-from dockctl.compute.threads import usable_cores, workers
+from dockctl.compute import Arrays, cached, usable_cores, workers
 from dockctl.geometry import Floats
 from dockctl.sim.lidar import height_grid, scan
 from dockctl.sim.lidar.height_grid import FINEST_CELL_M, MAX_CELLS, HeightGrid
-from dockctl.sim.lidar.raycast import BoundingVolumes, closest_hits
+from dockctl.sim.lidar.raycast import BoundingVolumes
 from dockctl.sim.lidar.scan import Levels, ShellTable, needed_radii, sector_of, sector_ranges
 from dockctl.sim.lidar.spinning import LidarMount, SpinningLidars
 
@@ -176,26 +175,9 @@ class SpinningSensor:
 
     def points(self, pose: Floats) -> Floats:
         """Return the points (k, 3) of a scan from one pose (3,), in the body frame [m]."""
-        hits = self._trace(pose)
+        hits = self._volumes.trace(pose, self.rays.origins, self.rays.directions, self.rays.reach)
         seen = np.isfinite(hits)
         return self.rays.origins[seen] + hits[seen, None] * self.rays.directions[seen]
-
-    def _trace(self, pose: Floats) -> Floats:
-        """Return the distance (k,) to the closest hit of every ray from one pose [m], infinity for a miss."""
-        x, y, heading = (float(value) for value in pose)
-        c, s = math.cos(heading), math.sin(heading)
-        origins = _rotated(self.rays.origins, c, s)
-        origins[:, 0] += x
-        origins[:, 1] += y
-        volumes = self._volumes
-        return closest_hits(
-            volumes.boxes,
-            volumes.children,
-            volumes.triangles,
-            origins,
-            _rotated(self.rays.directions, c, s),
-            self.rays.reach,
-        )
 
 
 @lru_cache(maxsize=4)
@@ -214,12 +196,6 @@ def _shells(spec: SpinningLidars) -> ShellTable:
 def _source(*modules: ModuleType) -> bytes:
     """Return the source code of modules; cached tables depend on it."""
     return b"".join(Path(str(module.__file__)).read_bytes() for module in modules)
-
-
-def _rotated(vectors: Floats, c: float, s: float) -> Floats:
-    """Rotate (k, 3) vectors about z by the angle with cosine c and sine s."""
-    x, y, z = vectors.T
-    return np.stack([c * x - s * y, s * x + c * y, z], axis=1)
 
 
 def _blocks(rows: int) -> list[slice]:

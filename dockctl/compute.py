@@ -1,0 +1,132 @@
+"""Compiled inner loops, one thread pool, and cached tables."""
+
+from __future__ import annotations
+
+import hashlib
+import logging
+import os
+import tempfile
+import zipfile
+from collections.abc import Callable, Iterable
+from concurrent.futures import ThreadPoolExecutor
+from functools import cache
+from pathlib import Path
+from typing import Any, TypeVar, cast
+
+import numpy as np
+import platformdirs
+from numpy.typing import NDArray
+
+from dockctl import geometry
+
+Arrays = dict[str, NDArray[Any]]
+Function = TypeVar("Function", bound=Callable[..., object])
+
+MAX_FILES = 24
+log = logging.getLogger(__name__)
+
+
+def usable_cores() -> int:
+    """Return the number of cores that this process may use."""
+    return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
+
+
+_WORKERS: list[ThreadPoolExecutor] = []
+
+
+def workers() -> ThreadPoolExecutor:
+    """Return the process's thread pool for compiled code that releases the GIL, one thread per core.
+
+    All such work, scans and learning alike, runs in this pool: more threads than cores would wait for one
+    core while another is idle. A task must not wait for another task of the pool.
+    """
+    if not _WORKERS:
+        _WORKERS.append(ThreadPoolExecutor(usable_cores(), thread_name_prefix="core"))
+    return _WORKERS[0]
+
+
+if hasattr(os, "register_at_fork"):
+    os.register_at_fork(after_in_child=_WORKERS.clear)  # a forked child has none of its parent's threads
+
+
+def compiled(**options: Any) -> Callable[[Function], Function]:
+    """Return a decorator that compiles a function, caches it on disk and releases the GIL while it runs.
+
+    Numba recompiles a function if its own file has changed, but not if another file with a function that it
+    calls has changed. The name under which it is cached therefore includes a hash of the files it may call.
+    If nothing can be cached, functions are compiled in every process.
+
+    Args:
+        options: of `numba.njit`.
+    """
+
+    from numba import njit  # about half a second, which commands without a simulation do not need
+
+    def decorate(function: Function) -> Function:
+        function.__qualname__ += f"_{_digest(Path(function.__code__.co_filename).parent)}"
+        try:
+            return cast("Function", njit(cache=True, nogil=True, **options)(function))
+        except RuntimeError:  # no cache folder
+            return cast("Function", njit(nogil=True, **options)(function))
+
+    return decorate
+
+
+@cache
+def _digest(folder: Path) -> str:
+    """Hash the sources that compiled functions in a folder may call: the folder and the geometry."""
+    sources = [path.read_bytes() for path in sorted(folder.glob("*.py"))]
+    called = [source for source in sources if b"@compiled" in source]
+    return hashlib.sha256(b"".join([*called, Path(geometry.__file__).read_bytes()])).hexdigest()[:12]
+
+
+def cache_folder() -> Path:
+    """Return the folder of cached tables; ``XDG_CACHE_HOME`` moves it."""
+    return platformdirs.user_cache_path("dockctl")
+
+
+def cached(name: str, inputs: Iterable[bytes], build: Callable[[], Arrays]) -> Arrays:
+    """Return the arrays that `build` computes, from the cache if possible.
+
+    Safe to call from several processes: files are written atomically, and a damaged file is rebuilt. If the
+    cache cannot be written, the arrays are computed every time.
+
+    Args:
+        name: what the tables are, for the file's name and the log.
+        inputs: everything that the arrays depend on, including the code.
+        build: computes the arrays.
+    """
+    digest = hashlib.sha256()
+    for data in inputs:
+        digest.update(hashlib.sha256(data).digest())
+    path = cache_folder() / f"{name.replace(' ', '-')}-{digest.hexdigest()[:24]}.npz"
+    if not path.is_absolute():  # the user has no home directory
+        return build()
+    try:
+        with np.load(path) as stored:
+            arrays = dict(stored)
+        os.utime(path)
+        return arrays
+    except (OSError, ValueError, EOFError, zipfile.BadZipFile):
+        log.info("building the %s table (once, a few seconds)", name)
+    arrays = build()
+    try:
+        _write(path, arrays)
+    except OSError as error:
+        log.info("the %s table cannot be cached: %s", name, error)
+    return arrays
+
+
+def _write(path: Path, arrays: Arrays) -> None:
+    """Write the file atomically, then delete the least recently used ones."""
+    path.parent.mkdir(parents=True, exist_ok=True)
+    handle, part = tempfile.mkstemp(dir=path.parent, suffix=".part")
+    try:
+        with os.fdopen(handle, "wb") as file:
+            np.savez(file, allow_pickle=False, **arrays)
+        Path(part).replace(path)
+    finally:
+        Path(part).unlink(missing_ok=True)
+    files = sorted(path.parent.glob("*.npz"), key=lambda file: file.stat().st_mtime, reverse=True)
+    for old in files[MAX_FILES:]:
+        old.unlink(missing_ok=True)

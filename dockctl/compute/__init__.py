@@ -1,1 +1,0 @@
-"""Compilation, threads and cached tables."""
