@@ -182,6 +182,31 @@ def test_a_condition_that_draws_from_a_common_generator_is_rejected() -> None:
     assert_rejected(lambda: testing.check_condition("unseeded"), "same generators")
 
 
+def test_a_condition_whose_state_is_incomplete_is_rejected() -> None:
+    class Flow(Disturbance):
+        def __init__(self, boats: int) -> None:
+            self.velocity, self.episodes = np.zeros((boats, 2)), np.zeros(boats)
+
+        def reset(self, rows: Any, rngs: Any) -> None:
+            self.velocity[rows] = [rng.random(2) for rng in rngs]
+            self.episodes[rows] += 1
+
+        def water_velocity(self) -> Any:
+            return self.velocity * (1 + self.episodes[:, None])
+
+        def state(self) -> dict[str, Any]:
+            return {"velocity": self.velocity}
+
+    @register(CONDITIONS, group="water")
+    class Forgetful(Condition):
+        kind: Literal["forgetful"] = "forgetful"
+
+        def build(self, num_boats: int) -> Disturbance:
+            return Flow(num_boats)
+
+    assert_rejected(lambda: testing.check_condition("forgetful"), "saved state")
+
+
 def test_a_sensor_whose_points_do_not_agree_is_rejected() -> None:
     class Long(PlanarSensor):
         def points(self, pose: Any) -> Any:

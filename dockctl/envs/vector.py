@@ -13,6 +13,7 @@ from gymnasium.vector.utils import batch_space
 from numpy.typing import NDArray
 
 from dockctl.envs.observation import ObservationEncoder, View
+from dockctl.envs.state import Arrays, pack, unpack
 from dockctl.errors import DockctlError, nearest, require_shape
 from dockctl.geometry import Bools, Floats, Ints
 from dockctl.rewards.compose import RewardFunction
@@ -166,6 +167,51 @@ class DockingVectorEnv(VectorEnv[Observations, NDArray[Any], NDArray[Any]]):
         if self._ended.any() and self.autoreset_mode == AutoresetMode.SAME_STEP:
             observations, info = self._restart(observations, info)
         return observations, reward, terminated, truncated, info
+
+    def state(self) -> tuple[Arrays, Info]:
+        """Return the state of every boat in its episode, and of all generators, as arrays and as JSON.
+
+        An environment of the same scenario and number of boats continues from it, bit for bit. Only the paths
+        that `render` draws are not included.
+
+        Raises:
+            DockctlError: a condition has a state that cannot be saved.
+        """
+        arrays: Arrays = {}
+        own = {
+            "simulator": self.simulator.state(),
+            "generators": self._rngs,
+            "start_kind": self._start_kind.tolist(),
+            "start_index": self._start_index,
+            "ended": self._ended,
+        }
+        try:
+            return arrays, {key: pack(value, key, arrays) for key, value in own.items()}
+        except TypeError as error:
+            names = list(self.scenario.conditions)
+            message = f"{error}, which cannot be saved; its condition must define state() and restore()"
+            raise DockctlError(f"{message} (conditions: {', '.join(names)})", code="plugin") from None
+
+    def restore(self, arrays: Arrays, facts: Info) -> tuple[Observations, Info]:
+        """Continue from what `state` returned; the result is that of `reset`, for the restored boats.
+
+        Raises:
+            DockctlError: it is not a state of this scenario with this number of boats.
+        """
+        try:
+            own = {key: unpack(value, arrays) for key, value in facts.items()}
+            kinds, indices, ended = own["start_kind"], own["start_index"], own["ended"]
+            rngs = own["generators"]
+            if not {self.num_envs} == {len(kinds), len(indices), len(ended), len(rngs) or self.num_envs}:
+                raise ValueError("another number of boats")
+            self.simulator.restore(own["simulator"])
+        except (KeyError, TypeError, ValueError, AttributeError) as error:
+            message = f"not a state of '{self.scenario.name}' with {self.num_envs} boats: {error}"
+            raise DockctlError(message, code="mismatch") from None
+        self._rngs, self._ended = rngs, ended
+        self._start_kind[:], self._start_index[:] = kinds, indices
+        self._trails = [[eta.copy()] for eta in self.simulator.eta]
+        return self._observe(), self._info(self._no_events())
 
     def clearance(self) -> Floats:
         """Return the clearance (n,) [m]: the least distance between each hull and its harbor."""

@@ -215,6 +215,18 @@ class Disturbance:
         """
         return 0.0
 
+    def state(self) -> dict[str, Any]:
+        """Return all that changes after `build`, for checkpoints: by default every attribute but models.
+
+        Values are numbers, strings, None, arrays of numbers, NumPy generators, and lists, tuples and
+        dictionaries of them. Override it if an attribute has another type.
+        """
+        return {name: value for name, value in vars(self).items() if not isinstance(value, Model)}
+
+    def restore(self, state: dict[str, Any]) -> None:
+        """Continue from what `state` returned, in a condition that was built for as many boats."""
+        vars(self).update(state)
+
 
 class Condition(Kind, ABC):
     """An environmental disturbance, or an error of sensors or actuators; registered in `CONDITIONS`.

@@ -8,7 +8,7 @@ from typing import Any, TypeVar, cast
 import numpy as np
 from numpy.typing import NDArray
 
-from dockctl.errors import require_shape
+from dockctl.errors import DockctlError, require_shape
 from dockctl.geometry import Floats, Ints, rotate
 from dockctl.scenarios.schema import Scenario
 from dockctl.sim.goal import TO_FINAL, StepStatus, measure, reached
@@ -17,6 +17,11 @@ from dockctl.sim.vessel import VesselModel
 from dockctl.sim.world import World, prepare
 
 Answer = TypeVar("Answer", bound=NDArray[Any])
+STATE = (
+    "eta", "nu", "command", "phase", "goals", "harbor", "steps", "max_steps", "distance_m",
+    "heading_error_rad", "sector_ranges_m",
+)  # fmt: skip
+"""Attributes with one row per boat."""
 
 
 class Simulator:
@@ -119,6 +124,30 @@ class Simulator:
             self.phase[status.reached_intermediate] = TO_FINAL
             self._measure()
         return status
+
+    def state(self) -> dict[str, Any]:
+        """Return the arrays of all boats by name, and the states of the conditions in their order."""
+        arrays = {name: getattr(self, name) for name in STATE}
+        return {**arrays, "conditions": [disturbance.state() for disturbance in self.disturbances]}
+
+    def restore(self, state: dict[str, Any]) -> None:
+        """Continue from what `state` returned.
+
+        Raises:
+            DockctlError: it is the state of another number of boats, or of another scenario.
+            KeyError: a part of it is missing.
+        """
+        for name in STATE:
+            expected, given = getattr(self, name), state[name]
+            if np.shape(given) != expected.shape or given.dtype != expected.dtype:
+                message = f"{name} {np.shape(given)}, expected {expected.shape} of {expected.dtype}"
+                raise DockctlError(f"the state of other boats: {message}", code="mismatch")
+        if len(state["conditions"]) != len(self.disturbances) or state["harbor"].max() >= len(self.worlds):
+            raise DockctlError("the state of boats in other harbors or conditions", code="mismatch")
+        for name in STATE:
+            setattr(self, name, state[name])
+        for disturbance, own in zip(self.disturbances, state["conditions"], strict=True):
+            disturbance.restore(own)
 
     def scan(self, rows: Ints | None = None) -> Floats:
         """Return the sector ranges (k, sectors) [m] of the boats in `rows` (k,), by default of all.

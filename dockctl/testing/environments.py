@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -30,7 +31,7 @@ def check_scenario(source: str | Path, *, steps: int = 40) -> None:
 
     The environment is deterministic under a seed; a boat does not depend on the number of boats; a single
     boat equals a row of the vector; observations are in their space; rewards are finite sums of their terms;
-    returned arrays are not shared with the environment.
+    returned arrays are not shared with the environment; a state restored in a new environment continues.
     """
     loaded = load_checked(source)
     scenario = loaded.scenario
@@ -129,11 +130,12 @@ def check_environment(scenario: Scenario, worlds: Sequence[World], steps: int) -
     first = env.reset(seed=seed)
     returned = [_arrays(first), _arrays(same.reset(seed=seed)), _arrays(fewer.reset(seed=seed))]
     alone = _arrays(single.reset(seed=seed))
+    equality = "under the same seed"
     for step in range(steps):
         many, equal, few = returned
         where = f"{what}, step {step}"
         for key, value in many.items():
-            assert np.array_equal(value, equal[key]), f"{where}: {key} differs under the same seed"
+            assert np.array_equal(value, equal[key]), f"{where}: {key} differs {equality}"
             assert np.array_equal(value[:2], few[key]), f"{where}: {key} depends on the number of boats"
             assert np.array_equal(value[0], alone[key]), f"{where}: {key} of a single boat differs"
             assert value.dtype == object or np.isfinite(value).all(), f"{where}: {key} is not finite"
@@ -141,6 +143,10 @@ def check_environment(scenario: Scenario, worlds: Sequence[World], steps: int) -
         for value in equal.values():  # the caller may overwrite them
             if value.dtype != object:
                 value[:] = 0
+        if step == steps // 2:
+            arrays, facts = env.state()
+            same, equality = make(boats), "in an environment that continues from a saved state"
+            same.restore(arrays, json.loads(json.dumps(facts)))
         action = env.action_space.sample()
         results = [env.step(action), same.step(action), fewer.step(action[:2])]
         lone = single.step(action[0])
