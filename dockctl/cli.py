@@ -2,14 +2,18 @@
 
 from __future__ import annotations
 
+import errno
 import importlib
+import io
 import logging
+import sys
 from typing import Annotated, Any
 
 import typer
 from typer.core import TyperGroup
 
 from dockctl import __version__
+from dockctl.console import SafeStream
 from dockctl.errors import DockctlError
 from dockctl.experiments.interrupt import INTERRUPTED
 
@@ -88,7 +92,25 @@ for _name, _function in COMMANDS.items():
 
 def main() -> None:
     """Run the command line; the entry point of ``dockctl``."""
+    for name in ("stdout", "stderr"):
+        if isinstance(stream := getattr(sys, name), io.TextIOWrapper):  # None if the shell closed it
+            setattr(sys, name, SafeStream.wrap(stream))
     logger = logging.getLogger("dockctl")
     logger.addHandler(logging.StreamHandler())  # to stderr: progress of long preparations
     logger.setLevel(logging.INFO)
-    app(prog_name="dockctl")
+    try:
+        app(prog_name="dockctl")
+    except SystemExit as end:
+        sys.exit(end.code or _output_status())
+
+
+def _output_status() -> int:
+    """Return the exit status of a command whose work is done; a reader may close the pipe early."""
+    if not isinstance(sys.stdout, SafeStream):
+        return 0
+    sys.stdout.flush()
+    failure = sys.stdout.failure
+    if failure is None or failure.errno == errno.EPIPE:
+        return 0
+    typer.secho(f"error: standard output: cannot be written: {failure.strerror}", fg="red", err=True)
+    return DockctlError.exit_code

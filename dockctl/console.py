@@ -2,6 +2,11 @@
 
 from __future__ import annotations
 
+import io
+import os
+import shlex
+from typing import Self
+
 from rich import box
 from rich.console import Console
 from rich.table import Column, Table
@@ -9,6 +14,50 @@ from rich.text import Text
 
 MIN_WIDTH = 80
 """Columns that the tables need. On a narrower terminal lines wrap, and no number is truncated."""
+
+
+class SafeStream(io.TextIOWrapper):
+    """A standard stream that does not end the command when it fails, on a full disk or a closed pipe.
+
+    Attributes:
+        failure: the first error; what follows it is discarded.
+    """
+
+    failure: OSError | None = None
+
+    @classmethod
+    def wrap(cls, stream: io.TextIOWrapper) -> Self:
+        """Return a replacement for `stream`."""
+        return cls(stream.detach(), stream.encoding, stream.errors, line_buffering=stream.line_buffering)
+
+    def write(self, text: str) -> int:
+        try:
+            return super().write(text)
+        except OSError as error:
+            self._discard(error)
+            return len(text)
+
+    def flush(self) -> None:
+        try:
+            super().flush()
+        except OSError as error:
+            self._discard(error)
+
+    def _discard(self, error: OSError) -> None:
+        self.failure = self.failure or error
+        null = os.open(os.devnull, os.O_WRONLY)
+        os.dup2(null, self.fileno())
+        os.close(null)
+
+
+def count(number: int, noun: str) -> str:
+    """Return ``1 episode``, ``2 episodes``."""
+    return f"{number:,} {noun}{'' if number == 1 else 's'}"
+
+
+def command_line(*words: object) -> str:
+    """Return a command of dockctl that can be pasted into a shell."""
+    return shlex.join(["dockctl", *map(str, words)])
 
 
 def print_text(console: Console, text: str, style: str = "") -> None:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 import re
 import shlex
 import subprocess
@@ -13,6 +14,7 @@ import typer
 from typer.testing import CliRunner
 
 from dockctl import __version__, cli
+from dockctl.console import command_line
 from dockctl.errors import DockctlError
 
 HEAVY = (
@@ -95,6 +97,33 @@ def test_an_error_of_the_user_has_no_traceback() -> None:
 
 def test_an_interruption_exits_130() -> None:
     assert invoke(KeyboardInterrupt()) == (130, "")
+
+
+def version(stdout: int, stderr: int) -> subprocess.CompletedProcess[str]:
+    command = [sys.executable, "-m", "dockctl", "--version"]
+    return subprocess.run(command, stdout=stdout, stderr=stderr, text=True, timeout=60)
+
+
+def test_a_full_disk_behind_the_output_is_one_error() -> None:
+    with open("/dev/full", "w") as full:  # noqa: PTH123
+        done = version(full.fileno(), subprocess.PIPE)
+        assert done.returncode == 2
+        (line,) = done.stderr.splitlines()
+        assert line.startswith("error: ")
+        assert version(full.fileno(), full.fileno()).returncode == 2
+
+
+def test_a_reader_may_close_the_pipe_early() -> None:
+    reader, writer = os.pipe()
+    os.close(reader)
+    done = version(writer, subprocess.PIPE)
+    os.close(writer)
+    assert (done.returncode, done.stderr) == (0, "")
+
+
+def test_a_command_can_be_pasted_into_a_shell() -> None:
+    words = ("plot", Path("my runs/it's"))
+    assert shlex.split(command_line(*words)) == ["dockctl", *map(str, words)]
 
 
 def test_an_unknown_option_exits_2() -> None:

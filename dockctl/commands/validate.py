@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from dockctl.commands.options import Overrides, Plugins
+from dockctl.console import count
 from dockctl.errors import DockctlError
 
 if TYPE_CHECKING:
@@ -56,12 +57,8 @@ def phases(scenario: Scenario) -> str:
 
 def summary(scenario: Scenario) -> str:
     """Return a one-line summary of a scenario."""
-    starts = _count(len(scenario.task.initial), "start")
-    parts = _count(len(scenario.observation), "observation part")
-    terms = _count(len(scenario.reward.terms), "reward term")
+    starts = count(len(scenario.task.initial), "start")
+    parts = count(len(scenario.observation), "observation part")
+    terms = count(len(scenario.reward.terms), "reward term")
     where = f"{scenario.vessel.name} in {scenario.harbor.name}"
-    return f"{starts}, {parts}, {terms}; {where}, {_count(scenario.training.boats, 'boat')} in training"
-
-
-def _count(number: int, noun: str) -> str:
-    return f"{number} {noun}{'' if number == 1 else 's'}"
+    return f"{starts}, {parts}, {terms}; {where}, {count(scenario.training.boats, 'boat')} in training"

@@ -14,7 +14,7 @@ from rich.console import Console
 
 from dockctl.agents.checkpoint import load_pair, save_policy
 from dockctl.analysis.episodes import ending
-from dockctl.console import print_text
+from dockctl.console import command_line, print_text
 from dockctl.errors import DockctlError
 from dockctl.evaluation.policies import CheckpointPolicy, load_checkpoint
 from dockctl.evaluation.rollout import Episode, Rollout
@@ -105,7 +105,7 @@ def read_candidate(path: Path) -> Candidate:
     """
     run = RunDirectory.open(path)
     policy = load_checkpoint(path)
-    command = f"run: dockctl evaluate --ckpt {path}"
+    command = f"run: {command_line('evaluate', '--ckpt', path)}"
     if not all((run.path / f"{EVALUATION}.{suffix}").is_file() for suffix in ("json", "csv")):
         raise DockctlError(f"{path}: is not evaluated; {command}", code="not_found")
     if not is_of_policy(policy.card, run, EVALUATION):

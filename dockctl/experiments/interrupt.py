@@ -1,4 +1,4 @@
-"""Ctrl-C and SIGTERM: long commands save and stop."""
+"""Ctrl-C, SIGTERM and the end of the terminal: long commands save and stop."""
 
 from __future__ import annotations
 
@@ -13,12 +13,19 @@ INTERRUPTED = 130
 
 @contextmanager
 def on_interrupt(stop: Callable[[], None]) -> Iterator[None]:
-    """Call `stop` on Ctrl-C and on SIGTERM."""
+    """Call `stop` on Ctrl-C, on SIGTERM, and once on SIGHUP, of which a closing terminal may send two."""
+    called = False
 
     def handle(signum: int, frame: Any) -> None:
-        stop()
+        nonlocal called
+        if not called or signum != signal.SIGHUP:
+            called = True
+            stop()
 
-    previous = [(number, signal.signal(number, handle)) for number in (signal.SIGINT, signal.SIGTERM)]
+    numbers = [signal.SIGINT, signal.SIGTERM, signal.SIGHUP]
+    if signal.getsignal(signal.SIGHUP) is signal.SIG_IGN:  # nohup
+        numbers.remove(signal.SIGHUP)
+    previous = [(number, signal.signal(number, handle)) for number in numbers]
     try:
         yield
     finally:

@@ -13,7 +13,7 @@ from rich.panel import Panel
 from rich.progress_bar import ProgressBar
 from rich.table import Table
 
-from dockctl.console import print_text
+from dockctl.console import count, print_text
 from dockctl.runs.tables import RECENT
 
 if TYPE_CHECKING:
@@ -89,7 +89,7 @@ class TrainingDisplay:
             "speed": f"{speed:,.0f} steps/s",
             "time": f"{clock(progress.wall_s)}, at most {left} remaining",
             "docked": f"{progress.recent_docked} of the last {min(RECENT, progress.episodes)} docked",
-            "episodes": f"{progress.episodes:,} episodes" + (f": {outcomes}" if outcomes else ""),
+            "episodes": count(progress.episodes, "episode") + (f": {outcomes}" if outcomes else ""),
         }
         if progress.epsilon is not None:
             facts["epsilon"] = f"epsilon {progress.epsilon:.3f}"

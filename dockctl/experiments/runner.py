@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import os
-import shlex
 import signal
 import subprocess
 import sys
@@ -23,7 +22,7 @@ from rich.table import Table
 from rich.text import Text
 
 import dockctl
-from dockctl.console import print_text
+from dockctl.console import command_line, count, print_text
 from dockctl.errors import DockctlError
 from dockctl.experiments.archive import archive
 from dockctl.experiments.interrupt import on_interrupt
@@ -74,7 +73,7 @@ def run_study(source: str, names: Sequence[str], out: Path, results: Path, worke
             for job in jobs
             if (finished := job.finished())
         ]
-        print_text(console, f"{len(archived)} runs archived in {results}")
+        print_text(console, f"{count(len(archived), 'run')} archived in {results}")
     return ending
 
 
@@ -165,7 +164,7 @@ class JobRunner:
         """Run a stage and return its exit status."""
         package = Path(dockctl.__file__).parent.parent
         paths = os.pathsep.join(filter(None, [str(package), os.environ.get("PYTHONPATH")]))
-        log.write(f"$ dockctl {shlex.join(stage.arguments)}\n".encode())
+        log.write(f"$ {command_line(*stage.arguments)}\n".encode())
         log.flush()
         with self._lock:
             if self._stopping:
@@ -264,12 +263,12 @@ def _counts(runner: JobRunner) -> str:
 
 
 def _report_ending(console: Console, runner: JobRunner) -> Ending:
-    command = f"dockctl {shlex.join(sys.argv[1:])}"
+    command = command_line(*sys.argv[1:])
     if runner.stopping and any(progress.state != "done" for progress in runner.progress):
         print_text(console, f"Interrupted: {_counts(runner)}. Trainings are saved. To resume:\n  {command}")
         return "interrupted"
     failed = [progress for progress in runner.progress if progress.state == "failed"]
-    print_text(console, f"{len(runner.progress) - len(failed)} of {len(runner.progress)} jobs done.")
+    print_text(console, f"{len(runner.progress) - len(failed)} of {count(len(runner.progress), 'job')} done.")
     for progress in failed:
         print_text(console, f"failed: {progress.job.label}: {progress.reason}", "red")
     if failed:

@@ -16,7 +16,7 @@ from dockctl.agents.checkpoint import LEARNER, POLICY, PolicyCard, load_pair, lo
 from dockctl.agents.interface import Algorithm, Policy, Spaces
 from dockctl.agents.progress import REASONS, Progress
 from dockctl.agents.trainer import Trainer, Validation
-from dockctl.console import print_text
+from dockctl.console import command_line, count, print_text
 from dockctl.envs.vector import DockingVectorEnv
 from dockctl.errors import DockctlError, InputError
 from dockctl.evaluation.rollout import Rollout, score, trajectories_csv
@@ -97,6 +97,7 @@ def train(
     run = RunDirectory.create(out, loaded.scenario.name, loaded.scenario.training.seed)
     with exclusive_lock(run.path):
         facts = provenance.collect(loaded.scenario.training.seed, sys.argv)
+        facts["sequence"] = RunDirectory.next_sequence(out)
         facts["plugins"] = run.copy_files(PLUGINS, loaded.plugin_files)
         facts["meshes"] = run.copy_files(MESHES, mesh_files(loaded.scenario))
         run.write_text(SCENARIO, dump(with_paths(loaded.scenario, facts["plugins"], facts["meshes"])))
@@ -148,7 +149,7 @@ def _extension(run: RunDirectory, facts: Mapping[str, Any], env_steps: int, step
     if steps is None or steps <= env_steps:
         reason = REASONS.get(facts["stop_reason"], "finished").lower()
         raise DockctlError(
-            f"{run.path}: this training is finished: {reason} after {env_steps:,} steps;"
+            f"{run.path}: this training is finished: {reason} after {count(env_steps, 'step')};"
             " to extend it, give a larger number with --steps"
         )
     return [*overrides, "training.stop=null", "training.max_episodes=null"]
@@ -190,8 +191,7 @@ def _run(session: _Session, run: RunDirectory, console: Console, *, resumed: boo
     """Train, write the trajectories of the best policy, and report."""
     loaded, scenario, training = session.loaded, session.loaded.scenario, session.loaded.scenario.training
     title = f"{scenario.name}, seed {training.seed}"
-    boats = f"{training.boats} boat{'s' * (training.boats > 1)}"
-    print_text(console, f"{title}: {boats}; memory: {session.memory}")
+    print_text(console, f"{title}: {count(training.boats, 'boat')}; memory: {session.memory}")
     print_text(console, f"run folder: {run.path}")
     card = PolicyCard.for_spaces(
         Spaces.from_env(session.environment),
@@ -215,7 +215,7 @@ def _run(session: _Session, run: RunDirectory, console: Console, *, resumed: boo
         if resumed:
             lost = trainer.restore()
             note = f"; {session.spec.on_resume}" if session.spec.on_resume else ""
-            print_text(console, f"resumed after {trainer.progress.env_steps:,} steps{note}")
+            print_text(console, f"resumed after {count(trainer.progress.env_steps, 'step')}{note}")
             for loss in lost:
                 print_text(console, f"warning: {loss}", "yellow")
         reason = trainer.run()
@@ -235,15 +235,16 @@ def _run(session: _Session, run: RunDirectory, console: Console, *, resumed: boo
 
 def _report(console: Console, run: TrainedRun) -> None:
     """Print how the training ended and what to do next."""
-    progress = run.progress
-    counts = f"{progress.env_steps:,} steps, {progress.episodes:,} episodes, {clock(progress.wall_s)}"
+    progress, recent = run.progress, min(RECENT, run.progress.episodes)
+    steps, episodes = count(progress.env_steps, "step"), count(progress.episodes, "episode")
     lines = [
-        f"{REASONS[run.reason]}: {counts}.",
-        f"Training: {progress.recent_docked} of the last {min(RECENT, progress.episodes)} episodes docked.",
+        f"{REASONS[run.reason]}: {steps}, {episodes}, {clock(progress.wall_s)}.",
+        f"Training: {progress.recent_docked} of the last {count(recent, 'episode')} docked.",
         f"Greedy policy: best {best(progress)}.",
     ]
     if run.reason == "interrupted":
-        lines += ["Saved. To continue:", f"  dockctl train --resume {run.path}"]
+        lines += ["Saved. To continue:", f"  {command_line('train', '--resume', run.path)}"]
     else:
-        lines += ["Next:", f"  dockctl evaluate --ckpt {run.path}", f"  dockctl plot {run.path}"]
+        following = (("evaluate", "--ckpt", run.path), ("plot", run.path))
+        lines += ["Next:", *(f"  {command_line(*words)}" for words in following)]
     print_text(console, "\n".join(lines))

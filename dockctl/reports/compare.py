@@ -15,6 +15,7 @@ from matplotlib.ticker import MaxNLocator, PercentFormatter
 
 from dockctl.analysis.contrast import MEASURES, SUCCESS, Contrast, Measure, contrasts
 from dockctl.analysis.statistics import wilson_interval
+from dockctl.console import count
 from dockctl.drawing import palette
 from dockctl.reports.style import label, make_figure
 
@@ -48,7 +49,7 @@ def compare_figure(table: pd.DataFrame, kinds: Mapping[str, str], caption: str) 
     )
     for axes, kind in zip(grid, shown, strict=True):
         episodes = table[table["start_kind"] == kind]
-        title = f"{kinds.get(kind, kind)}, {len(episodes) // len(policies):,} episodes"
+        title = f"{kinds.get(kind, kind)}, {count(len(episodes) // len(policies), 'episode')}"
         draw_outcomes(axes[0], episodes, policies, title)
         for ax, measure in zip(axes[1:], (SUCCESS, *MEASURES), strict=True):
             draw_differences(ax, measure, [c for c in found if c.kind == kind], len(policies))

@@ -10,6 +10,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from dockctl.analysis.episodes import term_columns
+from dockctl.console import count
 from dockctl.drawing.scene import Scene
 from dockctl.reports import learning, plan_view, trajectory
 from dockctl.reports.plan_view import Track, split_tracks
@@ -67,7 +68,7 @@ def training_figures(run: Run, episodes: pd.DataFrame) -> Iterator[tuple[str, Fi
         }
         if is_empty.get(draw):
             continue
-        figure, ax = make_axes(title, f"{run.caption}, {len(episodes):,} episodes")
+        figure, ax = make_axes(title, f"{run.caption}, {count(len(episodes), 'episode')}")
         draw(ax, episodes)
         yield name, figure
 
@@ -145,8 +146,8 @@ def overview(run: Run, episodes: pd.DataFrame, tracks: Sequence[Track]) -> Figur
     share = float((last["outcome"] == "docked").mean())
     figure = make_figure(
         f"Overview of scenario {run.scenario}",
-        f"seed {run.seed}, {len(episodes):,} training episodes, {share:.0%} of the last {len(last)} docked; "
-        f"the best policy docks from {docked} of {len(tracks)} evaluation pose{'s' * (len(tracks) > 1)}",
+        f"seed {run.seed}, {count(len(episodes), 'training episode')}, {share:.0%} of the last {len(last)}"
+        f" docked; the best policy docks from {docked} of {count(len(tracks), 'evaluation pose')}",
         (12.4, 8.4),
     )
     grid = figure.add_gridspec(2, 2, height_ratios=(2.1, 1.0), width_ratios=(1.15, 1.0))

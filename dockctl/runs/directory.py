@@ -39,13 +39,21 @@ import json
 import os
 from collections.abc import Iterable
 from contextlib import AbstractContextManager
-from datetime import datetime
+from datetime import UTC, datetime
 from pathlib import Path
 from typing import Any
 
 import dockctl
 from dockctl.errors import DockctlError
-from dockctl.runs.files import intact, new_folder, reading, write_atomically, write_json
+from dockctl.runs.files import (
+    intact,
+    make_folder,
+    new_folder,
+    reading,
+    sync,
+    write_atomically,
+    write_json,
+)
 from dockctl.runs.tables import Table
 
 RUNS = Path("runs")
@@ -86,16 +94,17 @@ class RunDirectory:
         Raises:
             DockctlError: the folder cannot be created or written.
         """
-        stem = f"{datetime.now():%Y%m%d-%H%M%S}-seed{seed}"
+        stem = f"{datetime.now(UTC):%Y%m%d-%H%M%S}-seed{seed}"
         try:
             parent = root / scenario_name
-            parent.mkdir(parents=True, exist_ok=True)
+            make_folder(parent)
             for attempt in range(1, 1000):
                 path = parent / (stem if attempt == 1 else f"{stem}-{attempt}")
                 try:
                     path.mkdir()
                 except FileExistsError:
                     continue
+                sync(parent)
                 return cls(path)
         except OSError as error:
             raise DockctlError(
@@ -123,15 +132,34 @@ class RunDirectory:
 
     @classmethod
     def latest(cls, root: Path) -> RunDirectory:
-        """Return the run under `root` that was started last.
+        """Return the run under `root` that was started last, of those with a checkpoint.
 
         Raises:
             DockctlError: there is none.
         """
-        runs = [scenario.parent for scenario in root.glob(f"*/*/{SCENARIO}")]
+        runs = [run for run in cls._all(root) if any(os.path.isdir(run.checkpoint(n)) for n in (BEST, LAST))]
         if not runs:
-            raise DockctlError(f"{root}: no runs yet; train one with: dockctl train", code="not_found")
-        return cls(max(runs, key=lambda path: (path.name, path.stat().st_mtime_ns)))
+            message = f"{root}: no run with a checkpoint yet; train one with: dockctl train"
+            raise DockctlError(message, code="not_found")
+        return max(runs, key=lambda run: (run.sequence, run.path.name))
+
+    @classmethod
+    def next_sequence(cls, root: Path) -> int:
+        """Return the number of a new run under `root`: the order of starts, whatever the clock shows."""
+        return 1 + max((run.sequence for run in cls._all(root)), default=0)
+
+    @classmethod
+    def _all(cls, root: Path) -> list[RunDirectory]:
+        return [cls(scenario.parent) for scenario in root.glob(f"*/*/{SCENARIO}")]
+
+    @property
+    def sequence(self) -> int:
+        """Number of the run in the order of starts; 0 if it is unknown."""
+        try:
+            number = self.read_json(PROVENANCE).get("sequence")
+        except DockctlError:
+            return 0
+        return number if isinstance(number, int) else 0
 
     @classmethod
     def containing(cls, checkpoint: Path) -> RunDirectory | None:
@@ -183,7 +211,7 @@ class RunDirectory:
         for number, file in enumerate(files):
             content = file.read_bytes()
             name = f"{folder}/{number:02d}-{file.name}"
-            (self.path / folder).mkdir(exist_ok=True)
+            make_folder(self.path / folder)
             write_atomically(self.path / name, content)
             hashes[name] = hashlib.sha256(content).hexdigest()
         return hashes

@@ -5,7 +5,7 @@ from __future__ import annotations
 import hashlib
 import os
 from collections.abc import Callable
-from datetime import datetime
+from datetime import datetime, timedelta, timezone
 from pathlib import Path
 from typing import Any
 
@@ -30,7 +30,7 @@ def frozen_clock(monkeypatch: pytest.MonkeyPatch) -> None:
     class Clock(datetime):
         @classmethod
         def now(cls, tz: Any = None) -> datetime:
-            return datetime(2025, 3, 1, 12, 30, 59)
+            return datetime(2025, 3, 1, 14, 30, 59, tzinfo=timezone(timedelta(hours=2))).astimezone(tz)
 
     monkeypatch.setattr(directory, "datetime", Clock)
 
@@ -41,14 +41,39 @@ def test_runs_started_in_the_same_second_get_separate_folders(tmp_path: Path) ->
     assert made == [f"s1/20250301-123059-seed4{suffix}" for suffix in ("", "-2", "-3")]
 
 
-def test_the_latest_run_is_found_over_all_scenarios(tmp_path: Path) -> None:
+def start(root: Path, name: str, *, checkpoint: bool = True, sequence: bool = True) -> Path:
+    """Make a run folder as a training does."""
+    facts = {"sequence": RunDirectory.next_sequence(root)} if sequence else {}
+    run = RunDirectory(root / name)
+    run.path.mkdir(parents=True)
+    run.write_text("scenario.yaml", "")
+    run.write_json("provenance.json", facts)
+    if checkpoint:
+        run.checkpoint("last").mkdir(parents=True)
+    return run.path
+
+
+def test_the_latest_run_is_the_one_started_last_whatever_the_clock_shows(tmp_path: Path) -> None:
     with pytest.raises(DockctlError, check=has_code("not_found")):
         RunDirectory.latest(tmp_path)
-    for name in ("s1/20250101-000000-seed0", "s2/20250301-000000-seed0", "s3/20250201-000000-seed9"):
-        (tmp_path / name).mkdir(parents=True)
-        (tmp_path / name / "scenario.yaml").touch()
-    (tmp_path / "s3" / "20260101-000000-seed0").mkdir()  # empty: not a run
-    assert RunDirectory.latest(tmp_path).path.parent.name == "s2"
+    early = [
+        start(tmp_path, f"s1/{name}", sequence=False)
+        for name in ("20250301-000000-seed0", "20250201-000000-seed9")
+    ]
+    assert RunDirectory.latest(tmp_path).path == early[0]  # runs of early versions have only their names
+    for name in ("s2/20250101-000000-seed10", "s3/20240101-000000-seed9", "s1/20240101-000000-seed10"):
+        last = start(tmp_path, name)
+        assert RunDirectory.latest(tmp_path).path == last
+
+
+def test_a_start_that_failed_is_not_the_latest_run(tmp_path: Path) -> None:
+    start(tmp_path, "s1/20250101-000000-seed0", checkpoint=False)
+    with pytest.raises(DockctlError, check=has_code("not_found")):
+        RunDirectory.latest(tmp_path)
+    good = start(tmp_path, "s1/20250102-000000-seed0")
+    failed = start(tmp_path, "s1/20250103-000000-seed0", checkpoint=False)
+    (failed / "provenance.json").write_bytes(bytes(9))
+    assert RunDirectory.latest(tmp_path).path == good
 
 
 def test_only_a_run_folder_can_be_opened(tmp_path: Path) -> None:
