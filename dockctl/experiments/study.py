@@ -11,10 +11,10 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated, Literal, Self
 
-from pydantic import Field, ValidationError, model_validator
+from pydantic import Field, model_validator
 
 from dockctl.analysis.success_map import SMALL_OFFSET_DEG
-from dockctl.errors import DockctlError, InputError, nearest
+from dockctl.errors import DockctlError, nearest
 from dockctl.runs.directory import (
     EVALUATION,
     FAILURES,
@@ -33,7 +33,7 @@ from dockctl.scenarios.base import NAME, Count, FieldError, Model, Name
 from dockctl.scenarios.catalog import SUFFIXES, display_path, packaged_folder
 from dockctl.scenarios.content import first_difference
 from dockctl.scenarios.loader import load
-from dockctl.scenarios.problems import model_problems
+from dockctl.scenarios.problems import validate
 from dockctl.scenarios.schema import Scenario
 from dockctl.scenarios.yaml_tree import input_error, read_file
 from dockctl.sim.world import load_checked
@@ -118,10 +118,7 @@ def load_study(source: str) -> Study:
             raise DockctlError(message, code="unknown_name", suggestion=nearest(source, known))
         path = known[source]
     tree = read_file(path, display_path(path))
-    try:
-        study = Study.model_validate(tree.to_python())
-    except ValidationError as error:
-        raise InputError(model_problems(error, tree, Study)) from None
+    study = validate(tree, Study)
     name = study.name if "name" in study.model_fields_set else path.stem
     location = (tree.get("name") or tree).location
     if not re.fullmatch(NAME, name):

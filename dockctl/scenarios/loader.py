@@ -3,25 +3,26 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Iterable, Sequence
+import re
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass, field, replace
 from functools import reduce
 from pathlib import Path
 from typing import Any, TypeVar
 
 import yaml
-from pydantic import ValidationError
 
 from dockctl import plugins
 from dockctl.errors import Code, DockctlError, InputError, Problem
 from dockctl.plugins import HARBORS, SCENARIOS, VESSELS, Registry
 from dockctl.scenarios import catalog
-from dockctl.scenarios.base import Model
+from dockctl.scenarios.base import NAME, Model
 from dockctl.scenarios.harbor import HarborSpec, is_model_file
-from dockctl.scenarios.problems import function_problems, locate, model_problems
+from dockctl.scenarios.problems import function_problems, locate, validate
 from dockctl.scenarios.schema import Scenario
 from dockctl.scenarios.vessel import Vessel
 from dockctl.scenarios.yaml_tree import (
+    MAX_DEPTH,
     Location,
     Node,
     PlainDumper,
@@ -38,6 +39,16 @@ SELECTORS = ("preset", "kind")
 """Keys that select the meaning of their section: a section that changes one of them inherits nothing."""
 
 BY_NAME: dict[str, Registry[Path]] = {"vessel": VESSELS, "harbor": HARBORS}
+
+MAX_FILES = 50
+"""Files that extend each other."""
+
+_MESHES = (("meshes", "*", "path"), ("fleet", "models", "*"))
+PATHS = {
+    SCENARIOS.noun: (("plugins", "*"), *(("harbor", *keys) for keys in _MESHES)),
+    HARBORS.noun: _MESHES,
+}
+"""Keys of the paths in a scenario and in a harbor; "*" is any index of a list."""
 
 
 P = TypeVar("P", bound=Model)
@@ -92,22 +103,12 @@ def load(
     for path in plugin_files:
         plugins.load_file(path)
     path, display = catalog.find(SCENARIOS, str(source), Path())
-    tree = _read(path, display, SCENARIOS, ())
+    tree = _read(SCENARIOS, path, display)
     tree = reduce(_override, sorted(overrides, key=_changes_a_value), tree)
-    hint = ""
     if tree.get("name") is None:
-        tree = tree.with_value("name", Node(path.stem, Location(display)))
-        hint = "; the name is that of the file: add 'name: ...' to the file"
-    problems = list(_load_plugins(tree))
-    problems += function_problems(tree)
-    try:
-        scenario = Scenario.model_validate(tree.to_python())
-    except ValidationError as error:
-        found = model_problems(error, tree, Scenario)
-        problems += [replace(p, message=p.message + hint) if p.field == "name" else p for p in found]
-        raise InputError(sorted(problems, key=_by_location)) from None
-    if problems:
-        raise InputError(sorted(problems, key=_by_location))
+        tree = tree.with_value("name", _name_of_file(path, tree.location))
+    problems = [*_load_plugins(tree), *function_problems(tree)]
+    scenario = validate(tree, Scenario, problems)
     files = tuple(dict.fromkeys([*(p.resolve() for p in plugin_files), *map(Path, scenario.plugins)]))
     scenario = scenario.model_copy(update={"plugins": tuple(map(str, files))})
     return LoadedScenario(scenario, path.resolve().parent, str(source), files, tree)
@@ -147,8 +148,10 @@ def merge(base: Node, over: Node, path: tuple[str, ...] = ()) -> Node:
     """
     if path[:-1] == ("reward", "terms"):
         base, over = _as_term(base), _as_term(over)
-    if not (isinstance(base.value, dict) and isinstance(over.value, dict)):
+    if not isinstance(over.value, dict):
         return over
+    if not isinstance(base.value, dict):
+        return replace(over, problems=base.problems + over.problems)
     if any(
         key in over.value and over.value[key].to_python() != _to_python(base.get(key)) for key in SELECTORS
     ):
@@ -159,7 +162,8 @@ def merge(base: Node, over: Node, path: tuple[str, ...] = ()) -> Node:
         else over.value.get(key, base.value.get(key))
         for key in {**base.value, **over.value}
     }
-    return Node(merged, over.location, {**base.keys, **over.keys})  # type: ignore[arg-type]  # one of the two has the key
+    keys, problems = {**base.keys, **over.keys}, base.problems + over.problems
+    return Node(merged, over.location, keys, problems)  # type: ignore[arg-type]  # one of the two has the key
 
 
 def _as_term(node: Node) -> Node:
@@ -171,33 +175,59 @@ def _to_python(node: Node | None) -> Any:
     return node.to_python() if node else None
 
 
-def _by_location(problem: Problem) -> tuple[str, int, int]:
-    return problem.file, problem.line, problem.column
+def _name_of_file(path: Path, location: Location) -> Node:
+    """Return the name of a scenario whose file does not give one."""
+    if re.fullmatch(NAME, path.stem):
+        return Node(path.stem, location)
+    message = f"the name of the file, '{path.stem}', cannot be that of the scenario; add 'name: ...' to it"
+    return Node(None, location, problems=(location.problem(message, "name"),))
 
 
-def _read(path: Path, display: str, registry: Registry[Path], chain: tuple[str, ...]) -> Node:
-    """Read a file and merge it into the file that it extends.
+def _read(registry: Registry[Path], path: Path, display: str) -> Node:
+    """Read a file and merge it into those that it extends.
 
     Args:
         display: path for messages.
-        chain: real paths of the files that extend this one.
+
+    Raises:
+        InputError: the file cannot be read. Problems of others are in the tree.
     """
-    tree = _expanded(read_file(path, display), path.parent)
-    extends = tree.get("extends")
-    if extends is None:
-        return tree
-    tree = tree.without("extends")
-    chain = (*chain, os.path.realpath(path))
-    parent_path, parent_display = _find(registry, extends, path.parent)
-    if os.path.realpath(parent_path) in chain:
-        raise input_error(
-            extends.location, f"'{extends.value}' extends this file: circular reference", "extends"
-        )
-    parent = _read(parent_path, parent_display, registry, chain)
-    return merge(parent.without(*OWN_KEYS), tree)
+    trees: list[Node] = []
+    seen: set[str] = set()
+    problems: tuple[Problem, ...] = ()
+    tree = read_file(path, display)
+    while True:
+        seen.add(os.path.realpath(path))
+        trees.append(_expanded(tree.without("extends"), registry, display, path.parent))
+        if (extends := tree.get("extends")) is None:
+            break
+        try:
+            path, display = _find(registry, extends, path.parent, "extends")
+            if os.path.realpath(path) in seen:
+                message = f"'{extends.value}' extends this file: circular reference"
+                raise input_error(extends.location, message, "extends")
+            if len(trees) == MAX_FILES:
+                message = f"more than {MAX_FILES} files that extend each other"
+                raise input_error(extends.location, message, "extends", "out_of_range")
+            tree = read_file(path, display)
+        except InputError as error:
+            problems = _at_line(error, extends.location, "extends")
+            break
+    merged = reduce(lambda base, over: merge(base.without(*OWN_KEYS), over), reversed(trees))
+    return replace(merged, problems=(*merged.problems, *problems))
 
 
-def _find(registry: Registry[Path], node: Node, directory: Path, path: str = "extends") -> tuple[Path, str]:
+def _at_line(error: InputError, location: Location, field: str) -> tuple[Problem, ...]:
+    """Return the problems of a file that `location` names; those without a line are reported there."""
+    return tuple(
+        problem
+        if problem.line or problem.file == location.file
+        else location.problem(str(problem), field, problem.code)
+        for problem in error.problems
+    )
+
+
+def _find(registry: Registry[Path], node: Node, directory: Path, path: str) -> tuple[Path, str]:
     if not isinstance(node.value, str):
         message = f"found {describe(node.to_python())}, expected the name or the path of a {registry.noun}"
         raise input_error(node.location, message, path, "wrong_type")
@@ -207,43 +237,64 @@ def _find(registry: Registry[Path], node: Node, directory: Path, path: str = "ex
         raise input_error(node.location, error.message, path, error.code, error.suggestion) from None
 
 
-def _expanded(tree: Node, directory: Path) -> Node:
-    """Replace the names of vessels and harbors by their content, and make paths absolute."""
-    for key, registry in BY_NAME.items():
-        node = tree.get(key)
-        if node is not None and isinstance(node.value, str):
-            tree = tree.with_value(key, _read(*_find(registry, node, directory, key), registry, ()))
-    if (listed := tree.get("plugins")) is not None:
-        tree = tree.with_value("plugins", _absolute(listed, directory))
-    if (harbor := tree.get("harbor")) is not None:
-        tree = tree.with_value("harbor", _expanded(harbor, directory))
-    if (meshes := tree.get("meshes")) is not None:  # in a harbor file, and in the `harbor` of a scenario
-        tree = tree.with_value("meshes", _absolute(meshes, directory))
-    if (fleet := tree.get("fleet")) is not None and (models := fleet.get("models")) is not None:
-        tree = tree.with_value("fleet", fleet.with_value("models", _absolute_models(models, directory)))
+def _named(registry: Registry[Path], node: Node, directory: Path, key: str) -> Node:
+    """Return the content of the vessel or harbor that `node` names."""
+    try:
+        path, display = _find(registry, node, directory, key)
+        return _read(registry, path, display)
+    except InputError as error:
+        return replace(node, value=None, problems=_at_line(error, node.location, key))
+
+
+def _expanded(tree: Node, registry: Registry[Path], file: str, directory: Path | None) -> Node:
+    """Replace the names of vessels and harbors by their content, and make paths absolute.
+
+    Args:
+        registry: of files like this one.
+        file: in the locations of the values to expand; values of other files are left as they are.
+        directory: of the file, which the files of meshes must be inside of; None for the command line, where
+            the user names any file.
+    """
+
+    def absolute(node: Node, field: str) -> Node:
+        is_path = isinstance(node.value, str) and node.location.file == file
+        if not is_path or ("models" in field and not is_model_file(str(node.value))):
+            return node
+        path = os.path.realpath((directory or Path()) / str(node.value))
+        problems = node.problems
+        if (
+            directory
+            and "plugins" not in field
+            and not Path(path).is_relative_to(os.path.realpath(directory))
+        ):
+            message = (
+                f"'{node.value}' is outside the folder of this file; move it there, or name it on the command"
+                f" line: --set {field}=PATH"
+            )
+            problems += (node.location.problem(message, field),)
+        return replace(node, value=path, problems=problems)
+
+    if registry is SCENARIOS:
+        for key, part in BY_NAME.items():
+            node = tree.get(key)
+            if node is not None and isinstance(node.value, str):
+                tree = tree.with_value(key, _named(part, node, directory or Path(), key))
+    for pattern in PATHS.get(registry.noun, ()):
+        prefix = "" if registry is SCENARIOS else f"{registry.noun}."
+        tree = _mapped(tree, pattern, absolute, prefix)
     return tree
 
 
-def _absolute_models(models: Node, directory: Path) -> Node:
-    if not isinstance(models.value, list):
-        return models
-    files = (isinstance(item.value, str) and is_model_file(item.value) for item in models.value)
-    items = [
-        _absolute(item, directory) if file else item for item, file in zip(models.value, files, strict=True)
-    ]
-    return Node(items, models.location)
-
-
-def _absolute(node: Node, directory: Path) -> Node:
-    """Make absolute paths of a string, the strings of a list, or the ``path`` of a mapping."""
-    if isinstance(node.value, str):
-        return Node(os.path.realpath(directory / node.value), node.location)
-    if isinstance(node.value, list):
-        return Node([_absolute(item, directory) for item in node.value], node.location)
-    path = node.get("path")
-    return (
-        node.with_value("path", _absolute(path, directory)) if path and isinstance(path.value, str) else node
-    )
+def _mapped(node: Node, pattern: Sequence[str], change: Callable[[Node, str], Node], field: str) -> Node:
+    """Change the nodes at the keys of `pattern`, of which "*" is any index; `change` takes node and path."""
+    if not pattern:
+        return change(node, field.rstrip("."))
+    key, *rest = pattern
+    if key == "*" and isinstance(node.value, list):
+        items = [_mapped(item, rest, change, f"{field}{i}.") for i, item in enumerate(node.value)]
+        return replace(node, value=items)
+    child = node.get(key)
+    return node if child is None else node.with_value(key, _mapped(child, rest, change, f"{field}{key}."))
 
 
 def _changes_a_value(override: str) -> bool:
@@ -254,11 +305,11 @@ def _changes_a_value(override: str) -> bool:
 def _override(tree: Node, override: str) -> Node:
     """Apply one override ``a.b.c=value``."""
     name, equals, text = override.partition("=")
-    location = Location(f"--set {name}")
-    if not equals or not all(name.split(".")):
+    location, keys = Location(f"--set {name}"), name.split(".")
+    if not equals or not all(keys) or len(keys) > MAX_DEPTH:
         raise input_error(Location(f"--set {override}"), "expected KEY=VALUE, for example training.seed=3")
     value = _at(read_text(text, location.file), location)
-    return _expanded(_put(tree, name.split("."), value, location, ()), Path())
+    return _expanded(_put(tree, keys, value, location, ()), SCENARIOS, location.file, None)
 
 
 def _put(node: Node, keys: list[str], value: Node, location: Location, done: tuple[str, ...]) -> Node:
@@ -272,7 +323,7 @@ def _put(node: Node, keys: list[str], value: Node, location: Location, done: tup
             raise input_error(location, message, code="out_of_range" if key.isdecimal() else "wrong_type")
         items = list(node.value)
         items[int(key)] = _put(items[int(key)], rest, value, location, (*done, key))
-        return Node(items, node.location)
+        return replace(node, value=items)
     inner = value
     for part in reversed(keys):
         inner = Node({part: inner}, location, {part: location})
@@ -284,22 +335,18 @@ def _put(node: Node, keys: list[str], value: Node, location: Location, done: tup
 
 def _at(node: Node, location: Location) -> Node:
     """Return the tree with every location set to `location`."""
-    if isinstance(node.value, dict):
-        moved = {key: _at(child, location) for key, child in node.value.items()}
-        return Node(moved, location, dict.fromkeys(moved, location))
-    if isinstance(node.value, list):
-        return Node([_at(item, location) for item in node.value], location)
-    return Node(node.value, location)
+    value = node.value
+    if isinstance(value, dict):
+        value = {key: _at(child, location) for key, child in value.items()}
+    elif isinstance(value, list):
+        value = [_at(item, location) for item in value]
+    return replace(node, value=value, location=location, keys=dict.fromkeys(node.keys, location))
 
 
 def _load_part(source: str | Path, registry: Registry[Path], model: type[P]) -> P:
     (key,) = model.model_fields
-    node = _read(*catalog.find(registry, str(source), Path()), registry, ())
-    tree = Node({key: node}, node.location, {key: node.location})
-    try:
-        return model.model_validate(tree.to_python())
-    except ValidationError as error:
-        raise InputError(sorted(model_problems(error, tree, model), key=_by_location)) from None
+    node = _read(registry, *catalog.find(registry, str(source), Path()))
+    return validate(Node({key: node}, node.location, {key: node.location}), model)
 
 
 def _load_plugins(tree: Node) -> Iterable[Problem]:

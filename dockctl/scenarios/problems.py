@@ -1,6 +1,6 @@
 """Find the problems of a scenario, with their locations in the YAML file.
 
-`model_problems` translates pydantic's errors; `function_problems` checks reward terms and observation parts
+`validate` translates pydantic's errors; `function_problems` checks reward terms and observation parts
 against the registered functions.
 """
 
@@ -8,16 +8,16 @@ from __future__ import annotations
 
 import json
 import types
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
-from typing import Any, get_args, get_type_hints
+from typing import Any, TypeVar, get_args, get_type_hints
 
 from pydantic import BaseModel, TypeAdapter, ValidationError
 from pydantic.errors import PydanticSchemaGenerationError
 from pydantic.fields import FieldInfo
 from pydantic_core import ErrorDetails, PydanticUndefined
 
-from dockctl.errors import Code, DockctlError, Problem, nearest
+from dockctl.errors import Code, DockctlError, InputError, Problem, nearest
 from dockctl.plugins import HARBORS, OBSERVATION_PARTS, REWARD_TERMS, VESSELS, Entry, Function, Registry
 from dockctl.scenarios.base import FieldError
 from dockctl.scenarios.extensions import Kind, Kinds
@@ -25,6 +25,7 @@ from dockctl.scenarios.schema import long_part, long_term
 from dockctl.scenarios.yaml_tree import Location, Node, describe
 
 Step = str | int
+M = TypeVar("M", bound=BaseModel)
 
 TAGS = ("kind", "side")
 """Keys whose value selects the model of a mapping."""
@@ -62,12 +63,17 @@ RANGES = (
 
 @dataclass(frozen=True)
 class FieldLocation:
-    """A field of the input: path, location of its key and of its value, and the value (None if missing)."""
+    """A field of the input: path, location of its key and of its value, and the value (None if missing).
+
+    Attributes:
+        incomplete: a mapping that contains it has problems of its own, so that keys may be missing.
+    """
 
     path: str
     key: Location
     location: Location
     node: Node | None
+    incomplete: bool = False
 
     def problem(
         self, message: str, code: Code = "invalid", suggestion: str = "", *, at_key: bool = False
@@ -79,7 +85,7 @@ class FieldLocation:
 
 def locate(tree: Node, steps: Sequence[Step]) -> FieldLocation:
     """Follow a location of pydantic, or a dotted path, from the root; handles short forms and union tags."""
-    field = FieldLocation("", tree.location, tree.location, tree)
+    field = FieldLocation("", tree.location, tree.location, tree, bool(tree.problems))
     for step in steps:
         if field.node is None:
             break
@@ -91,7 +97,8 @@ def _descend(field: FieldLocation, node: Node, step: Step) -> FieldLocation:
     def child(key: Step, value: Node | None, key_location: Location | None = None) -> FieldLocation:
         path = f"{field.path}.{key}" if field.path else str(key)
         location = value.location if value else field.location
-        return FieldLocation(path, key_location or field.key, location, value)
+        incomplete = field.incomplete or bool(value and value.problems)
+        return FieldLocation(path, key_location or field.key, location, value, incomplete)
 
     value = node.value
     if isinstance(value, list):
@@ -111,8 +118,27 @@ def _descend(field: FieldLocation, node: Node, step: Step) -> FieldLocation:
     return field if is_tag else child(step, None)
 
 
-def model_problems(error: ValidationError, tree: Node, model: type[BaseModel]) -> Iterator[Problem]:
-    """Translate all errors of a validation."""
+def validate(tree: Node, model: type[M], problems: Iterable[Problem] = ()) -> M:
+    """Return the model of a tree.
+
+    Args:
+        problems: others that are known.
+
+    Raises:
+        InputError: all problems, by location.
+    """
+    found = [*problems, *tree.all_problems()]
+    try:
+        valid = model.model_validate(tree.to_python())
+    except ValidationError as error:
+        found += _model_problems(error, tree, model)
+    if found:
+        raise InputError(sorted(found, key=lambda problem: (problem.file, problem.line, problem.column)))
+    return valid
+
+
+def _model_problems(error: ValidationError, tree: Node, model: type[BaseModel]) -> Iterator[Problem]:
+    """Translate all errors of a validation but those that follow from the problems of a node."""
     details = error.errors(include_url=False)
     for detail in details:
         if detail["type"] == "too_short" and any(
@@ -120,6 +146,8 @@ def model_problems(error: ValidationError, tree: Node, model: type[BaseModel]) -
         ):
             continue  # pydantic does not count items that have errors themselves
         field = locate(tree, detail["loc"])
+        if field.incomplete and (field.node is None or field.node.problems):
+            continue
         models = _models_at(model, tree, detail["loc"][:-1])
         if detail["type"] == "extra_forbidden":
             known = [name for owner in models for name in owner.model_fields]

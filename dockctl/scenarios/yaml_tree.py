@@ -8,13 +8,15 @@ from __future__ import annotations
 
 import math
 import re
-from dataclasses import dataclass, field
+from collections.abc import Iterator
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
 import yaml
 
-from dockctl.errors import Code, InputError, Problem
+from dockctl.errors import Code, DockctlError, InputError, Problem
+from dockctl.reading import read_limited
 
 MAX_BYTES = 1_000_000
 MAX_NODES = 100_000
@@ -46,11 +48,24 @@ def input_error(
 
 @dataclass(frozen=True)
 class Node:
-    """A YAML scalar, mapping or list; `keys` has the locations of a mapping's keys."""
+    """A YAML scalar, mapping or list.
+
+    Attributes:
+        keys: locations of the keys of a mapping.
+        problems: why the value cannot be used, or is not complete.
+    """
 
     value: Scalar | dict[str, Node] | list[Node]
     location: Location
     keys: dict[str, Location] = field(default_factory=dict)
+    problems: tuple[Problem, ...] = ()
+
+    def all_problems(self) -> Iterator[Problem]:
+        """Yield the problems of this node and of everything in it."""
+        yield from self.problems
+        value = self.value
+        for child in value.values() if isinstance(value, dict) else value if isinstance(value, list) else ():
+            yield from child.all_problems()
 
     def to_python(self) -> Any:
         """Return the tree as dicts, lists and scalars."""
@@ -67,16 +82,13 @@ class Node:
     def with_value(self, key: str, node: Node) -> Node:
         """Return this mapping with `node` as the value of `key`."""
         assert isinstance(self.value, dict)
-        return Node(
-            {**self.value, key: node}, self.location, {**self.keys, key: self.keys.get(key, node.location)}
-        )
+        keys = {**self.keys, key: self.keys.get(key, node.location)}
+        return replace(self, value={**self.value, key: node}, keys=keys)
 
     def without(self, *keys: str) -> Node:
         """Return this mapping without `keys`."""
         assert isinstance(self.value, dict)
-        return Node(
-            {key: node for key, node in self.value.items() if key not in keys}, self.location, self.keys
-        )
+        return replace(self, value={key: node for key, node in self.value.items() if key not in keys})
 
 
 def read_file(path: Path, display: str) -> Node:
@@ -88,23 +100,10 @@ def read_file(path: Path, display: str) -> Node:
     Raises:
         InputError: the file cannot be read, is too large, is not UTF-8, or is not one YAML mapping.
     """
-    if path.is_dir():
-        raise input_error(Location(display), "is a directory, expected a YAML file", code="not_readable")
-    if path.exists() and not path.is_file():
-        raise input_error(
-            Location(display), "is not a regular file, expected a YAML file", code="not_readable"
-        )
     try:
-        with path.open("rb") as stream:
-            data = stream.read(MAX_BYTES + 1)
-    except OSError as error:
-        code: Code = "not_found" if isinstance(error, FileNotFoundError) else "not_readable"
-        raise input_error(
-            Location(display), f"cannot be read: {error.strerror or error}", code=code
-        ) from None
-    if len(data) > MAX_BYTES:
-        message = f"is larger than {MAX_BYTES / 1e6:.0f} MB, too large for a scenario file"
-        raise input_error(Location(display), message, code="out_of_range")
+        data = read_limited(path, MAX_BYTES)
+    except DockctlError as error:
+        raise input_error(Location(display), error.message, code=error.code) from None
     try:
         text = data.decode("utf-8-sig")
     except UnicodeDecodeError as error:
@@ -122,7 +121,7 @@ def read_file(path: Path, display: str) -> Node:
 
 
 def read_text(text: str, display: str) -> Node:
-    """Read one YAML document; empty text gives a null node.
+    """Read one YAML document; empty text gives a null node, a scalar that is not valid one with a problem.
 
     Args:
         display: name of the input for messages.
@@ -144,11 +143,7 @@ def read_text(text: str, display: str) -> Node:
         raise input_error(location, _syntax_message(error), code="yaml_syntax") from None
     if root is None:
         return Node(None, Location(display, 1, 1))
-    builder = _Builder(display)
-    tree = builder.build(root)
-    if builder.problems:
-        raise InputError(builder.problems)
-    return tree
+    return _Builder(display).build(root)
 
 
 def describe(value: object) -> str:
@@ -214,12 +209,11 @@ _use_resolvers(PlainDumper)
 
 
 class _Builder:
-    """Converts PyYAML's node graph to a tree; expands aliases up to a limit and collects invalid scalars."""
+    """Converts PyYAML's node graph to a tree; expands aliases up to a limit."""
 
     def __init__(self, display: str) -> None:
         self.display = display
         self.count = 0
-        self.problems: list[Problem] = []
 
     def build(self, node: yaml.Node, path: tuple[str, ...] = ()) -> Node:
         location = _location(self.display, node.start_mark)
@@ -238,26 +232,35 @@ class _Builder:
             message = f"the tag {node.tag} is not allowed; write plain values"
             raise input_error(location, message, ".".join(path), "yaml_syntax")
         except InputError as error:
-            self.problems += error.problems
-            return Node(None, location)
+            return Node(None, location, problems=error.problems)
 
     def _mapping(self, node: yaml.MappingNode, location: Location, path: tuple[str, ...]) -> Node:
         values: dict[str, Node] = {}
         keys: dict[str, Location] = {}
+        problems: list[Problem] = []
         for key_node, value_node in node.value:
-            key_location = _location(self.display, key_node.start_mark)
-            if not isinstance(key_node, yaml.ScalarNode):
-                raise input_error(key_location, "a key must be a plain name", code="yaml_syntax")
-            key = _text(key_node, key_location)
-            if key == "<<":
-                message = "merge keys (<<) are not supported; use extends"
-                raise input_error(key_location, message, code="yaml_syntax")
-            if key in values:
-                message = f"duplicate key '{key}'; the first one is in line {keys[key].line}"
-                raise input_error(key_location, message, code="duplicate")
+            try:
+                key = _key(key_node, _location(self.display, key_node.start_mark), keys)
+            except InputError as error:
+                problems += error.problems
+                continue
+            keys[key] = _location(self.display, key_node.start_mark)
             values[key] = self.build(value_node, (*path, key))
-            keys[key] = key_location
-        return Node(values, location, keys)
+        return Node(values, location, keys, tuple(problems))
+
+
+def _key(node: yaml.Node, location: Location, known: dict[str, Location]) -> str:
+    """Return the text of a key; `known` are the locations of those before it."""
+    if not isinstance(node, yaml.ScalarNode):
+        raise input_error(location, "a key must be a plain name", code="yaml_syntax")
+    key = _text(node, location)
+    if key == "<<":
+        message = "merge keys (<<) are not supported; use extends"
+        raise input_error(location, message, code="yaml_syntax")
+    if key in known:
+        message = f"duplicate key '{key}'; the first one is in line {known[key].line}"
+        raise input_error(location, message, code="duplicate")
+    return key
 
 
 def _text(node: yaml.ScalarNode, location: Location, path: str = "") -> str:

@@ -5,13 +5,13 @@ from __future__ import annotations
 from typing import Annotated, Any, Literal
 
 import pytest
-from pydantic import BeforeValidator, Field, ValidationError
+from pydantic import BeforeValidator, Field
 
-from dockctl.errors import Problem
+from dockctl.errors import InputError, Problem
 from dockctl.plugins import Registry
 from dockctl.scenarios.base import Model, Number, Positive
 from dockctl.scenarios.extensions import Kind, Kinds, register
-from dockctl.scenarios.problems import model_problems
+from dockctl.scenarios.problems import validate
 from dockctl.scenarios.yaml_tree import read_text
 
 SHAPES: Registry[type[Any]] = Registry("shape")
@@ -47,9 +47,9 @@ class Shapes(Model):
 
 def problem(text: str, model: type[Model] = Drawing) -> Problem:
     tree = read_text(text, "drawing.yaml")
-    with pytest.raises(ValidationError) as caught:
-        model.model_validate(tree.to_python())
-    (found,) = model_problems(caught.value, tree, model)
+    with pytest.raises(InputError) as caught:
+        validate(tree, model)
+    (found,) = caught.value.problems
     return found
 
 

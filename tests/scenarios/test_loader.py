@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 import json
 import os
 from contextlib import suppress
@@ -200,6 +201,110 @@ def test_paths_are_relative_to_the_file_that_contains_them(tmp_path: Path) -> No
     harbor = load(tmp_path, "extends: s1\nharbor: a/harbor.yaml\n").harbor
     assert harbor.kind == "meshes"
     assert harbor.meshes[0].path == str(tmp_path / "a" / "quay.stl")
+
+
+def chain(folder: Path, names: list[str], last: str) -> None:
+    """Write files of which each extends the next one."""
+    for name, following in itertools.pairwise([*names, last]):
+        write(folder, f"extends: {following}\n", name)
+
+
+@pytest.mark.parametrize(
+    ("files", "expected"),
+    [
+        ({"x.yaml": "extends: s1\nvessel: b.yaml\n", "b.yaml": "vessel: b.yaml\n"}, "b.yaml vessel.vessel"),
+        ({"x.yaml": "extends: s1\nharbor: h.yaml\n", "h.yaml": "harbor: h.yaml\n"}, "h.yaml harbor.harbor"),
+        ({"x.yaml": "extends: s1\nvessel: b.yaml\n", "b.yaml": "extends: b.yaml\n"}, "b.yaml extends"),
+        (
+            {
+                "x.yaml": "extends: s1\nharbor: h.yaml\n",
+                "h.yaml": "extends: i.yaml\n",
+                "i.yaml": "extends: h.yaml\n",
+            },
+            "i.yaml extends",
+        ),
+        ({"x.yaml": "extends: y.yaml\n", "y.yaml": "extends: ./x.yaml\n"}, "y.yaml extends"),
+    ],
+)
+def test_files_that_name_each_other_in_a_circle(tmp_path: Path, files: dict[str, str], expected: str) -> None:
+    for name, text in files.items():
+        write(tmp_path, text, name)
+    found = refused(tmp_path, files["x.yaml"])
+    assert expected in [f"{file} {field}" for file, _, _, field, _ in found]
+    assert all(line and column for _, line, column, _, _ in found)
+
+
+def test_a_long_chain_of_files(tmp_path: Path) -> None:
+    names = [f"{number}.yaml" for number in range(2000)]
+    chain(tmp_path, names, "s1")
+    last = loader.MAX_FILES - 2
+    assert load(tmp_path, f"extends: {names[-last]}\n") == load(tmp_path, "extends: s1\n")
+    assert refused(tmp_path, f"extends: {names[0]}\n") == [(names[last], 1, 10, "extends", "out_of_range")]
+
+
+def test_problems_of_different_files_are_reported_together(tmp_path: Path) -> None:
+    write(tmp_path, "extends: eilbrecht\nmass: 1\n", "boat.yaml")
+    text = "extends: s1\nvessel: boat.yaml\nharbor: nope\ntask: {max_steps: .nan}\nplugins: [gone.py]\n"
+    assert refused(tmp_path, text) == [
+        ("boat.yaml", 2, 1, "vessel.mass", "unknown_key"),
+        ("x.yaml", 3, 9, "harbor", "unknown_name"),
+        ("x.yaml", 4, 19, "task.max_steps", "out_of_range"),
+        ("x.yaml", 5, 11, "plugins.0", "plugin"),
+    ]
+    assert refused(tmp_path, "extends: s1\nvessel: 3\nharbor: nope\n") == [
+        ("x.yaml", 2, 9, "vessel", "wrong_type"),
+        ("x.yaml", 3, 9, "harbor", "unknown_name"),
+    ]
+
+
+def test_what_a_missing_file_would_have_given_is_not_missed(tmp_path: Path) -> None:
+    assert refused(tmp_path, "extends: s11\nharbor: {kind: mesh}\ntask: {final: {x_m: 1}}\n") == [
+        ("x.yaml", 1, 10, "extends", "unknown_name"),
+        ("x.yaml", 2, 16, "harbor.kind", "unknown_name"),
+    ]
+    write(tmp_path, "extends: eilbrech\nmass: 1\n", "boat.yaml")
+    assert refused(tmp_path, "extends: s1\nvessel: boat.yaml\n") == [
+        ("boat.yaml", 1, 10, "extends", "unknown_name"),
+        ("boat.yaml", 2, 1, "vessel.mass", "unknown_key"),
+    ]
+
+
+def test_an_override_replaces_what_cannot_be_used(tmp_path: Path) -> None:
+    text = "extends: s1\nvessel: nope\ntask: {max_steps: .nan}\n"
+    assert load(tmp_path, text, "vessel=eilbrecht", "task.max_steps=7").task.max_steps == 7
+
+
+def test_a_file_that_cannot_be_read_is_reported_where_it_is_named(tmp_path: Path) -> None:
+    os.mkfifo(tmp_path / "pipe.yaml")
+    assert refused(tmp_path, "extends: pipe.yaml\n") == [("x.yaml", 1, 10, "extends", "not_readable")]
+    assert refused(tmp_path, "extends: s1\nharbor: pipe.yaml\n") == [
+        ("x.yaml", 2, 9, "harbor", "not_readable")
+    ]
+
+
+def test_meshes_are_inside_the_folder_of_the_file_that_names_them(tmp_path: Path) -> None:
+    (tmp_path / "here").mkdir()
+    (tmp_path / "here" / "link.obj").symlink_to(tmp_path / "quay.obj")
+    here, outside = tmp_path / "here", str(tmp_path / "quay.obj")
+    for path in (outside, "../quay.obj", "link.obj", "/dev/zero.obj"):
+        text = f"extends: s1\nharbor: {{meshes: [{{path: {path}}}], fleet: {{models: [skiff, {path}]}}}}\n"
+        assert refused(here, text) == [
+            ("x.yaml", 2, 26, "harbor.meshes.0.path", "invalid"),
+            ("x.yaml", 2, 54 + len(path), "harbor.fleet.models.1", "invalid"),
+        ]
+        given = (f"harbor.meshes.0.path={path}", f"harbor.fleet.models=[{path}]")
+        assert load(here, text, *given).harbor.meshes[0].path == os.path.realpath(path)
+    text = f"extends: s1\nharbor: {{meshes: [{{path: {here}/quay.obj}}, {{path: ../here/a/quay.obj}}]}}\n"
+    assert [mesh.path for mesh in load(here, text).harbor.meshes] == [
+        f"{here}/quay.obj",
+        f"{here}/a/quay.obj",
+    ]
+
+
+def test_an_override_of_many_levels(tmp_path: Path) -> None:
+    for levels in (51, 5000):
+        with pytest.raises(InputError):
+            load(tmp_path, "extends: s1\n", ".".join(["a"] * levels) + "=1")
 
 
 @pytest.mark.parametrize(

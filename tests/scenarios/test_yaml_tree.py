@@ -12,7 +12,7 @@ import yaml
 from hypothesis import given
 from hypothesis import strategies as st
 
-from dockctl.errors import InputError
+from dockctl.errors import InputError, Problem
 from dockctl.scenarios import yaml_tree
 from dockctl.scenarios.yaml_tree import PlainDumper, describe, read_file, read_text
 
@@ -56,10 +56,28 @@ def test_rejects_with_the_location(
     monkeypatch.setattr(yaml_tree, "MAX_NODES", 1000)
     path = tmp_path / "x.yaml"
     path.write_text(text)
-    with pytest.raises(InputError) as caught:
-        read_file(path, "x.yaml")
-    (problem,) = caught.value.problems
+    (problem,) = problems(path)
     assert (f"{problem.line}:{problem.column}", problem.code) == (place, code)
+
+
+def problems(path: Path) -> list[Problem]:
+    try:
+        return [*read_file(path, "x.yaml").all_problems()]
+    except InputError as error:
+        return [*error.problems]
+
+
+def test_every_key_and_value_that_is_not_valid_is_reported(tmp_path: Path) -> None:
+    path = tmp_path / "x.yaml"
+    path.write_text("a: .nan\nb: [1e999, {c: !!int x, c: 1}]\na: 2\n")
+    found = sorted(f"{problem.line}:{problem.column} {problem.code}" for problem in problems(path))
+    assert found == [
+        "1:4 out_of_range",
+        "2:16 yaml_syntax",
+        "2:25 duplicate",
+        "2:5 out_of_range",
+        "3:1 duplicate",
+    ]
 
 
 @pytest.mark.parametrize(
@@ -100,7 +118,7 @@ def test_rejects_what_cannot_be_opened(tmp_path: Path, monkeypatch: pytest.Monke
     def refuse(*_: object) -> None:
         raise PermissionError(13, "Permission denied")
 
-    monkeypatch.setattr(Path, "open", refuse)  # file modes do not stop root
+    monkeypatch.setattr(os, "open", refuse)  # file modes do not stop root
     with pytest.raises(InputError, check=lambda error: error.code == "not_readable"):
         read_file(path, "x.yaml")
 

@@ -1,0 +1,40 @@
+"""Files of unknown origin."""
+
+from __future__ import annotations
+
+import os
+from pathlib import Path
+
+import pytest
+
+from dockctl.errors import DockctlError
+from dockctl.reading import read_limited
+
+
+def test_a_file_up_to_the_limit_is_read(tmp_path: Path) -> None:
+    (tmp_path / "x").write_bytes(b"12345")
+    assert read_limited(tmp_path / "x", 5) == b"12345"
+
+
+@pytest.mark.parametrize(
+    ("name", "code"),
+    [
+        ("large", "out_of_range"),
+        ("folder", "not_readable"),
+        ("pipe", "not_readable"),
+        ("gone", "not_found"),
+        ("loop", "not_readable"),
+        ("x" * 300, "not_readable"),
+        ("a\0b", "not_readable"),
+        ("/dev/zero", "not_readable"),
+        ("/proc/self/environ", "out_of_range"),  # its size is 0
+    ],
+)
+def test_anything_else_is_refused_at_once(tmp_path: Path, name: str, code: str) -> None:
+    (tmp_path / "large").write_bytes(b"123456")
+    (tmp_path / "folder").mkdir()
+    os.mkfifo(tmp_path / "pipe")
+    (tmp_path / "loop").symlink_to(tmp_path / "loop")
+    with pytest.raises(DockctlError) as caught:
+        read_limited(tmp_path / name, 5)
+    assert caught.value.code == code
