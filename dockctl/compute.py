@@ -16,6 +16,7 @@ from typing import Any, TypeVar, cast
 import numpy as np
 import platformdirs
 from numpy.typing import NDArray
+from threadpoolctl import threadpool_limits
 
 from dockctl import geometry
 
@@ -47,6 +48,12 @@ def workers() -> ThreadPoolExecutor:
 
 if hasattr(os, "register_at_fork"):
     os.register_at_fork(after_in_child=_WORKERS.clear)  # a forked child has none of its parent's threads
+
+
+@cache
+def limit_blas_threads() -> None:
+    """Keep BLAS in the calling thread: the matrices are small, and the simulator uses the other cores."""
+    threadpool_limits(1, user_api="blas")
 
 
 def compiled(**options: Any) -> Callable[[Function], Function]:

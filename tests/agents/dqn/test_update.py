@@ -2,14 +2,19 @@
 
 from __future__ import annotations
 
+import math
+
 import numpy as np
 import pytest
 import torch
+from hypothesis import given
+from hypothesis import strategies as st
 from torch import Tensor
 
+from dockctl.agents.dqn.compiled import CompiledGradient
 from dockctl.agents.dqn.network import DuelingQNetwork
 from dockctl.agents.dqn.replay import Batch, Transitions
-from dockctl.agents.dqn.update import DoubleDQN, td_loss, td_target, to_tensors
+from dockctl.agents.dqn.update import AutogradGradient, DoubleDQN, td_loss, td_target, to_tensors
 from dockctl.scenarios.training import Training
 
 CPU = torch.device("cpu")
@@ -79,6 +84,33 @@ def test_the_gradient_is_that_of_finite_differences() -> None:
             loss(before.double() + h * direction) - loss(before.double() - h * direction)
         ) / (2 * h)
         assert directional_derivative == pytest.approx((taken @ direction).item(), rel=1e-3, abs=1e-5)
+
+
+@given(
+    sizes=st.tuples(st.integers(1, 9), st.integers(1, 9), st.tuples(st.integers(1, 20), st.integers(1, 20))),
+    rows=st.integers(1, 40),
+    huber_delta=st.sampled_from([None, 0.5, 10.0]),
+    largest=st.sampled_from([0.3, math.inf]),
+    seed=st.integers(0, 2**31),
+)
+def test_the_compiled_gradient_is_that_of_autograd(
+    sizes: tuple[int, int, tuple[int, int]], rows: int, huber_delta: float | None, largest: float, seed: int
+) -> None:
+    observation_size, actions, hidden_sizes = sizes
+    generator = torch.Generator().manual_seed(seed)
+    online, target = (
+        DuelingQNetwork(observation_size, actions, hidden_sizes, generator) for _ in ("online", "target")
+    )
+    for parameter in (*online.parameters(), *target.parameters()):  # biases other than zero
+        parameter.data += 0.1 * torch.randn(parameter.shape, generator=generator)
+    transitions = batch(seed, rows, 3.0, observation_size, actions)
+    expected = AutogradGradient(online, target, huber_delta, largest)(transitions)
+    by_autograd = gradient(online).clone()
+    compiled = CompiledGradient(online, target, huber_delta, largest)
+    for _ in ("allocates", "reuses its memory"):
+        assert compiled(transitions) == pytest.approx(expected, rel=1e-4, abs=1e-5)
+        scale = float(by_autograd.abs().max())
+        torch.testing.assert_close(gradient(online), by_autograd, rtol=1e-3, atol=1e-5 * (1 + scale))
 
 
 def test_double_and_plain_targets_differ_where_the_networks_disagree() -> None:

@@ -1,0 +1,272 @@
+"""The loss of double DQN and its gradient, compiled for the processor.
+
+The fast path of `update.AutogradGradient`, which computes the same in torch.
+
+Equation 2.56 is linear in the outputs of the hidden layers of both streams. With the mean over the actions
+subtracted from the advantage's last layer, the value of one action is two dot products, so that the values of
+the other actions are computed only where the largest is sought.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import NamedTuple
+
+import numpy as np
+import scipy.linalg.cython_blas  # noqa: F401  # loads the BLAS that compiled code calls
+import torch
+from numpy.typing import NDArray
+
+from dockctl.agents.dqn.network import DuelingQNetwork
+from dockctl.agents.dqn.replay import Batch
+from dockctl.compute import compiled, limit_blas_threads
+
+Floats32 = NDArray[np.float32]
+
+# Sums may be taken in any order, so that one instruction adds several terms.
+_compiled = compiled(error_model="numpy", fastmath={"arcp", "contract", "nsz", "reassoc"})
+
+
+class Layer(NamedTuple):
+    """Weight (outputs, inputs) and bias (outputs,) of a linear layer, or the gradients by them."""
+
+    weight: Floats32
+    bias: Floats32
+
+
+class Layers(NamedTuple):
+    """A dueling network as arrays that share the memory of its tensors.
+
+    Attributes:
+        shared: the layers that both streams share.
+        value_hidden, value, advantage_hidden, advantage: the layers of the streams.
+    """
+
+    shared: tuple[Layer, ...]
+    value_hidden: Layer
+    value: Layer
+    advantage_hidden: Layer
+    advantage: Layer
+
+    @classmethod
+    def parameters(cls, network: DuelingQNetwork) -> Layers:
+        return cls._of([parameter.detach() for parameter in network.parameters()])
+
+    @classmethod
+    def gradients(cls, network: DuelingQNetwork) -> Layers:
+        return cls._of([parameter.grad for parameter in network.parameters() if parameter.grad is not None])
+
+    @classmethod
+    def _of(cls, tensors: list[torch.Tensor]) -> Layers:
+        """Pair weights and biases, which are in the order in which the network defines its layers."""
+        arrays = [tensor.numpy() for tensor in tensors]
+        layers = [Layer(*pair) for pair in zip(arrays[::2], arrays[1::2], strict=True)]
+        return cls(tuple(layers[:-4]), *layers[-4:])
+
+
+class Outputs(NamedTuple):
+    """Memory for the outputs of the hidden layers, (rows, outputs) each, or for the derivatives by them."""
+
+    shared: tuple[Floats32, ...]
+    value: Floats32
+    advantage: Floats32
+
+    @classmethod
+    def allocate(cls, layers: Layers, rows: int) -> Outputs:
+        def array(layer: Layer) -> Floats32:
+            return np.zeros((rows, len(layer.bias)), np.float32)
+
+        return cls(
+            tuple(map(array, layers.shared)), array(layers.value_hidden), array(layers.advantage_hidden)
+        )
+
+
+class CompiledGradient:
+    """The gradient of the loss on the processor; see `update.AutogradGradient` for the arguments."""
+
+    def __init__(
+        self, online: DuelingQNetwork, target: DuelingQNetwork, huber_delta: float | None, largest: float
+    ) -> None:
+        limit_blas_threads()
+        for parameter in online.parameters():
+            parameter.grad = torch.zeros_like(parameter)
+        self._online, self._target = Layers.parameters(online), Layers.parameters(target)
+        self._gradient = Layers.gradients(online)
+        # The Huber loss with a weight of 2 and an unlimited slope is the squared error.
+        weight, delta = (2.0, math.inf) if huber_delta is None else (1.0, huber_delta)
+        self._loss = (np.float32(weight), np.float32(delta), np.float32(largest))
+        self._rows = 0
+
+    def __call__(self, batch: Batch) -> tuple[float, float, float]:
+        """Write the gradient of the loss of m transitions; return loss, mean |TD error| and mean Q."""
+        rows = len(batch.action)
+        if rows != self._rows:
+            self._rows = rows
+            self._outputs = Outputs.allocate(self._online, rows)
+            self._next = Outputs.allocate(self._online, rows)
+            self._derivatives = Outputs.allocate(self._online, rows)
+        loss, td_error, q = _gradient(
+            self._online, self._target, self._gradient,
+            np.ascontiguousarray(batch.observation), np.ascontiguousarray(batch.action),
+            np.ascontiguousarray(batch.reward), np.ascontiguousarray(batch.discount),
+            np.ascontiguousarray(batch.next_observation),
+            self._loss, self._outputs, self._next, self._derivatives,
+        )  # fmt: skip
+        return loss, td_error, q
+
+
+@_compiled
+def _gradient(
+    online: Layers,
+    target: Layers,
+    gradient: Layers,
+    observation: Floats32,
+    action: NDArray[np.int64],
+    reward: Floats32,
+    discount: Floats32,
+    next_observation: Floats32,
+    loss: tuple[np.float32, np.float32, np.float32],
+    outputs: Outputs,
+    next_outputs: Outputs,
+    derivatives: Outputs,
+) -> tuple[float, float, float]:
+    rows, (weight, delta, largest) = len(action), loss
+    _forward(online, next_observation, next_outputs)
+    next_action = _greedy(online.advantage, next_outputs.advantage)
+    _forward(target, next_observation, next_outputs)
+    next_q = _values(target, _centered(target.advantage), next_outputs, next_action)
+    _forward(online, observation, outputs)
+    advantage = _centered(online.advantage)
+    q = _values(online, advantage, outputs, action)
+
+    slope = np.empty(rows, np.float32)
+    total_loss, total_error = 0.0, 0.0
+    for i in range(rows):
+        error = q[i] - min(reward[i] + discount[i] * next_q[i], largest)  # eq. 2.52
+        bounded = max(min(error, delta), -delta)
+        slope[i] = weight * bounded / np.float32(rows)
+        total_loss += float(weight * bounded * (error - np.float32(0.5) * bounded))
+        total_error += abs(float(error))
+
+    _backward_output(online, advantage, gradient, action, slope, outputs, derivatives)
+    _backward_streams(online, gradient, observation, outputs, derivatives)
+    return total_loss / rows, total_error / rows, float(q.mean())
+
+
+@_compiled
+def _layer(layer: Layer, inputs: Floats32, outputs: Floats32) -> None:
+    """Write max(0, x W^T + b) into `outputs`."""
+    np.dot(inputs, layer.weight.T, outputs)
+    for row in range(len(outputs)):
+        for column in range(len(layer.bias)):
+            outputs[row, column] = max(outputs[row, column] + layer.bias[column], np.float32(0))
+
+
+@_compiled
+def _forward(layers: Layers, observation: Floats32, outputs: Outputs) -> None:
+    """Write the outputs of all hidden layers."""
+    below = observation
+    for depth in range(len(layers.shared)):
+        _layer(layers.shared[depth], below, outputs.shared[depth])
+        below = outputs.shared[depth]
+    _layer(layers.value_hidden, below, outputs.value)
+    _layer(layers.advantage_hidden, below, outputs.advantage)
+
+
+@_compiled
+def _greedy(layer: Layer, hidden: Floats32) -> NDArray[np.int64]:
+    """Return the action of the largest advantage, which has the largest value, (rows,)."""
+    advantage = np.dot(hidden, layer.weight.T)
+    best = np.zeros(len(hidden), np.int64)
+    for row in range(len(hidden)):
+        largest = advantage[row, 0] + layer.bias[0]
+        for action in range(1, len(layer.bias)):
+            if advantage[row, action] + layer.bias[action] > largest:
+                largest, best[row] = advantage[row, action] + layer.bias[action], action
+    return best
+
+
+@_compiled
+def _centered(layer: Layer) -> Layer:
+    """Return the layer without the mean of its rows, A - mean A; this is also the adjoint of itself."""
+    return Layer(
+        layer.weight - _sum_rows(layer.weight) / np.float32(len(layer.bias)), layer.bias - layer.bias.mean()
+    )
+
+
+@_compiled
+def _values(layers: Layers, advantage: Layer, outputs: Outputs, action: NDArray[np.int64]) -> Floats32:
+    """Return Q of one action in each row (eq. 2.56), with the centered layer `advantage`."""
+    q = np.empty(len(action), np.float32)
+    for row in range(len(action)):
+        value = layers.value.bias[0] + advantage.bias[action[row]]
+        for column in range(outputs.value.shape[1]):
+            value += layers.value.weight[0, column] * outputs.value[row, column]
+        for column in range(outputs.advantage.shape[1]):
+            value += advantage.weight[action[row], column] * outputs.advantage[row, column]
+        q[row] = value
+    return q
+
+
+@_compiled
+def _backward_output(
+    layers: Layers,
+    advantage: Layer,
+    gradient: Layers,
+    action: NDArray[np.int64],
+    slope: Floats32,
+    outputs: Outputs,
+    derivatives: Outputs,
+) -> None:
+    """Write the gradients of the last layers and the derivatives by their inputs."""
+    to_weight, to_bias = np.zeros_like(advantage.weight), np.zeros_like(advantage.bias)
+    gradient.value.weight[0] = np.dot(slope, outputs.value)
+    gradient.value.bias[0] = slope.sum()
+    for row in range(len(action)):
+        chosen = action[row]
+        to_bias[chosen] += slope[row]
+        for column in range(outputs.advantage.shape[1]):
+            to_weight[chosen, column] += slope[row] * outputs.advantage[row, column]
+            derivatives.advantage[row, column] = slope[row] * advantage.weight[chosen, column]
+        for column in range(outputs.value.shape[1]):
+            derivatives.value[row, column] = slope[row] * layers.value.weight[0, column]
+    centered = _centered(Layer(to_weight, to_bias))
+    gradient.advantage.weight[:] = centered.weight
+    gradient.advantage.bias[:] = centered.bias
+
+
+@_compiled
+def _backward_streams(
+    layers: Layers, gradient: Layers, observation: Floats32, outputs: Outputs, derivatives: Outputs
+) -> None:
+    """Write the gradients of the hidden layers, from the last to the first."""
+    last = len(layers.shared) - 1
+    _backward_layer(gradient.value_hidden, outputs.shared[last], outputs.value, derivatives.value)
+    _backward_layer(gradient.advantage_hidden, outputs.shared[last], outputs.advantage, derivatives.advantage)
+    np.dot(derivatives.value, layers.value_hidden.weight, derivatives.shared[last])
+    derivatives.shared[last][:] += np.dot(derivatives.advantage, layers.advantage_hidden.weight)
+    for depth in range(last, -1, -1):
+        below = outputs.shared[depth - 1] if depth else observation
+        _backward_layer(gradient.shared[depth], below, outputs.shared[depth], derivatives.shared[depth])
+        if depth:
+            np.dot(derivatives.shared[depth], layers.shared[depth].weight, derivatives.shared[depth - 1])
+
+
+@_compiled
+def _backward_layer(gradient: Layer, inputs: Floats32, outputs: Floats32, derivatives: Floats32) -> None:
+    """Turn derivatives by the outputs into those before rectification, and write the layer's gradient."""
+    for row in range(len(outputs)):
+        for column in range(outputs.shape[1]):
+            if outputs[row, column] <= 0:
+                derivatives[row, column] = 0
+    np.dot(derivatives.T, inputs, gradient.weight)
+    gradient.bias[:] = _sum_rows(derivatives)
+
+
+@_compiled
+def _sum_rows(matrix: Floats32) -> Floats32:
+    total = np.zeros(matrix.shape[1], np.float32)
+    for row in range(len(matrix)):
+        for column in range(len(total)):
+            total[column] += matrix[row, column]
+    return total
