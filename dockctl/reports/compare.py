@@ -8,7 +8,6 @@ import numpy as np
 import pandas as pd
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
-from matplotlib.layout_engine import ConstrainedLayoutEngine
 from matplotlib.lines import Line2D
 from matplotlib.patches import Patch
 from matplotlib.ticker import MaxNLocator, PercentFormatter
@@ -54,7 +53,6 @@ def compare_figure(table: pd.DataFrame, kinds: Mapping[str, str], caption: str) 
         for ax, measure in zip(axes[1:], (SUCCESS, *MEASURES), strict=True):
             draw_differences(ax, measure, [c for c in found if c.kind == kind], len(policies))
     _legend(figure, policies[0])
-    _freeze_layout(figure)
     return figure
 
 
@@ -130,16 +128,3 @@ def _legend(figure: Figure, first: str) -> None:
     figure.legend(
         handles=entries, loc="outside lower left", ncols=len(entries), handlelength=1.4, borderaxespad=0.9
     )
-
-
-def _freeze_layout(figure: Figure) -> None:
-    """Compute the layout once and round it: the last digits of the layout solver are not reproducible."""
-    engine = figure.get_layout_engine()
-    assert isinstance(engine, ConstrainedLayoutEngine)
-    engine.set(w_pad=0.08, h_pad=0.1)
-    for _ in range(2):
-        figure.draw_without_rendering()
-    figure.set_layout_engine("none")
-    for ax in figure.axes:
-        x, y, width, height = (round(value, 5) for value in ax.get_position().bounds)
-        ax.set_position((x, y, width, height))

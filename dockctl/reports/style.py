@@ -9,10 +9,11 @@ from pathlib import Path
 from typing import Any
 
 import matplotlib as mpl
+import numpy as np
 from cycler import cycler
 from matplotlib.axes import Axes
 from matplotlib.backends.backend_agg import FigureCanvasAgg
-from matplotlib.figure import Figure
+from matplotlib.figure import Figure, FigureBase
 from matplotlib.layout_engine import ConstrainedLayoutEngine
 from matplotlib.lines import Line2D
 from matplotlib.patheffects import withStroke
@@ -72,6 +73,26 @@ Entry = tuple[str, str] | tuple[str, str, str]
 """Legend entry: name, color and, optionally, line style."""
 
 
+class RoundedLayout(ConstrainedLayoutEngine):
+    """Constrained layout, rounded: the last digits that its solver finds differ from run to run."""
+
+    DIGITS = 5
+
+    def execute(self, fig: Figure) -> Any:
+        grids = super().execute(fig)
+        self._round_subfigures(fig)
+        for ax in fig.axes:
+            in_layout = ax.get_in_layout()
+            ax.set_position(tuple(np.round(ax.get_position(original=True).bounds, self.DIGITS)))
+            ax.set_in_layout(in_layout)  # setting the position takes the axes out of the layout
+        return grids
+
+    def _round_subfigures(self, figure: FigureBase) -> None:
+        for part in figure.subfigs:
+            part.bbox_relative.set_points(np.round(part.bbox_relative.get_points(), self.DIGITS))
+            self._round_subfigures(part)
+
+
 @contextmanager
 def figure_style() -> Iterator[None]:
     """Context in which figures are drawn and saved; matplotlib's settings are restored afterwards."""
@@ -85,7 +106,7 @@ def make_figure(title: str, subtitle: str, size_in: tuple[float, float] = (7.6, 
     """Return an empty figure with a bold title and a subtitle, left-aligned."""
     width, height = size_in
     head = 0.62 / height  # the two lines take 0.62 inches
-    figure = Figure(figsize=size_in, layout=ConstrainedLayoutEngine(rect=(0.02, 0.02, 0.96, 0.97 - head)))
+    figure = Figure(figsize=size_in, layout=RoundedLayout(rect=(0.02, 0.02, 0.96, 0.97 - head)))
     FigureCanvasAgg(figure)
     left = 0.22 / width
     figure.text(left, 1 - 0.16 / height, title, fontsize=12.5, fontweight="bold", va="top")

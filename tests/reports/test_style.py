@@ -3,12 +3,16 @@
 from __future__ import annotations
 
 from pathlib import Path
+from typing import Any
 
 import matplotlib as mpl
+import numpy as np
 import pytest
+from matplotlib.figure import Figure
+from matplotlib.layout_engine import ConstrainedLayoutEngine
 
 from dockctl.errors import DockctlError
-from dockctl.reports.style import figure_style, legend_above, make_axes, save, thousands
+from dockctl.reports.style import figure_style, legend_above, make_axes, make_figure, save, thousands
 
 
 def draw(folder: Path) -> list[Path]:
@@ -25,6 +29,32 @@ def test_files_are_reproducible(tmp_path: Path) -> None:
     assert [path.name for path in first] == ["figure.png", "figure.svg"]
     for one, other in zip(first, second, strict=True):
         assert one.read_bytes() == other.read_bytes()
+
+
+def test_noise_of_the_layout_solver_is_rounded_away(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Its results differ by about 1e-15 from run to run."""
+
+    def layout(figure: Figure, noise: float) -> Any:
+        figure.add_subfigure(figure.add_gridspec(1, 1)[0]).subplots(1, 2)
+        solve = ConstrainedLayoutEngine.execute
+
+        def execute(engine: ConstrainedLayoutEngine, fig: Figure) -> Any:
+            grids = solve(engine, fig)
+            for ax in fig.axes:
+                ax._set_position(np.array(ax.get_position(original=True).bounds) + noise)
+            for part in fig.subfigs:
+                part.bbox_relative.set_points(part.bbox_relative.get_points() + noise)
+            return grids
+
+        with monkeypatch.context() as patch:
+            patch.setattr(ConstrainedLayoutEngine, "execute", execute)
+            figure.draw_without_rendering()
+            figure.draw_without_rendering()
+        return [ax.get_window_extent().bounds for ax in figure.axes]
+
+    with figure_style():
+        exact, noisy = (layout(make_figure("Title", "subtitle"), noise) for noise in (0.0, 1e-13))
+    assert exact == noisy
 
 
 def test_resolution(tmp_path: Path) -> None:
