@@ -11,7 +11,7 @@ import pytest
 from dockctl.agents.checkpoint import POLICY
 from dockctl.evaluation import load_policy
 from dockctl.evaluation.rollout import Rollout
-from dockctl.evaluation.starts import training_starts, validation_starts
+from dockctl.evaluation.starts import evaluation_starts, training_starts
 from dockctl.experiments.export import CARD
 from dockctl.runs.directory import shipped
 from dockctl.scenarios.content import first_difference
@@ -62,7 +62,7 @@ def test_it_docks_from_starts_of_its_training(
     policy = load_policy(name)
     rollout = Rollout(policy.scenario())
     loaded, worlds = rollout.loaded, rollout.worlds
-    starts = validation_starts if loaded.scenario.task.berths else training_starts
+    starts = evaluation_starts if loaded.scenario.task.berths else training_starts
     some = starts(loaded.scenario, worlds)[: EPISODES.get(name, 1)]
     played = rollout.run(policy.make(rollout.env()), some)
     assert [one.outcome for one in played] == ["docked"] * len(some)

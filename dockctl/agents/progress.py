@@ -33,9 +33,10 @@ class Progress:
         outcomes: finished training episodes by outcome; environments that report none leave it empty.
         recent: of each of the latest training episodes, whether it docked and whether it started at an
             initial pose.
-        best: docked episodes and mean return of the best validation.
-        evaluated_at: environment steps at the latest validation, 0 before the first.
-        evaluation_docked, evaluation_episodes: result of that validation.
+        best: docked episodes, episodes and mean return of the best validation.
+        validated_at: environment steps at the latest validation, 0 before the first.
+        evaluated_at: environment steps at the latest evaluation, 0 before the first.
+        evaluation_docked, evaluation_episodes: result of that evaluation.
         wall_s: seconds of training.
         epsilon, loss: latest values, for display.
     """
@@ -46,6 +47,7 @@ class Progress:
     outcomes: dict[str, int] = field(default_factory=dict)
     recent: list[list[bool]] = field(default_factory=list)
     best: list[float] | None = None
+    validated_at: int = 0
     evaluated_at: int = 0
     evaluation_docked: int = 0
     evaluation_episodes: int = 0
@@ -60,6 +62,10 @@ class Progress:
             self.outcomes[outcome] = self.outcomes.get(outcome, 0) + 1
         self.recent = [*self.recent, [outcome == "docked", from_initial_pose]][-window:]
 
+    def crossed(self, every: int, *, since: int) -> bool:
+        """Return whether a multiple of `every` environment steps was passed after `since`."""
+        return self.env_steps // every > since // every
+
     @property
     def recent_docked(self) -> int:
         """Number of docked episodes among the last `RECENT` training episodes."""
@@ -69,7 +75,7 @@ class Progress:
         """Return whether the stop rule holds.
 
         Enough of the last episodes docked, both of all of them and of those from the initial poses, and the
-        greedy policy docked from every start of the latest validation.
+        greedy policy docked from every start of the latest evaluation.
         """
         recent = self.recent[-rule.episodes :]
         own = [docked for docked, from_initial_pose in recent if from_initial_pose]

@@ -5,7 +5,7 @@ from __future__ import annotations
 import time
 from collections.abc import Callable, Sequence
 from concurrent.futures import wait
-from dataclasses import asdict, dataclass
+from dataclasses import asdict
 from threading import Event
 from typing import Any
 
@@ -42,19 +42,8 @@ UPDATE_ROWS = 2000
 """Rows of ``updates.csv`` after ``training.total_steps``, about."""
 
 
-@dataclass(frozen=True)
-class Validation:
-    """Greedy episodes during training.
-
-    Attributes:
-        docked: number of docked episodes.
-        mean_return: over the episodes.
-        rows: one for each episode, with the columns `dockctl.runs.tables.EPISODE_RESULT`.
-    """
-
-    docked: int
-    mean_return: float
-    rows: Sequence[dict[str, Value]]
+Greedy = Callable[[Policy], Sequence[dict[str, Value]]]
+"""Runs greedy episodes; returns a row for each, with the columns `dockctl.runs.tables.EVALUATIONS`."""
 
 
 class Trainer:
@@ -66,8 +55,8 @@ class Trainer:
         environment: ``training.boats`` boats with same-step autoreset; the keys of its `info` are optional.
         run: gets tables and checkpoints.
         card: of the policy; its step count is updated when it is saved.
-        validate: runs greedy episodes, which select the checkpoint ``best``; without it there is only
-            ``last``.
+        validate: from many starts, which select the checkpoint ``best``; without it there is only ``last``.
+        evaluate: from the poses that the stop rule demands; by default the validation starts.
         on_progress: called after every step.
         interrupted: called after every step; True saves and stops the training.
     """
@@ -79,13 +68,15 @@ class Trainer:
         environment: VectorEnv[Any, Any, Any],
         run: RunDirectory,
         card: PolicyCard,
-        validate: Callable[[Policy], Validation] | None = None,
+        validate: Greedy | None = None,
+        evaluate: Greedy | None = None,
         *,
         on_progress: Callable[[Progress], None] = lambda progress: None,
         interrupted: Callable[[], bool] = lambda: False,
     ) -> None:
         self.algorithm, self.training, self.environment = algorithm, training, environment
-        self.run_directory, self.card, self.validate = run, card, validate
+        self.run_directory, self.card = run, card
+        self.validate, self.evaluate = validate, evaluate
         self.on_progress, self.interrupted = on_progress, interrupted
         self.progress, self._stopping = Progress(), Event()
         self.episode_recorder = EpisodeRecorder(training.boats)
@@ -101,12 +92,11 @@ class Trainer:
         while (reason := self._reason_to_stop()) is None:
             observation = self._step(observation)
             progress.wall_s = time.monotonic() - start
-            every = self.training.evaluate_every_steps
-            if progress.env_steps // every > progress.evaluated_at // every:
-                self._validate()
+            if progress.crossed(self.training.evaluate_every_steps, since=progress.evaluated_at):
+                self._evaluate()
             self.on_progress(progress)
-        if reason != "interrupted" and progress.evaluated_at < progress.env_steps:
-            self._validate()
+        if reason != "interrupted" and progress.validated_at < progress.env_steps:
+            self._evaluate(over=True)
         self._save_last()
         return reason
 
@@ -155,24 +145,42 @@ class Trainer:
             if self._stopping.is_set():
                 return
 
-    def _validate(self) -> None:
-        """Validate the greedy policy, save it if it is the best so far, and save the state."""
-        progress = self.progress
+    def _evaluate(self, *, over: bool = False) -> None:
+        """Run the greedy episodes that are due, save the policy if it is the best so far, and save the state.
+
+        Args:
+            over: the training ends, and its policy is validated.
+        """
+        progress, rows, is_best = self.progress, list[dict[str, Value]](), False
+        if self.evaluate is not None and progress.evaluated_at < progress.env_steps:
+            rows += self.evaluate(self.algorithm.policy)
+            progress.evaluation_docked, progress.evaluation_episodes = _docked(rows), len(rows)
         progress.evaluated_at = progress.env_steps
-        if self.validate is not None:
-            result = self.validate(self.algorithm.policy)
-            score = [result.docked, result.mean_return]
-            is_best = progress.best is None or score > progress.best
-            if is_best:
-                progress.best = score
-                with self.run_directory.new_checkpoint(BEST) as folder:
-                    save_policy(folder, self.algorithm.policy_tensors(), self._card())
-            progress.evaluation_docked, progress.evaluation_episodes = result.docked, len(result.rows)
-            labels = {"env_steps": progress.env_steps, "best": is_best}
-            rows = [{"pose": pose, **row, **labels} for pose, row in enumerate(result.rows)]
-            self.tables[EVALUATIONS_CSV].append(rows)
+        every = self.training.validation.every_steps
+        if self.validate is not None and (over or progress.crossed(every, since=progress.validated_at)):
+            validation = self.validate(self.algorithm.policy)
+            is_best = self._select(validation)
+            if self.evaluate is None:
+                progress.evaluation_docked, progress.evaluation_episodes = (
+                    _docked(validation),
+                    len(validation),
+                )
+            rows += validation
+        labels = {"env_steps": progress.env_steps, "best": is_best}
+        self.tables[EVALUATIONS_CSV].append({**row, **labels} for row in rows)
         self.tables[TIMING_CSV].append([{"env_steps": progress.env_steps, "wall_s": progress.wall_s}])
         self._save_last()
+
+    def _select(self, validation: Sequence[dict[str, Value]]) -> bool:
+        """Save the policy if it docks from as many starts as any before, and return whether it does."""
+        progress, docked = self.progress, _docked(validation)
+        progress.validated_at = progress.env_steps
+        if progress.best is not None and docked < progress.best[0]:
+            return False
+        progress.best = [docked, len(validation), float(np.mean([row["return"] for row in validation]))]
+        with self.run_directory.new_checkpoint(BEST) as folder:
+            save_policy(folder, self.algorithm.policy_tensors(), self._card())
+        return True
 
     def _card(self) -> PolicyCard:
         return self.card.model_copy(update={"env_steps": self.progress.env_steps})
@@ -207,3 +215,7 @@ class Trainer:
         saved = facts.get("tables", {})
         lost = [t.restore(saved.get(name), self.progress.env_steps) for name, t in self.tables.items()]
         return [loss for loss in lost if loss]
+
+
+def _docked(rows: Sequence[dict[str, Value]]) -> int:
+    return sum(row["outcome"] == "docked" for row in rows)

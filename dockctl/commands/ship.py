@@ -17,7 +17,7 @@ def ship(
 ) -> None:
     """Export the best policy of one or more runs, with its scenario and a model card.
 
-    The best policy docks from the most validation poses, or at the most trained berths; then from the most
+    The best policy docks from the most evaluation poses, or at the most trained berths; then from the most
     random starts, or at the most held-out berths; then most often on the other scenarios it was evaluated on;
     then it has the lowest seed. It must dock from all its training poses, unless its scenario has many
     berths. The card includes the results of `evaluate`, `map` and `latency`.

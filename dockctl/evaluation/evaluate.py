@@ -1,4 +1,4 @@
-"""Evaluate a policy: greedy episodes from the validation starts and from random starts."""
+"""Evaluate a policy: greedy episodes from the evaluation poses and from random starts."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ import pandas as pd
 from dockctl.analysis.episodes import summarize
 from dockctl.evaluation.policies import LoadedPolicy, load_policy
 from dockctl.evaluation.rollout import Episode, Rollout
-from dockctl.evaluation.starts import testing_starts, validation_starts
+from dockctl.evaluation.starts import evaluation_starts, testing_starts
 from dockctl.runs.directory import EVALUATION
 from dockctl.runs.tables import START_KEYS, Value
 from dockctl.scenarios.schema import Scenario
@@ -107,7 +107,7 @@ def evaluate(
     seed: int | None = None,
     overrides: Sequence[str] = (),
 ) -> Evaluation:
-    """Run a policy from a scenario's validation starts and from random starts.
+    """Run a policy from a scenario's evaluation poses and from random starts.
 
     Args:
         policy: see `dockctl.evaluation.policies.load_policy`; the latest run by default.
@@ -125,7 +125,7 @@ def evaluate(
     seed = random.seed if seed is None else seed
     rollout = Rollout(loaded)
     starts = [
-        *validation_starts(loaded.scenario, rollout.worlds),
+        *evaluation_starts(loaded.scenario, rollout.worlds),
         *testing_starts(
             loaded.scenario, rollout.worlds, random.episodes if episodes is None else episodes, seed
         ),

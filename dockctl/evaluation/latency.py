@@ -16,7 +16,7 @@ from dockctl.envs.observation import ObservationEncoder, View
 from dockctl.envs.vector import DockingVectorEnv
 from dockctl.evaluation.policies import LoadedPolicy, load_policy
 from dockctl.evaluation.rollout import Rollout
-from dockctl.evaluation.starts import validation_starts
+from dockctl.evaluation.starts import evaluation_starts
 from dockctl.runs.provenance import hardware
 from dockctl.scenarios.schema import Scenario
 
@@ -94,7 +94,7 @@ def time_decisions(env: DockingVectorEnv, policy: Policy, decisions: int) -> pd.
     """
     scenario, simulator = env.scenario, env.simulator
     encoder = ObservationEncoder(scenario.observation, scenario.sensors.lidar.sectors)
-    starts = validation_starts(scenario, env.worlds)
+    starts = evaluation_starts(scenario, env.worlds)
     rows: list[tuple[float, ...]] = []
     info: dict[str, Any] = {}
     episode, ended = 0, True

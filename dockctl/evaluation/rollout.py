@@ -121,16 +121,27 @@ class Rollout:
             self._environments[boats] = DockingVectorEnv(self.loaded, boats, worlds=self.worlds)
         return self._environments[boats]
 
-    def run(self, policy: Policy, starts: Sequence[Start]) -> list[Episode]:
-        """Run one episode from each start, with its clearance; in the order of the starts.
+    def run(self, policy: Policy, starts: Sequence[Start], *, clearance: bool = True) -> list[Episode]:
+        """Run one episode from each start, by default with its clearance; in the order of the starts.
 
-        The conditions of episode i are drawn from seed i: they depend neither on the policy nor on the number
-        of boats.
+        The conditions of episode i are drawn from seed i, unless the start has a seed: they depend neither on
+        the policy nor on the number of boats.
         """
         if not starts:
             return []
-        seeded = [replace(start, seed=index) for index, start in enumerate(starts)]
-        return run_episodes(self.env(min(PARALLEL_BOATS, len(starts))), policy, seeded, self._clearance)
+        seeded = [
+            replace(start, seed=index if start.seed is None else start.seed)
+            for index, start in enumerate(starts)
+        ]
+        measure = self._clearance if clearance else None
+        return run_episodes(self.env(min(PARALLEL_BOATS, len(starts))), policy, seeded, measure)
+
+    def validate(self, policy: Policy, starts: Sequence[Start]) -> list[Episode]:
+        """Run one episode from each start, but only `PARALLEL_BOATS` if none of these docks."""
+        first = self.run(policy, starts[:PARALLEL_BOATS], clearance=False)
+        if not any(episode.docked for episode in first):
+            return first
+        return first + self.run(policy, starts[PARALLEL_BOATS:], clearance=False)
 
     def _clearance(self, start: Start, poses: Floats) -> float:
         return least_clearance(poses, self.worlds[start.harbor].obstacles.clearance, self._reach_m)
@@ -209,9 +220,9 @@ class _Recorder:
         )
 
 
-def score(episodes: Sequence[Episode]) -> tuple[int, float]:
-    """Return the sort key of policies: number of docked episodes, then mean return."""
-    return sum(e.docked for e in episodes), float(np.mean([e.total_reward for e in episodes]))
+def evaluation_rows(episodes: Sequence[Episode]) -> list[dict[str, Value]]:
+    """Return the rows of ``evaluations.csv`` for the episodes of one policy from one set of starts."""
+    return [{"start_kind": e.start.kind, "pose": pose, **e.row()} for pose, e in enumerate(episodes)]
 
 
 def trajectories_csv(episodes: Sequence[Episode], control_period_s: float) -> str:

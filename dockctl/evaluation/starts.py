@@ -1,4 +1,4 @@
-"""Start poses for validation, tests, plots and export.
+"""Start poses for validation, evaluation, plots and export.
 
 `dockctl.sim.starts` draws a single start; this module selects sets of them.
 """
@@ -6,6 +6,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import replace
 
 import numpy as np
 
@@ -30,26 +31,57 @@ TRAINING = "training"
 """Kind of the starts at the initial poses of the training."""
 
 
-def validation_starts(scenario: Scenario, worlds: Sequence[World]) -> list[Start]:
-    """Return the starts of the greedy episodes during training, which select the best checkpoint.
+VALIDATION = "validation"
+"""Kind of the starts that select the best checkpoint."""
 
-    They are the evaluation poses, or the initial poses where the scenario has none. A task with berths has
-    random starts at the trained berths, with the intermediate poses drawn as in training.
+
+def evaluation_poses(scenario: Scenario) -> list[Start]:
+    """Return starts at the evaluation poses, or at the initial poses where the scenario has none.
+
+    A task with berths has none.
     """
-    task, evaluation = scenario.task, scenario.evaluation
-    if task.berths is None:
-        site, poses = own_site(scenario), evaluation.poses or task.initial
-        return [given_start(site, task, pose_array(pose), index) for index, pose in enumerate(poses)]
-    trained = [site for site in _sites(scenario, worlds) if site.kind == "trained"]
+    task = scenario.task
+    if task.berths is not None:
+        return []
+    site, poses = own_site(scenario), scenario.evaluation.poses or task.initial
+    return [given_start(site, task, pose_array(pose), index) for index, pose in enumerate(poses)]
+
+
+def evaluation_starts(scenario: Scenario, worlds: Sequence[World]) -> list[Start]:
+    """Return the evaluation poses, or random starts at the trained berths of a task with berths.
+
+    There, the intermediate poses are drawn as in training.
+    """
+    if scenario.task.berths is None:
+        return evaluation_poses(scenario)
+    evaluation = scenario.evaluation
     return random_starts(
         scenario,
-        trained,
+        _trained(scenario, worlds),
         worlds,
         episodes=evaluation.trained_berths,
         seed=evaluation.random_starts.seed,
         kind="trained",
         spread=True,
     )
+
+
+def validation_starts(scenario: Scenario, worlds: Sequence[World]) -> list[Start]:
+    """Return the random starts that select the best checkpoint, at the trained berths if the task has any.
+
+    They are drawn like test starts, but from other random numbers, also for their conditions.
+    """
+    seed, episodes = scenario.evaluation.random_starts.seed, scenario.training.validation.starts
+    starts = random_starts(
+        scenario,
+        _trained(scenario, worlds),
+        worlds,
+        episodes=episodes,
+        seed=(seed, 1),  # test starts have a seed of one number
+        kind=VALIDATION,
+        spread=True,
+    )
+    return [replace(start, seed=2**32 + number) for number, start in enumerate(starts)]
 
 
 def testing_starts(scenario: Scenario, worlds: Sequence[World], episodes: int, seed: int) -> list[Start]:
@@ -63,11 +95,11 @@ def testing_starts(scenario: Scenario, worlds: Sequence[World], episodes: int, s
 def trajectory_starts(scenario: Scenario, worlds: Sequence[World]) -> list[Start]:
     """Return the starts whose trajectories are stored and drawn.
 
-    They are the validation starts. A task with berths has its initial poses at each free berth of the harbor
+    They are the evaluation poses. A task with berths has its initial poses at each free berth of the harbor
     that is drawn.
     """
     if scenario.task.berths is None:
-        return validation_starts(scenario, worlds)
+        return evaluation_poses(scenario)
     drawn = own_site(scenario).harbor
     return [
         given_start(site, scenario.task, pose, index, site.kind)
@@ -81,8 +113,7 @@ def training_starts(scenario: Scenario, worlds: Sequence[World]) -> list[Start]:
     """Return the initial poses of the training, at each trained berth if the task has berths."""
     return [
         given_start(site, scenario.task, pose, index, TRAINING)
-        for site in _sites(scenario, worlds)
-        if site.kind != "held_out"
+        for site in _trained(scenario, worlds)
         for index, pose in enumerate(site.initial)
     ]
 
@@ -100,7 +131,7 @@ def random_starts(
     worlds: Sequence[World],
     *,
     episodes: int,
-    seed: int,
+    seed: int | tuple[int, ...],
     kind: str = "random",
     spread: bool = False,
 ) -> list[Start]:
@@ -130,6 +161,10 @@ def random_starts(
         start = given_start(site, task, site.initial[index], index, kind)
         starts.append(with_offset(start, offsets, rng, blocked))
     return starts
+
+
+def _trained(scenario: Scenario, worlds: Sequence[World]) -> list[Site]:
+    return [site for site in _sites(scenario, worlds) if site.kind != "held_out"]
 
 
 def _sites(scenario: Scenario, worlds: Sequence[World]) -> list[Site]:

@@ -55,11 +55,11 @@ class Candidate:
 
     @property
     def rank(self) -> tuple[float, float, float, int]:
-        """Sort key, best first: success in validation, in tests, on other scenarios; lowest seed."""
+        """Sort key, best first: success from the poses, in tests, on other scenarios; lowest seed."""
         share = self.shares
-        validation = share.get("pose", share.get("trained", 0.0))
+        poses = share.get("pose", share.get("trained", 0.0))
         test = share.get("random", share.get("held_out", 0.0))
-        return -validation, -test, -self.transfer, self.policy.card.seed
+        return -poses, -test, -self.transfer, self.policy.card.seed
 
 
 def ship(runs: Sequence[Path], name: str | None, out: Path) -> None:

@@ -40,7 +40,7 @@ class TrainingDisplay:
         self._every = LIVE_SECONDS if self._live else PLAIN_SECONDS
         self._marks: deque[tuple[float, int]] = deque()
         self._shown_at = -float("inf")
-        self._validated_at = 0
+        self._evaluated_at = 0
 
     def __enter__(self) -> Self:
         if self._live:
@@ -55,7 +55,7 @@ class TrainingDisplay:
 
     def __call__(self, progress: Progress) -> None:
         now = time.monotonic()
-        self.show_validation(progress)
+        self.show_evaluation(progress)
         if now - self._shown_at < self._every:
             return
         self._shown_at = now
@@ -67,10 +67,10 @@ class TrainingDisplay:
         elif len(self._marks) > 1:
             print_text(self._console, " | ".join(self._facts(progress).values()))
 
-    def show_validation(self, progress: Progress) -> None:
-        """Print the latest validation, unless it was printed before."""
-        if progress.evaluated_at > self._validated_at:
-            self._validated_at = progress.evaluated_at
+    def show_evaluation(self, progress: Progress) -> None:
+        """Print the latest evaluation, unless it was printed before."""
+        if progress.evaluated_at > self._evaluated_at:
+            self._evaluated_at = progress.evaluated_at
             result = f"{progress.evaluation_docked} of {progress.evaluation_episodes}"
             line = (
                 f"{progress.evaluated_at:>9,} steps: the greedy policy docked {result}; best {best(progress)}"
@@ -115,8 +115,8 @@ def best(progress: Progress) -> str:
     """Return the best validation so far, in words."""
     if progress.best is None:
         return "none yet"
-    docked, mean_return = progress.best
-    return f"{docked:.0f} of {progress.evaluation_episodes} docked, return {mean_return:,.0f}"
+    docked, episodes, mean_return = progress.best
+    return f"{docked:.0f} of {episodes:.0f} random starts docked, return {mean_return:,.0f}"
 
 
 def clock(seconds: float) -> str:

@@ -30,8 +30,8 @@ from dockctl.scenarios.schema import ObservationPart, Scenario
 
 TEMPLATE = Path(__file__).with_name("card.md.j2")
 LISTED_FAILURES = 12
-OWN_KINDS = {**START_KINDS, "training": "training poses", "pose": "validation poses"}
-"""Kinds of starts on the scenario of the training, whose poses selected the checkpoint."""
+OWN_KINDS = {**START_KINDS, "training": "training poses"}
+"""Kinds of starts on the scenario of the training."""
 EPISODES = ("start_kind", "x_m", "y_m", "heading_deg", "outcome", "collided_with", "phase", "clearance_m")
 """Columns of an evaluation that the card needs."""
 CELLS = ("dx_m", "dy_m", "dheading_deg", "blocked", "outcome", "collided_with")

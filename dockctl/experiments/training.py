@@ -15,12 +15,12 @@ from dockctl.agents.algorithms import AlgorithmSpec
 from dockctl.agents.checkpoint import LEARNER, POLICY, PolicyCard, load_pair, load_policy, torch_device
 from dockctl.agents.interface import Algorithm, Policy, Spaces
 from dockctl.agents.progress import REASONS, Progress
-from dockctl.agents.trainer import Trainer, Validation
+from dockctl.agents.trainer import Trainer
 from dockctl.console import command_line, count, print_text
 from dockctl.envs.vector import DockingVectorEnv
 from dockctl.errors import DockctlError, InputError
-from dockctl.evaluation.rollout import Rollout, score, trajectories_csv
-from dockctl.evaluation.starts import trajectory_starts, validation_starts
+from dockctl.evaluation.rollout import Rollout, evaluation_rows, trajectories_csv
+from dockctl.evaluation.starts import evaluation_poses, trajectory_starts, validation_starts
 from dockctl.experiments.interrupt import interruptible
 from dockctl.experiments.live import TrainingDisplay, best, clock
 from dockctl.experiments.memory import Estimate, require_memory
@@ -37,7 +37,7 @@ from dockctl.runs.directory import (
     RunDirectory,
 )
 from dockctl.runs.files import exclusive_lock, require_writable
-from dockctl.runs.tables import RECENT
+from dockctl.runs.tables import RECENT, Value
 from dockctl.scenarios.base import FieldError
 from dockctl.scenarios.content import mesh_files, with_paths
 from dockctl.scenarios.loader import LoadedScenario, dump
@@ -201,15 +201,19 @@ def _run(session: _Session, run: RunDirectory, console: Console, *, resumed: boo
         interface=PolicyInterface.of(scenario),
         algorithm=training.algorithm.model_dump(mode="json"),
     )
-    rollout, starts = Rollout(loaded, session.worlds), validation_starts(scenario, session.worlds)
+    rollout = Rollout(loaded, session.worlds)
+    poses, starts = evaluation_poses(scenario), validation_starts(scenario, session.worlds)
 
-    def validate(policy: Policy) -> Validation:
-        episodes = rollout.run(policy, starts)
-        return Validation(*score(episodes), [episode.row() for episode in episodes])
+    def evaluate(policy: Policy) -> list[dict[str, Value]]:
+        return evaluation_rows(rollout.run(policy, poses))
+
+    def validate(policy: Policy) -> list[dict[str, Value]]:
+        return evaluation_rows(rollout.validate(policy, starts))
 
     with interruptible() as interrupted, TrainingDisplay(training, title, console) as display:
         trainer = Trainer(
-            session.algorithm, training, session.environment, run, card, validate,
+            session.algorithm, training, session.environment, run, card,
+            validate, evaluate if poses else None,
             on_progress=display, interrupted=interrupted,
         )  # fmt: skip
         if resumed:
@@ -219,7 +223,7 @@ def _run(session: _Session, run: RunDirectory, console: Console, *, resumed: boo
             for loss in lost:
                 print_text(console, f"warning: {loss}", "yellow")
         reason = trainer.run()
-        display.show_validation(trainer.progress)
+        display.show_evaluation(trainer.progress)
     facts = run.read_json(PROVENANCE)
     facts |= {"finished": None if reason == "interrupted" else provenance.now(), "stop_reason": reason}
     run.write_json(PROVENANCE, facts)

@@ -86,8 +86,8 @@ def updates_figure(run: Run, updates: pd.DataFrame, columns: Sequence[str]) -> F
 
 
 def evaluation_figure(run: Run, evaluations: pd.DataFrame) -> Figure:
-    """Outcomes of the greedy policy from each evaluation pose during training."""
-    rows = evaluations["pose"].nunique()
+    """Outcomes of the greedy policy from each evaluation pose, and from the validation starts."""
+    rows = evaluations["pose"][evaluations["start_kind"] != "validation"].nunique() + 1
     figure, ax = make_axes("Greedy evaluations during training", run.caption, (7.6, 2.3 + 0.3 * rows))
     at_berths = run.task.berths is not None  # there evaluated from random starts
     names = [] if at_berths else [plan_view.pose_names([pose]) for pose in run.tests]

@@ -123,18 +123,30 @@ def term_colors(table: pd.DataFrame) -> list[tuple[str, str]]:
 
 
 def draw_evaluations(ax: Axes, evaluations: pd.DataFrame, names: Sequence[str]) -> None:
-    """Draw the outcome from each evaluation pose, one column per evaluation; stars mark the best policy."""
+    """Draw the outcome from each evaluation pose, one column per evaluation; stars mark the best policy.
+
+    The last row has the shares of the outcomes from the validation starts.
+    """
     steps = sorted(evaluations["env_steps"].unique())
-    poses = sorted(evaluations["pose"].unique())
-    for outcome, color in palette.OUTCOMES.items():
-        rows = evaluations[evaluations["outcome"] == outcome]
-        left = np.searchsorted(steps, rows["env_steps"]) - 0.45
-        ax.barh(np.searchsorted(poses, rows["pose"]), 0.9, left=left, height=0.86, color=color, lw=0)
+    poses = evaluations["start_kind"] != "validation"
+    lines = sorted(evaluations["pose"][poses].unique())
+    labels = [names[pose] if pose < len(names) else f"pose {pose}" for pose in lines]
+    table = evaluations.assign(line=np.where(poses, np.searchsorted(lines, evaluations["pose"]), len(lines)))
+    if not poses.all():
+        labels.append("validation starts")
+    cells = table.groupby(["env_steps", "line"])["outcome"].value_counts(normalize=True)
+    shares = cells.unstack(fill_value=0)
+    left = np.searchsorted(steps, shares.index.get_level_values("env_steps")) - 0.45
+    for outcome in (name for name in palette.OUTCOMES if name in shares):
+        width = 0.9 * shares[outcome].to_numpy()
+        drawn = width > 0
+        line = shares.index.get_level_values("line")[drawn]
+        ax.barh(line, width[drawn], left=left[drawn], height=0.86, color=palette.OUTCOMES[outcome], lw=0)
+        left = left + width
     stars = np.searchsorted(steps, sorted(evaluations[evaluations["best"] == 1]["env_steps"].unique()))
-    ax.plot(stars, np.full(len(stars), len(poses) - 0.22), "*", color=palette.INK, ms=6, clip_on=False)
-    labels = [names[pose] if pose < len(names) else f"pose {pose}" for pose in poses]
-    ax.set_yticks(range(len(poses)), labels)
-    ax.set_ylim(len(poses) + 0.1, -0.5)
+    ax.plot(stars, np.full(len(stars), len(labels) - 0.22), "*", color=palette.INK, ms=6, clip_on=False)
+    ax.set_yticks(range(len(labels)), labels)
+    ax.set_ylim(len(labels) + 0.1, -0.5)
     shown = range(0, len(steps), max(1, -(-len(steps) // 8)))
     ax.set_xticks(list(shown), [f"{steps[i]:,}" for i in shown])
     ax.set_xlim(-0.6, len(steps) - 0.4)

@@ -14,7 +14,7 @@ Written by the training:
 ``evaluations.csv``       greedy episodes during training
 ``timing.csv``            wall-clock seconds, apart from the other tables, which repeat byte for byte
 ``trajectories.csv``      greedy episodes of the best policy, step by step
-``checkpoints/best``      policy with the best greedy evaluation
+``checkpoints/best``      policy that docks from the most validation starts
 ``checkpoints/last``      policy and learner at the end, for resuming
 ========================  =============================================================================
 

@@ -88,6 +88,9 @@ def read_run(folder: Path) -> Run:
         raise DockctlError(
             f"{path}: not the resolved scenario of a run: {error}", code="not_readable"
         ) from error
+    evaluations = read_table(folder / EVALUATIONS_CSV, EVALUATIONS)
+    if evaluations is not None and "start_kind" not in evaluations:  # of a run before there were others
+        evaluations = evaluations.assign(start_kind="pose")
     run = Run(
         folder=folder,
         scenario=scenario,
@@ -97,7 +100,7 @@ def read_run(folder: Path) -> Run:
         scene=read_scene(folder / SCENE),
         episodes=read_table(folder / EPISODES_CSV, EPISODES),
         updates=read_table(folder / UPDATES_CSV, UPDATES),
-        evaluations=read_table(folder / EVALUATIONS_CSV, EVALUATIONS),
+        evaluations=evaluations,
         trajectories=read_table(folder / TRAJECTORIES_CSV, TRAJECTORIES),
     )
     if run.episodes is None and run.trajectories is None:

@@ -32,8 +32,11 @@ EPISODE_RESULT = (
 )  # fmt: skip
 """Result of one greedy episode."""
 
-EVALUATIONS = ("env_steps", "pose", *EPISODE_RESULT, "best")
-"""Greedy episodes during training, one row per pose; `best` is 1 if the policy was the best so far."""
+EVALUATIONS = ("env_steps", "start_kind", "pose", *EPISODE_RESULT, "best")
+"""Greedy episodes during training, from the evaluation poses and, less often, from the validation starts.
+
+`pose` is the number of the pose or start, and `best` is 1 if the policy was the best so far.
+"""
 
 EVALUATION = ("start_kind", "start", "berth", "x_m", "y_m", "heading_deg", *EPISODE_RESULT, "time_s")
 """Episodes of ``dockctl evaluate``."""

@@ -42,8 +42,21 @@ class ExploringStarts(Model):
     steps: Count = 200
 
 
+class ValidationStarts(Model):
+    """Random starts whose greedy episodes select the checkpoint `best`.
+
+    They are drawn like those of `evaluation.random_starts`, but are never the same.
+    """
+
+    starts: Count = Field(default=100, le=100_000)
+    every_steps: Count = Field(default=50_000, description="environment steps between validations")
+
+
 class StopRule(Model):
-    """Training ends when `docked` of the last `episodes` episodes docked and all validation episodes do."""
+    """Training ends when `docked` of the last `episodes` episodes docked and the greedy policy always does.
+
+    The greedy policy starts from the evaluation poses, on a task with berths from the validation starts.
+    """
 
     docked: Count = 95
     episodes: Count = 100
@@ -109,6 +122,7 @@ class Training(Model):
     exploring_starts: ExploringStarts | None = ExploringStarts()
     stop: StopRule | None = StopRule()
     evaluate_every_steps: Count = 10_000
+    validation: ValidationStarts = ValidationStarts()
 
     @property
     def largest_target(self) -> float:
@@ -142,10 +156,10 @@ class RandomStarts(Model):
 
 
 class Evaluation(Model):
-    """The greedy episodes that validate and test a policy."""
+    """The greedy episodes that test a policy."""
 
     poses: tuple[Pose, ...] = Field(default=(), description="evaluation poses; the initial poses where empty")
     random_starts: RandomStarts = RandomStarts()
     trained_berths: Count = Field(
-        default=64, description="random starts at trained berths, which validate the policy during training"
+        default=64, description="random starts at trained berths, on a task with berths"
     )

@@ -273,13 +273,19 @@ class ArchivedRun:
         """Docked episodes of the last 100 of the training."""
         return int((self.episodes["outcome"].tail(RECENT) == "docked").sum())
 
+    @property
+    def greedy(self) -> pd.DataFrame | None:
+        """Greedy episodes of the training, without those that only select the best policy."""
+        table = self.run.evaluations
+        return None if table is None else table[table["start_kind"] != "validation"]
+
     @cached_property
     def first_docked(self) -> int | None:
         """Environment steps at the first greedy evaluation with every episode docked."""
-        if self.run.evaluations is None:
+        if self.greedy is None:
             return None
-        ends = (self.run.evaluations["outcome"] == "docked").astype(int)
-        docked = ends.groupby(self.run.evaluations["env_steps"]).min()
+        ends = (self.greedy["outcome"] == "docked").astype(int)
+        docked = ends.groupby(self.greedy["env_steps"]).min()
         steps = docked.index[docked.to_numpy() == 1]
         return int(steps.min()) if len(steps) else None
 

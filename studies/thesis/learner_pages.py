@@ -203,7 +203,7 @@ def _td_errors(run: ArchivedRun) -> tuple[float, float, float]:
 
 def _thesis_row(facts: Facts, experiment: Experiment, run: ArchivedRun) -> Row:
     best = run.episodes["outcome"].eq("docked").rolling(RECENT).sum()
-    greedy = run.run.evaluations
+    greedy = run.greedy
     assert greedy is not None  # every archived training has evaluations
     return {
         "scenario": experiment.scenario[1:],

@@ -16,17 +16,19 @@ from dockctl.agents.checkpoint import CheckpointError, PolicyCard, load_policy
 from dockctl.agents.dqn.algorithm import DQN
 from dockctl.agents.interface import Policy, Spaces
 from dockctl.agents.progress import Progress
-from dockctl.agents.trainer import Trainer, Validation
+from dockctl.agents.trainer import Trainer
 from dockctl.compute import usable_cores, workers
-from dockctl.evaluation.rollout import run_episodes, score
+from dockctl.evaluation.rollout import evaluation_rows, run_episodes
 from dockctl.runs.directory import RunDirectory
+from dockctl.runs.tables import Value
 from dockctl.scenarios.training import StopRule, Training
 from tests.agents.toy import ToyDocking, starts_at
 
 SETTINGS: dict[str, Any] = {
     "boats": 8, "hidden_sizes": (32, 32), "total_steps": 20_000, "warmup_steps": 200, "batch_size": 32,
     "steps_per_update": 8, "learning_rate": 2e-3, "reward_scale": 0.1, "replay_capacity": 10_000, "n_step": 3,
-    "epsilon": {"decay_steps": 6_000}, "evaluate_every_steps": 1_000, "target_update_interval": 50,
+    "epsilon": {"decay_steps": 6_000}, "evaluate_every_steps": 1_000,
+    "validation": {"every_steps": 1_000}, "target_update_interval": 50,
 }  # fmt: skip
 
 
@@ -44,16 +46,16 @@ def trainer(root: Path, **changes: Any) -> Trainer:
 
 
 def trainer_in(run: RunDirectory, training: Training, **options: Any) -> Trainer:
-    validation, starts = ToyDocking(2), starts_at(-1.0, -0.9)
+    greedy, starts = ToyDocking(2), starts_at(-1.0, -0.9)
 
-    def validate(policy: Policy) -> Validation:
-        episodes = run_episodes(validation, policy, starts)
-        return Validation(*score(episodes), [episode.row() for episode in episodes])
+    def validate(policy: Policy) -> list[dict[str, Value]]:
+        return evaluation_rows(run_episodes(greedy, policy, starts))
 
     environment = ToyDocking(training.boats)
     spaces = Spaces.from_env(environment)
     algorithm = training.algorithm.build(spaces, training, "cpu")
-    return Trainer(algorithm, training, environment, run, make_card(spaces, training), validate, **options)
+    options = {"validate": validate, **options}
+    return Trainer(algorithm, training, environment, run, make_card(spaces, training), **options)
 
 
 def make_card(spaces: Spaces, training: Training) -> PolicyCard:
@@ -131,6 +133,35 @@ def test_an_interrupted_training_resumes(tmp_path: Path) -> None:
     steps = [int(row["env_steps"]) for row in read_table(first.run_directory.path / "evaluations.csv")]
     assert steps == sorted(steps)
     assert steps[-1] == 4_000
+
+
+def test_best_docks_from_the_most_validation_starts_and_of_equal_ones_is_the_latest(tmp_path: Path) -> None:
+    results = iter([2, 4, 3, 4, 1])  # of 4 starts; the returns favor the earlier ones
+
+    def validate(policy: Policy) -> list[dict[str, Value]]:
+        docked, worth = next(results), -learner.progress.env_steps
+        outcomes = ["docked"] * docked + ["timeout"] * (4 - docked)
+        return [{"start_kind": "validation", "outcome": outcome, "return": worth} for outcome in outcomes]
+
+    def evaluate(policy: Policy) -> list[dict[str, Value]]:
+        return [{"start_kind": "pose", "outcome": "timeout", "return": 0.0}]
+
+    training = Training(**{**SETTINGS, "total_steps": 4_400, "evaluate_every_steps": 500, "stop": None})
+    run = RunDirectory.create(tmp_path, "toy", 0)
+    learner = trainer_in(run, training, validate=validate, evaluate=evaluate)
+    learner.run()
+    assert load_policy(run.path)[1].env_steps == 4_000
+    rows = read_table(run.path / "evaluations.csv")
+    validated = {int(row["env_steps"]): row["best"] for row in rows if row["start_kind"] == "validation"}
+    assert validated == {1_000: "1", 2_000: "1", 3_000: "0", 4_000: "1", 4_400: "0"}
+    evaluated = [int(row["env_steps"]) for row in rows if row["start_kind"] == "pose"]
+    assert evaluated == [504, 1_000, 1_504, 2_000, 2_504, 3_000, 3_504, 4_000, 4_400]
+
+
+def test_the_policy_at_the_end_is_validated(tmp_path: Path) -> None:
+    learner = trainer(tmp_path, total_steps=800, stop=None)
+    learner.run()
+    assert load_policy(learner.run_directory.path)[1].env_steps == 800
 
 
 def test_nothing_is_learned_after_a_step_that_failed(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

@@ -17,6 +17,7 @@ QUICK = (
     "training.boats=2", "training.warmup_steps=20", "training.batch_size=8", "training.steps_per_update=2",
     "training.replay_capacity=1000", "training.evaluate_every_steps=100", "training.hidden_sizes=[16, 8]",
     "training.exploring_starts.steps=20", "task.max_steps=25", "evaluation.random_starts.episodes=3",
+    "training.validation.starts=3",
 )  # fmt: skip
 
 

@@ -25,6 +25,7 @@ from tests.commands.conftest import Outcome, dockctl, only_run, quick_train
 
 EXAMPLES = Path(__file__).parents[2] / "examples"
 Trained = tuple[Path, Outcome]
+KINDS = ("pose", "validation")
 
 
 def rows(path: Path) -> list[dict[str, str]]:
@@ -112,7 +113,11 @@ def test_interrupted_resumed_finished_and_extended(tmp_path: Path, monkeypatch: 
         assert "200 steps" in outcome.err
     extended = dockctl("train", "--resume", run, "--steps", 240)
     assert extended.code == 0
-    assert [int(row["env_steps"]) for row in rows(run / "evaluations.csv")] == [100, 200, 240]
+    evaluations = rows(run / "evaluations.csv")
+    steps = {
+        kind: [int(row["env_steps"]) for row in evaluations if row["start_kind"] == kind] for kind in KINDS
+    }
+    assert steps == {"pose": [100, 200, 240], "validation": [200] * 3 + [240] * 3}
 
 
 @pytest.mark.parametrize(
@@ -266,7 +271,11 @@ def test_a_terminal_gets_a_panel() -> None:
     with TrainingDisplay(Training(), "s1", console) as display:
         display(
             progress(
-                loss=0.25, best=[1, 300.0], evaluated_at=4_000, evaluation_docked=1, evaluation_episodes=1
+                loss=0.25,
+                best=[90, 100, 300.0],
+                evaluated_at=4_000,
+                evaluation_docked=1,
+                evaluation_episodes=1,
             )
         )
     assert isinstance(console.file, io.StringIO)
@@ -276,7 +285,7 @@ def test_a_terminal_gets_a_panel() -> None:
         "5,000 of 500,000",
         "1 collision, 1 docked",
         "0.25",
-        "1 of 1 docked, return 300",
+        "90 of 100 random starts docked, return 300",
         "Ctrl-C",
     ):
         assert words in text, words

@@ -7,7 +7,7 @@ import pytest
 
 from dockctl.agents.interface import Info, Policy
 from dockctl.evaluation import rollout
-from dockctl.evaluation.rollout import run_episodes, score
+from dockctl.evaluation.rollout import PARALLEL_BOATS, Rollout, evaluation_rows, run_episodes
 from dockctl.scenarios.loader import load
 from dockctl.sim.starts import given_start, own_site
 from tests.agents.toy import ToyDocking, starts_at
@@ -57,10 +57,32 @@ def test_what_an_episode_records() -> None:
     assert row["return"] == pytest.approx(10 - 0.25 - 0.15 - 0.05)
 
 
-def test_score_ranks_by_docked_episodes_and_then_by_mean_return() -> None:
-    episodes = run_episodes(ToyDocking(1), BrakeAtZero(), starts_at(-0.35, -0.35))
-    docked = sum(episode.outcome == "docked" for episode in episodes)
-    assert score(episodes) == (docked, pytest.approx(episodes[0].total_reward))
+def test_the_rows_of_a_validation() -> None:
+    rows = evaluation_rows(run_episodes(ToyDocking(1), BrakeAtZero(), starts_at(-0.35, 0.45)))
+    assert [(row["start_kind"], row["pose"], row["outcome"]) for row in rows] == [
+        ("pose", 0, "docked"),
+        ("pose", 1, "collision"),
+    ]
+
+
+@pytest.mark.parametrize(("docks", "played"), [(False, PARALLEL_BOATS), (True, 20)])
+def test_a_validation_ends_early_where_nothing_docks(docks: bool, played: int) -> None:
+    """The first boat starts in the berth, or all start 16 m away and stay there."""
+    loaded = load("s1", overrides=["task.max_steps=3"])
+    task = Rollout(loaded, [walled()])
+    site = own_site(loaded.scenario)
+    poses = [site.goals[1] if docks and i == 0 else site.initial[0] for i in range(20)]
+    starts = [given_start(site, loaded.scenario.task, pose, i) for i, pose in enumerate(poses)]
+    episodes = task.validate(Rest(), starts)
+    assert [episode.start.index for episode in episodes] == list(range(played))
+    assert sum(episode.docked for episode in episodes) == docks
+
+
+class Rest(Policy):
+    """No thrust, rudder amidships: the middle one of the 77 actions."""
+
+    def act(self, observation: np.ndarray, info: Info) -> np.ndarray:
+        return np.full(len(observation), 38)
 
 
 class FullAhead(Policy):

@@ -5,10 +5,13 @@ from __future__ import annotations
 import math
 
 import numpy as np
+import pytest
 
+from dockctl.evaluation import starts as drawn
 from dockctl.evaluation.starts import random_starts
 from dockctl.geometry import Floats
 from dockctl.scenarios.loader import load
+from dockctl.scenarios.schema import Scenario
 from dockctl.sim.starts import own_site, sites
 from tests.sim.worlds import walled
 
@@ -29,6 +32,27 @@ def test_they_are_bounded_free_and_do_not_depend_on_their_number() -> None:
     assert (many[:, 0] <= 20.5).all()
     assert np.array_equal(draw(5, 3), many[:5])
     assert not np.array_equal(draw(5, 4), many[:5])
+
+
+@pytest.mark.parametrize("scenario", [S1, MARINA])
+def test_validation_starts_are_others_than_those_of_an_evaluation(scenario: Scenario) -> None:
+    """They are many, bounded like test starts, at trained berths, and the same for every training seed."""
+    selecting = drawn.validation_starts(scenario, OPEN)
+    assert len(selecting) == 100
+    tests = drawn.testing_starts(scenario, OPEN, 1000, scenario.evaluation.random_starts.seed)
+    others = np.stack([start.eta for start in [*drawn.evaluation_starts(scenario, OPEN), *tests]])
+    nearest = [np.abs(others - start.eta).max(axis=1).min() for start in selecting]
+    assert min(nearest) > 0
+    trained = {site.berth: site.initial for site in sites(scenario) if site.kind != "held_out"}
+    around = scenario.evaluation.random_starts
+    reach = [around.position_m, around.position_m, math.radians(around.heading_deg)]
+    for start in selecting:
+        assert (np.abs(start.eta - trained[start.berth]) <= reach).all(axis=1).any()
+    seeds = {start.seed for start in selecting}
+    assert len(seeds) == 100 and seeds.isdisjoint({None, *range(1000)})  # tests have their number
+    training = scenario.training.model_copy(update={"seed": 7})
+    again = drawn.validation_starts(scenario.model_copy(update={"training": training}), OPEN)
+    assert all(np.array_equal(a.eta, b.eta) for a, b in zip(selecting, again, strict=True))
 
 
 def test_they_are_around_their_own_site() -> None:

@@ -133,6 +133,7 @@ def evaluations(poses: int = 1, count: int = 12) -> pd.DataFrame:
             rows.append(
                 {
                     "env_steps": 10_000 * (k + 1),
+                    "start_kind": "pose",
                     "pose": pose,
                     "outcome": "docked" if good else ("timeout" if (k + pose) % 3 else "collision"),
                     "return": 0.0,

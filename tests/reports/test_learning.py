@@ -109,6 +109,19 @@ def test_evaluations_have_one_bar_per_pose_and_time(ax: Axes) -> None:
         assert drawn[row["env_steps"] // 10_000 - 1, row["pose"]] == palette.OUTCOMES[row["outcome"]].lower()
 
 
+def test_the_shares_of_the_validation_starts_are_below_the_poses(ax: Axes) -> None:
+    poses = synthetic.evaluations(poses=2, count=4)
+    outcomes = ["docked"] * 5 + ["collision"] * 3 + ["timeout"] * 2
+    last = pd.DataFrame({"env_steps": 40_000, "start_kind": "validation", "pose": range(10), "best": 1})
+    learning.draw_evaluations(ax, pd.concat([poses, last.assign(outcome=outcomes)]), ["a", "b"])
+    assert len(ax.get_yticklabels()) == 3
+    bars = {to_hex(bar.get_facecolor()): bar for bar in ax.patches if round(bar.get_y() + 0.43) == 2}
+    for outcome, share in (("docked", 0.5), ("collision", 0.3), ("timeout", 0.2)):
+        assert bars[palette.OUTCOMES[outcome].lower()].get_width() == pytest.approx(0.9 * share)
+    ends = sorted((bar.get_x(), bar.get_x() + bar.get_width()) for bar in bars.values())
+    assert [left for left, _ in ends] == pytest.approx([2.55, *(right for _, right in ends[:-1])])
+
+
 def test_updates(ax: Axes) -> None:
     table = synthetic.updates()
     learning.draw_updates([ax], table, ["loss"])

@@ -33,6 +33,14 @@ def test_missing_and_empty_tables_are_listed(tmp_path: Path, content: str | None
     assert read_run(folder).missing == ["evaluations.csv"]
 
 
+def test_evaluations_of_older_runs_are_from_poses(tmp_path: Path) -> None:
+    folder = write_run(tmp_path / "run", count=20)
+    old = pd.read_csv(folder / "evaluations.csv").drop(columns="start_kind")
+    old.to_csv(folder / "evaluations.csv", index=False)
+    read = read_run(folder).evaluations
+    assert read is not None and set(read["start_kind"]) == {"pose"}
+
+
 def test_gzipped_tables_are_read(tmp_path: Path) -> None:
     folder = write_run(tmp_path / "run", count=20)
     plain = read_run(folder).episodes
