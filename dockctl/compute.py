@@ -9,9 +9,10 @@ import tempfile
 import zipfile
 from collections.abc import Callable, Iterable
 from concurrent.futures import ThreadPoolExecutor
-from functools import cache
+from functools import cache, wraps
 from pathlib import Path
-from typing import Any, TypeVar, cast
+from typing import Any, ParamSpec, TypeVar, cast
+from weakref import WeakValueDictionary
 
 import numpy as np
 import platformdirs
@@ -22,8 +23,12 @@ from dockctl import geometry
 
 Arrays = dict[str, NDArray[Any]]
 Function = TypeVar("Function", bound=Callable[..., object])
+P = ParamSpec("P")
+T = TypeVar("T")
 
 MAX_FILES = 24
+UNUSED_BYTES = 512_000_000
+"""Limit of the results of `shared` functions that are kept although nothing uses them, all together."""
 log = logging.getLogger(__name__)
 
 
@@ -85,6 +90,40 @@ def _digest(folder: Path) -> str:
     sources = [path.read_bytes() for path in sorted(folder.glob("*.py"))]
     called = [source for source in sources if b"@compiled" in source]
     return hashlib.sha256(b"".join([*called, Path(geometry.__file__).read_bytes()])).hexdigest()[:12]
+
+
+_recent: dict[tuple[object, ...], tuple[object, int]] = {}
+"""The results of `shared` functions that are kept, and their sizes; the last one was used last."""
+
+
+def shared(size: Callable[[T], int]) -> Callable[[Callable[P, T]], Callable[P, T]]:
+    """Return a decorator of a function whose calls with equal arguments share one result.
+
+    They do while something uses the result. After that it is kept until more recent ones, of all such
+    functions, take `UNUSED_BYTES`.
+
+    Args:
+        size: estimates the size of a result [bytes].
+    """
+
+    def decorate(function: Callable[P, T]) -> Callable[P, T]:
+        in_use: WeakValueDictionary[tuple[object, ...], T] = WeakValueDictionary()
+
+        @wraps(function)
+        def call(*args: P.args, **kwargs: P.kwargs) -> T:
+            key = (function, args, tuple(kwargs.items()))
+            result = in_use.get(key)
+            if result is None:
+                result = in_use[key] = function(*args, **kwargs)
+            _recent.pop(key, None)
+            _recent[key] = result, size(result)
+            while sum(kept for _, kept in _recent.values()) > UNUSED_BYTES:
+                del _recent[next(iter(_recent))]
+            return result
+
+        return call
+
+    return decorate
 
 
 def cache_folder() -> Path:

@@ -36,11 +36,14 @@ class DockingVectorEnv(VectorEnv[Observations, NDArray[Any], NDArray[Any]]):
     With `AutoresetMode.SAME_STEP`, a boat whose episode ends starts the next one in the same step: its rows
     of the observations and of `info` are the first of the new episode. The final observation of row i is
     `info["final_obs"][i]`, and its final info is row i of `info["final_info"]`, where the masks
-    `info["_final_obs"]` and `info["_final_info"]` are true. With `AutoresetMode.DISABLED`, call
-    `reset(options={"reset_mask": ended})`.
+    `info["_final_obs"]` and `info["_final_info"]` are true. With `AutoresetMode.NEXT_STEP`, the step after
+    the last one only starts the next episode: it ignores the boat's action, and its reward is 0. With
+    `AutoresetMode.DISABLED`, call `reset(options={"reset_mask": ended})`.
 
     Each boat draws from its own generator, spawned from the seed: the episodes of boat i depend on the seed,
     on i and on its actions, but not on the number of boats.
+
+    It can be copied and pickled; copies in one process share the harbors.
 
     Args:
         scenario: name, path, or a loaded scenario.
@@ -48,7 +51,7 @@ class DockingVectorEnv(VectorEnv[Observations, NDArray[Any], NDArray[Any]]):
         base_dir: folder that mesh paths of a `Scenario` object are relative to.
         exploring: draw starts as in training, with the scenario's exploring starts.
         render_mode: "rgb_array" or None.
-        autoreset_mode: `SAME_STEP` or `DISABLED`.
+        autoreset_mode: `SAME_STEP`, `NEXT_STEP` or `DISABLED`.
         worlds: harbors to use instead of building those of the scenario.
 
     Raises:
@@ -75,9 +78,10 @@ class DockingVectorEnv(VectorEnv[Observations, NDArray[Any], NDArray[Any]]):
         if render_mode not in (None, *self.metadata["render_modes"]):
             message = f"unknown render_mode '{render_mode}' (known: rgb_array, None)"
             raise DockctlError(message, code="unknown_name")
-        self.autoreset_mode = AutoresetMode(autoreset_mode)
-        if self.autoreset_mode == AutoresetMode.NEXT_STEP:
-            raise DockctlError("autoreset_mode must be SameStep or Disabled", code="unknown_name")
+        try:
+            self.autoreset_mode = AutoresetMode(autoreset_mode)
+        except ValueError as error:
+            raise DockctlError(str(error), code="unknown_name") from None
         self.metadata = {**self.metadata, "autoreset_mode": self.autoreset_mode}
         self.render_mode = render_mode
         self.num_envs = num_envs
@@ -85,10 +89,9 @@ class DockingVectorEnv(VectorEnv[Observations, NDArray[Any], NDArray[Any]]):
         self.worlds = worlds or build_worlds(self.scenario, directory)
         self.simulator = Simulator(self.scenario, self.worlds, num_envs)
         self.reward = RewardFunction(self.scenario.reward)
-        blocked = [world.obstacles.blocked for world in self.worlds]
         self._own = own_site(self.scenario)
-        trained = [site for site in free_sites(self.scenario, blocked) if site.kind != "held_out"]
-        self._sampler = StartSampler(self.scenario, trained, blocked, exploring=exploring)
+        self._exploring = exploring
+        self._sampler = self._make_sampler()
         self._encoder = ObservationEncoder(self.scenario.observation, self.scenario.sensors.lidar.sectors)
         self.observation_names = self._encoder.names
         self.single_observation_space = self._encoder.space
@@ -100,6 +103,18 @@ class DockingVectorEnv(VectorEnv[Observations, NDArray[Any], NDArray[Any]]):
         self._start_index = np.zeros(num_envs, np.int64)
         self._ended = np.ones(num_envs, bool)
         self._trails: list[list[Floats]] = [[] for _ in range(num_envs)]
+
+    def _make_sampler(self) -> StartSampler:
+        blocked = [world.obstacles.blocked for world in self.worlds]
+        trained = [site for site in free_sites(self.scenario, blocked) if site.kind != "held_out"]
+        return StartSampler(self.scenario, trained, blocked, exploring=self._exploring)
+
+    def __getstate__(self) -> dict[str, Any]:
+        return {name: value for name, value in vars(self).items() if name != "_sampler"}
+
+    def __setstate__(self, state: dict[str, Any]) -> None:
+        vars(self).update(state)
+        self._sampler = self._make_sampler()
 
     def reset(
         self, *, seed: int | Sequence[int | None] | None = None, options: dict[str, Any] | None = None
@@ -155,17 +170,27 @@ class DockingVectorEnv(VectorEnv[Observations, NDArray[Any], NDArray[Any]]):
             gymnasium.error.ResetNeeded: an episode has ended and was not reset.
             gymnasium.error.InvalidAction: an action is not in the action space.
         """
-        if self._ended.any():
+        over = self._ended
+        if over.any() and (self.autoreset_mode != AutoresetMode.NEXT_STEP or not self._rngs):
             raise error.ResetNeeded("an episode has ended or none has started: call reset() first")
         status = self.simulator.step(self._commands(actions))
         reward, by_term = self.reward(status)
-        terminated = status.terminated
-        truncated = ~terminated & (self.simulator.steps >= self.simulator.max_steps)
+        terminated = status.terminated & ~over
+        truncated = ~over & ~terminated & (self.simulator.steps >= self.simulator.max_steps)
         self._ended = terminated | truncated
         self._extend_trails()
-        observations, info = self._observe(), self._info(self._events(status, truncated, by_term))
+        events = self._events(status, truncated, by_term)
+        if over.any():
+            reward = np.where(over, 0.0, reward)
+            events = self._restart(over, events)
+        observations, info = self._observe(), self._info(events)
         if self._ended.any() and self.autoreset_mode == AutoresetMode.SAME_STEP:
-            observations, info = self._restart(observations, info)
+            ended, final_obs = self._ended.copy(), np.full(self.num_envs, None, object)
+            for row in np.flatnonzero(ended):
+                final_obs[row] = observations[row]
+            final = _masked({"final_obs": final_obs, "final_info": info}, ended)
+            events = self._restart(ended, events)
+            observations, info = self._observe(), {**self._info(events), **final}
         return observations, reward, terminated, truncated, info
 
     def state(self) -> tuple[Arrays, Info]:
@@ -260,20 +285,13 @@ class DockingVectorEnv(VectorEnv[Observations, NDArray[Any], NDArray[Any]]):
         for row in rows:
             self._trails[row] = [self.simulator.eta[row].copy()]
 
-    def _restart(self, observations: Observations, info: Info) -> tuple[Observations, Info]:
-        """Start the next episode of the rows that ended; add their final observation and info to `info`."""
-        ended = self._ended.copy()
+    def _restart(self, ended: Bools, events: Info) -> Info:
+        """Start the next episode of the boats that ended, and return the events without theirs."""
         rows = np.flatnonzero(ended)
-        final_obs = np.full(self.num_envs, None, object)
-        for row in rows:
-            final_obs[row] = observations[row]
         self._begin(rows, self._draw(rows))
-        events = {key: info[key].copy() for key in ("outcome", "collided_with")}
-        terms = info["reward_terms"].items()
-        events["reward_terms"] = {name: np.where(ended, 0.0, value) for name, value in terms}
-        events["outcome"][rows] = events["collided_with"][rows] = ""
-        final = _masked({"final_obs": final_obs, "final_info": info}, ended)
-        return self._observe(), {**self._info(events), **final}
+        remaining = {key: np.where(ended, "", events[key]) for key in ("outcome", "collided_with")}
+        terms = events["reward_terms"].items()
+        return {**remaining, "reward_terms": {name: np.where(ended, 0.0, value) for name, value in terms}}
 
     def _commands(self, actions: NDArray[Any]) -> Floats:
         """Return the commands (n, 2) [N, rad] of the actions.

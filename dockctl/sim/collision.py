@@ -4,16 +4,20 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Iterator, Sequence
-from functools import cache, lru_cache
+from functools import cache
 
 import fcl
 import numpy as np
 import trimesh
 
+from dockctl.compute import shared
 from dockctl.geometry import Bools, Floats, Ints, wrap
 from dockctl.scenarios.vessel import Hull
 from dockctl.sim.harbor.build import Harbor
 from dockctl.sim.harbor.solids import hull_mesh
+
+SIZE_BY_TRIANGLES = 8
+"""Memory of a checker, relative to the array of the harbor's triangles; measured on the reference marina."""
 
 
 class CollisionChecker:
@@ -74,7 +78,7 @@ class CollisionChecker:
             yield hull
 
 
-@lru_cache(maxsize=16)
+@shared(lambda checker: SIZE_BY_TRIANGLES * checker.harbor.triangles.nbytes)
 def collision_checker(harbor: Harbor, hull: Hull) -> CollisionChecker:
     """Return the checker of a hull in a harbor, from a cache."""
     return CollisionChecker(harbor, hull)

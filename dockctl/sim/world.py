@@ -5,19 +5,19 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
-from functools import cache, lru_cache, partial
+from functools import cache, partial
 from pathlib import Path
-from typing import Protocol
+from typing import Any, Protocol, SupportsIndex
 
 import numpy as np
 
-from dockctl.compute import workers
+from dockctl.compute import shared, workers
 from dockctl.drawing.scene import Scene
 from dockctl.errors import InputError
 from dockctl.geometry import Bools, Floats, place_outline, pose_array
 from dockctl.scenarios.base import Pose
 from dockctl.scenarios.extensions import RangeSensor, RangeSensorSpec
-from dockctl.scenarios.harbor import layouts
+from dockctl.scenarios.harbor import HarborSpec, layouts
 from dockctl.scenarios.loader import LoadedScenario, load
 from dockctl.scenarios.schema import Scenario
 from dockctl.scenarios.vessel import Hull
@@ -50,13 +50,28 @@ class Obstacles(Protocol):
         ...
 
 
+Source = tuple[HarborSpec, Path, Hull, RangeSensorSpec]
+
+
 @dataclass(frozen=True, eq=False)
 class World:
-    """One harbor, built once and shared by all simulators; `scene` returns its plan view."""
+    """One harbor, built once and shared by all simulators, and by their copies.
+
+    Attributes:
+        scene: returns the plan view.
+        source: what it was built from; a pickle consists of it.
+    """
 
     obstacles: Obstacles
     lidar: RangeSensor
     scene: Callable[[], Scene]
+    source: Source | None = None
+
+    def __deepcopy__(self, memo: object) -> World:
+        return self
+
+    def __reduce_ex__(self, protocol: SupportsIndex) -> Any:
+        return (_world, self.source) if self.source else super().__reduce_ex__(protocol)
 
 
 def build_worlds(scenario: Scenario, base_dir: Path) -> tuple[World, ...]:
@@ -70,15 +85,17 @@ def build_worlds(scenario: Scenario, base_dir: Path) -> tuple[World, ...]:
     """
     hull, lidar = scenario.vessel.hull, scenario.sensors.lidar
     specs = (layout.harbor for layout in layouts(scenario.harbor, scenario.task.berths))
-    return tuple(_world(build_harbor(spec, base_dir), hull, lidar) for spec in specs)
+    return tuple(_world(spec, base_dir if spec.meshes else Path(), hull, lidar) for spec in specs)
 
 
-@lru_cache(maxsize=16)
-def _world(harbor: Harbor, hull: Hull, lidar: RangeSensorSpec) -> World:
+@shared(lambda world: world.lidar.table_bytes)
+def _world(spec: HarborSpec, base_dir: Path, hull: Hull, lidar: RangeSensorSpec) -> World:
+    harbor = build_harbor(spec, base_dir)
     return World(
         obstacles=collision_checker(harbor, hull),
         lidar=lidar.build(harbor.triangles),
         scene=cache(partial(build_scene, harbor, hull)),
+        source=(spec, base_dir, hull, lidar),
     )
 
 

@@ -3,12 +3,15 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
+from functools import cache
 from typing import Any
 
 import numpy as np
 import pytest
 from gymnasium.error import ResetNeeded
 from gymnasium.vector import AutoresetMode, SyncVectorEnv
+from gymnasium.wrappers import vector
 
 from dockctl.envs.single import DockingEnv
 from dockctl.envs.vector import DockingVectorEnv
@@ -18,6 +21,7 @@ from tests.sim.worlds import walled
 STOP, AHEAD, ASTERN = 38, 73, 3  # 0, 50 and -50 N, rudder amidships
 
 
+@cache
 def scenario(steps: int = 500) -> LoadedScenario:
     loaded = load("s3")
     task = loaded.scenario.task.model_copy(update={"max_steps": steps})
@@ -117,13 +121,10 @@ def test_disabled_requires_a_reset_of_the_ended_rows() -> None:
     env.step(np.full(2, AHEAD))
 
 
-def test_equals_gymnasiums_synchronous_vector_of_single_boats() -> None:
+@pytest.mark.parametrize("mode", [AutoresetMode.SAME_STEP, AutoresetMode.NEXT_STEP])
+def test_equals_gymnasiums_synchronous_vector_of_single_boats(mode: AutoresetMode) -> None:
     """Step by step and key by key, over several episodes; all have the same initial pose."""
-    worlds = [walled(23.3)]
-    ours = DockingVectorEnv(scenario(7), 3, worlds=worlds)
-    theirs = SyncVectorEnv(
-        [lambda: DockingEnv(scenario(7), worlds=worlds)] * 3, autoreset_mode=AutoresetMode.SAME_STEP
-    )
+    ours, theirs = both(mode)
     rng = np.random.default_rng(5)
     assert_same(ours.reset(seed=1), theirs.reset(seed=1))
     ends = 0
@@ -133,6 +134,78 @@ def test_equals_gymnasiums_synchronous_vector_of_single_boats() -> None:
         ends += int((mine[2] | mine[3]).sum())
         assert_same(mine, peer)
     assert ends > 10
+
+
+def both(mode: AutoresetMode) -> tuple[DockingVectorEnv, SyncVectorEnv]:
+    """Return our vector of three boats, and Gymnasium's of three single environments."""
+    worlds = [walled(23.3)]
+    ours = DockingVectorEnv(scenario(7), 3, worlds=worlds, autoreset_mode=mode)
+    singles = [lambda: DockingEnv(scenario(7), worlds=worlds)] * 3
+    return ours, SyncVectorEnv(singles, autoreset_mode=mode)
+
+
+def test_the_step_after_an_end_only_resets_the_boat() -> None:
+    env = boats(2, wall=25.0, autoreset_mode="NextStep")
+    reset_at(env, AWAY, (24.999, 0, 0))
+    ended = np.zeros(2, bool)
+    while not ended.any():
+        _, _, terminated, truncated, info = env.step(np.full(2, AHEAD))
+        ended = terminated | truncated
+    assert info["outcome"].tolist() == ["", "collision"]
+    before = env.simulator.eta.copy()
+    _, reward, terminated, truncated, info = env.step(np.full(2, AHEAD))
+    assert not (terminated | truncated).any()
+    assert info["pose"][1] == pytest.approx([23, -10, math.pi / 2])  # the initial pose
+    assert not np.array_equal(info["pose"][0], before[0])
+    assert (reward[1], reward[0] < 0) == (0, True)
+    assert info["outcome"].tolist() == ["", ""]
+    assert env.simulator.steps.tolist()[1] == 0
+
+
+def test_the_first_step_needs_a_reset_in_every_mode() -> None:
+    for mode in AutoresetMode:
+        with pytest.raises(ResetNeeded):
+            boats(2, autoreset_mode=mode).step(np.full(2, AHEAD))
+
+
+WRAPPERS: dict[str, Callable[[Any], Any]] = {
+    "NormalizeObservation": vector.NormalizeObservation,
+    "NormalizeReward": vector.NormalizeReward,
+    "RecordEpisodeStatistics": vector.RecordEpisodeStatistics,
+    "TransformReward": lambda env: vector.TransformReward(env, lambda reward: reward / 1000),
+    "ClipReward": lambda env: vector.ClipReward(env, -10, 10),
+    "RescaleObservation": lambda env: vector.RescaleObservation(env, 0, 1),
+    "DictInfoToList": vector.DictInfoToList,
+}
+
+BOTH = [name for name in WRAPPERS if "Observation" not in name]  # the others refuse same-step autoreset
+
+
+@pytest.mark.parametrize(
+    ("name", "mode"),
+    [
+        *((name, AutoresetMode.NEXT_STEP) for name in WRAPPERS),
+        *((name, AutoresetMode.SAME_STEP) for name in BOTH),
+    ],
+)
+def test_gymnasiums_vector_wrappers_give_the_same_as_over_its_own_vector(
+    name: str, mode: AutoresetMode
+) -> None:
+    ours, theirs = (WRAPPERS[name](env) for env in both(mode))
+    rng = np.random.default_rng(5)
+    assert np.array_equal(ours.reset(seed=1)[0], theirs.reset(seed=1)[0])
+    finished = 0
+    for _ in range(25):
+        actions = rng.choice([AHEAD, AHEAD + 3, ASTERN - 3], 3)
+        mine, peer = ours.step(actions), theirs.step(actions)
+        assert all(np.array_equal(a, b) for a, b in zip(mine[:4], peer[:4], strict=True))
+        finished += int((mine[2] | mine[3]).sum())
+        if name == "RecordEpisodeStatistics" and "episode" in peer[4]:
+            for key in ("r", "l"):
+                assert np.array_equal(mine[4]["episode"][key], peer[4]["episode"][key])
+        if name == "DictInfoToList":
+            assert [info["outcome"] for info in mine[4]] == [info["outcome"] for info in peer[4]]
+    assert finished > 5
 
 
 def assert_same(mine: Any, peer: Any) -> None:

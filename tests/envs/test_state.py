@@ -2,17 +2,24 @@
 
 from __future__ import annotations
 
+import copy
 import json
-from collections.abc import Sequence
+import pickle
+import subprocess
+import sys
+from collections.abc import Callable, Sequence
 from functools import cache
+from pathlib import Path
 from typing import Any, Literal
 
+import gymnasium
 import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from safetensors.numpy import load, save
 
+import dockctl.envs  # noqa: F401 - registers the names
 from dockctl.envs.state import BIT_GENERATORS, pack, unpack
 from dockctl.envs.vector import DockingVectorEnv
 from dockctl.errors import DockctlError
@@ -203,6 +210,73 @@ def test_states_of_other_environments_are_refused() -> None:
             other.restore(given_arrays, given_facts)
         assert caught.value.code == "mismatch"
         assert json.dumps([other.state()[1], other.simulator.eta.tolist()]) == before
+
+
+COPIES: dict[str, Callable[[Any], Any]] = {
+    "copy": copy.deepcopy,
+    "pickle": lambda env: pickle.loads(pickle.dumps(env)),
+}
+
+
+@pytest.mark.parametrize("how", COPIES)
+def test_a_copy_continues_and_does_not_affect_the_original(how: str) -> None:
+    env, twin = boats(), boats()
+    for each in (env, twin):
+        each.reset(seed=4)
+        each.action_space.seed(4)
+    for _ in range(9):
+        env.step(env.action_space.sample()), twin.step(twin.action_space.sample())
+    copied = COPIES[how](env)
+    for _ in range(40):
+        copied.step(copied.action_space.sample())
+    copied.reset(seed=9)
+    copied = COPIES[how](env)
+    for _ in range(40):
+        action = twin.action_space.sample()
+        result = twin.step(action)
+        for each in (env, copied):
+            assert np.array_equal(each.action_space.sample(), action)
+            assert_same(each.step(action), result)
+
+
+@pytest.mark.parametrize("how", COPIES)
+def test_a_copy_of_a_wrapped_single_environment_continues(how: str) -> None:
+    env = gymnasium.make("dockctl/Docking-v0", scenario=scenario_3(CURRENT), worlds=[walled(24.0)])
+    env.reset(seed=2)
+    env.step(73)
+    copied = COPIES[how](env)
+    for _ in range(15):
+        mine, theirs = env.step(70), copied.step(70)
+        assert np.array_equal(mine[0], theirs[0])
+        assert mine[1:4] == theirs[1:4]
+    assert np.array_equal(env.reset()[0], copied.reset()[0])
+
+
+@pytest.mark.parametrize("how", COPIES)
+def test_copies_share_the_harbor(how: str) -> None:
+    scenario = load_scenario("s3", overrides=["sensors={lidar: {kind: planar, rays: 36}}"])
+    env = DockingVectorEnv(scenario, 2)
+    env.reset(seed=0)
+    copied = COPIES[how](env)
+    assert copied.worlds[0] is env.worlds[0] is copied.simulator.worlds[0]
+    assert_same(env.step(np.full(2, 73)), copied.step(np.full(2, 73)))
+
+
+@pytest.mark.slow
+def test_another_process_continues_from_a_pickle(tmp_path: Path) -> None:
+    env = DockingVectorEnv(
+        load_scenario("s3", overrides=["sensors={lidar: {kind: planar, rays: 36}}"]), 2, exploring=True
+    )
+    env.reset(seed=0)
+    (tmp_path / "env.pickle").write_bytes(pickle.dumps(env))
+    code = (
+        "import pickle, sys, numpy as np; env = pickle.load(open(sys.argv[1], 'rb'));"
+        "print(*(env.step(np.full(2, 3 * i))[0].tobytes().hex() for i in range(20)))"
+    )
+    done = subprocess.run(
+        [sys.executable, "-c", code, str(tmp_path / "env.pickle")], capture_output=True, text=True, check=True
+    )
+    assert done.stdout.split() == [env.step(np.full(2, 3 * i))[0].tobytes().hex() for i in range(20)]
 
 
 @pytest.mark.parametrize("kind", BIT_GENERATORS)

@@ -141,7 +141,7 @@ def test_a_scenario_whose_boat_starts_in_a_quay_is_rejected(tmp_path: Path) -> N
 
 @pytest.mark.parametrize(
     ("argument", "code"),
-    [({"render_mode": "human"}, "unknown_name"), ({"autoreset_mode": "NextStep"}, "unknown_name")],
+    [({"render_mode": "human"}, "unknown_name"), ({"autoreset_mode": "Never"}, "unknown_name")],
 )
 def test_wrong_arguments_are_rejected(argument: dict[str, str], code: str) -> None:
     with pytest.raises(DockctlError) as caught:

@@ -44,4 +44,8 @@ class Rings:
 
 def walled(x_m: float = np.inf) -> World:
     """Open water up to a wall at `x_m`."""
-    return World(Wall(x_m), Rings(), lambda: Scene("water", (), np.zeros((4, 2)), (0.0, 0.0, 50.0, 50.0)))
+    return World(Wall(x_m), Rings(), water)
+
+
+def water() -> Scene:
+    return Scene("water", (), np.zeros((4, 2)), (0.0, 0.0, 50.0, 50.0))

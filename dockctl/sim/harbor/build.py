@@ -6,7 +6,7 @@ import hashlib
 import math
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
-from functools import cached_property, lru_cache
+from functools import cached_property
 from pathlib import Path
 from typing import Literal
 
@@ -14,6 +14,7 @@ import numpy as np
 import trimesh
 from numpy.typing import NDArray
 
+from dockctl.compute import shared
 from dockctl.drawing.scene import Polygon, Scene
 from dockctl.errors import DockctlError, InputError, Problem
 from dockctl.geometry import Floats
@@ -114,7 +115,7 @@ def build_harbor(spec: HarborSpec, base_dir: Path) -> Harbor:
     return _build(spec, base_dir if spec.meshes else Path())
 
 
-@lru_cache(maxsize=16)
+@shared(lambda harbor: 3 * harbor.triangles.nbytes)  # the triangles, and the meshes of the parts
 def _build(spec: HarborSpec, base_dir: Path) -> Harbor:
     parts: list[Part] = []
     berths: list[Berth] = []
