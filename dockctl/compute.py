@@ -96,7 +96,7 @@ _recent: dict[tuple[object, ...], tuple[object, int]] = {}
 """The results of `shared` functions that are kept, and their sizes; the last one was used last."""
 
 
-def shared(size: Callable[[T], int]) -> Callable[[Callable[P, T]], Callable[P, T]]:
+def shared(size: Callable[[Any], int]) -> Callable[[Callable[P, T]], Callable[P, T]]:
     """Return a decorator of a function whose calls with equal arguments share one result.
 
     They do while something uses the result. After that it is kept until more recent ones, of all such
