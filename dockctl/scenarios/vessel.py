@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from itertools import product
 from typing import Self
 
 import numpy as np
@@ -12,8 +13,11 @@ from pydantic import Field, model_validator
 from dockctl.scenarios.base import Count, FieldError, Model, NonNegative, Number, Positive
 
 RK4_STABILITY_LIMIT = 2.6
-"""Classical Runge-Kutta is stable if decay rate times step is below this limit: its stability region, which
-ends at 2.79 on the real axis, includes the half disk of this radius."""
+"""Classical Runge-Kutta is stable if the fastest rate times step is below this limit: its stability region,
+which ends at 2.79 on the real axis, includes the half disk of this radius."""
+
+MAX_SPEED_MPS = 100.0
+"""Limit of the speed that the propeller can sustain; vessels without damping have none."""
 
 
 class Hull(Model):
@@ -67,39 +71,91 @@ class Vessel(Model):
     @model_validator(mode="after")
     def _inertia_is_positive_definite(self) -> Self:
         (surge, _, _), (_, sway, coupling), (_, _, yaw) = self.inertia.tolist()
-        if surge <= 0 or sway * yaw - coupling * coupling <= 0:
+        if not (0 < surge < math.inf and 0 < sway * yaw - coupling * coupling < math.inf):
             raise ValueError(
                 "the inertia matrix (eq. 2.17) is not positive definite; expected negative added masses"
             )
         return self
 
     @model_validator(mode="after")
-    def _substeps_are_stable(self) -> Self:
-        rate = self._fastest_rate()
-        needed = rate * self.control_period_s / RK4_STABILITY_LIMIT
-        if not needed < self.substeps:
+    def _damping_dissipates_energy(self) -> Self:
+        coupling = self.Y_r_kgmps + self.N_v_kgmps
+        if not coupling * coupling <= 4 * self.Y_v_kgps * self.N_r_kgm2ps:
             raise FieldError(
-                "substeps",
-                f"{self.substeps} in {self.control_period_s:g} s are unstable, since the vessel's fastest"
-                f" motion decays at {rate:.3g} 1/s; expected at least {needed // 1 + 1:.0f}",
+                "Y_r_kgmps" if abs(self.Y_r_kgmps) > abs(self.N_v_kgmps) else "N_v_kgmps",
+                f"Y_r + N_v is {coupling:g}, with which the damping can add energy; expected at most"
+                f" 2 sqrt(Y_v N_r), {2 * math.sqrt(self.Y_v_kgps * self.N_r_kgm2ps):g}, in magnitude",
                 "out_of_range",
             )
         return self
 
-    def _fastest_rate(self) -> float:
-        """Return the fastest decay rate [1/s] of surge and of coupled sway and yaw: eigenvalues of M^-1 D.
+    @model_validator(mode="after")
+    def _motion_is_bounded_and_stable(self) -> Self:
+        with np.errstate(all="ignore"):  # a value that overflows is refused
+            surge, sway_yaw, together = self._sustained_norms()
+            bounds = together * np.sqrt(np.diag(np.linalg.inv(self.inertia)))
+            if not max(bounds[:2]) < MAX_SPEED_MPS:
+                raise FieldError(
+                    "X_u_kgps" if surge > sway_yaw else "Y_v_kgps",
+                    f"the propeller could sustain {max(bounds[:2]):.3g} m/s; expected less than"
+                    f" {MAX_SPEED_MPS:g}: more damping (linear or quadratic in surge, and in sway and yaw)",
+                    "out_of_range",
+                )
+            rate = self._fastest_rate(bounds)
+        needed = rate * self.control_period_s / RK4_STABILITY_LIMIT
+        if not needed < self.substeps:
+            raise FieldError(
+                "substeps",
+                f"{self.substeps} in {self.control_period_s:g} s are unstable, since the vessel's velocity"
+                f" changes at up to {rate:.3g} 1/s; expected at least {needed // 1 + 1:.0f}",
+                "out_of_range",
+            )
+        return self
 
-        D is linearized, d/du (D_1 + D_2 |u|) u = D_1 + 2 D_2 |u|, at the speed at which damping balances the
-        full propeller force in that direction; Coriolis forces are neglected.
+    def _sustained_norms(self) -> tuple[float, float, float]:
+        """Return the greatest sqrt(nu^T M nu) under thrust: in surge, in sway and yaw, and in both.
+
+        Above the last one the kinetic energy decreases under any command. Coriolis forces do no work, so the
+        thrust p s balances the damping q s^2 + c s^3; p, q and c are bounds for each mix of surge and of sway
+        with yaw, s = sqrt(nu^T M nu).
         """
-        force, moment = self.max_propeller_n, self.max_propeller_n * self.propeller_arm_m
-        surge = _linearized_damping(self.X_u_kgps, self.X_uu_kgpm, force)
-        sway = _linearized_damping(self.Y_v_kgps, self.Y_vv_kgpm, force)
-        yaw = _linearized_damping(self.N_r_kgm2ps, self.N_rr_kgm2, moment)
-        damping = np.array([[surge, 0.0, 0.0], [0.0, sway, self.Y_r_kgmps], [0.0, self.N_v_kgmps, yaw]])
-        return float(max(abs(np.linalg.eigvals(np.linalg.solve(self.inertia, damping)))))
+        surge, block = self.inertia[0, 0], self.inertia[1:, 1:]
+        scale = np.linalg.inv(np.linalg.cholesky(block))
+        coupling = (self.Y_r_kgmps + self.N_v_kgmps) / 2
+        linear = np.array([[self.Y_v_kgps, coupling], [coupling, self.N_r_kgm2ps]])
+        slowest = max(np.linalg.eigvalsh(scale @ linear @ scale.T)[0], 0.0)
+        own = np.diag(block) * (1 + abs(block[0, 1]) / math.sqrt(block[0, 0] * block[1, 1]))
+        cubic = 1 / np.linalg.norm(own**1.5 / np.array([self.Y_vv_kgpm, self.N_rr_kgm2]))
+        side = self.max_propeller_n * math.sin(math.radians(self.max_rudder_deg))
+        turning = side * np.linalg.norm(scale @ np.array([-1.0, self.propeller_arm_m]))
+        angle = np.concatenate([[0.0], np.arctan(np.geomspace(1e-6, 1e6, 241)), [np.pi / 2]])
+        x, y = np.abs([np.cos(angle), np.sin(angle)])
+        p = self.max_propeller_n / np.sqrt(surge) * x + turning * y
+        q = self.X_u_kgps / surge * x**2 + slowest * y**2
+        c = self.X_uu_kgpm / surge**1.5 * x**3 + cubic * y**3
+        norms = 2 * p / (q + np.sqrt(q**2 + 4 * c * p))
+        return float(norms[0]), float(norms[-1]), float(norms.max())
 
+    def _fastest_rate(self, bounds: NDArray[np.float64]) -> float:
+        """Return the Lipschitz constant [1/s] of nu_dot in the energy norm, for speeds within (3,) bounds.
 
-def _linearized_damping(linear: float, quadratic: float, force: float) -> float:
-    """Return d1 + 2 d2 s at the speed s where (d1 + d2 s) s equals `force`."""
-    return math.sqrt(linear * linear + 4 * quadratic * force)
+        Between zero and the bounds the Jacobian of (C + D) nu is linear in nu, so its norm is greatest at a
+        corner.
+        """
+        scale = np.linalg.inv(np.linalg.cholesky(self.inertia))
+        mass, X, Y, Y_r = self.mass_kg, self.X_udot_kg, self.Y_vdot_kg, self.Y_rdot_kgm
+        rates = []
+        for u, v, r in np.array(list(product((-1.0, 0.0, 1.0), repeat=3))) * bounds:
+            coriolis = [
+                [0.0, (Y - mass) * r, (Y - mass) * v + 2 * Y_r * r],
+                [(mass - X) * r, 0.0, (mass - X) * u],
+                [(X - Y) * v - Y_r * r, (X - Y) * u, -Y_r * u],
+            ]
+            damping = [
+                [self.X_u_kgps + 2 * self.X_uu_kgpm * abs(u), 0.0, 0.0],
+                [0.0, self.Y_v_kgps + 2 * self.Y_vv_kgpm * abs(v), self.Y_r_kgmps],
+                [0.0, self.N_v_kgmps, self.N_r_kgm2ps + 2 * self.N_rr_kgm2 * abs(r)],
+            ]
+            jacobian = scale @ (np.array(coriolis) + damping) @ scale.T
+            rates.append(np.linalg.norm(jacobian, 2) if np.isfinite(jacobian).all() else math.inf)
+        return float(max(rates))

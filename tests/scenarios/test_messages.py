@@ -51,6 +51,23 @@ WRONG: dict[str, tuple[str, list[str]]] = {
         ],
     ),
     "too few substeps to be stable": ("vessel: {substeps: 1}\n", ["2:20 vessel.substeps out_of_range"]),
+    "too few substeps for turning at speed": (
+        "vessel: {max_propeller_n: 1000, Y_r_kgmps: 0, N_r_kgm2ps: 100, N_rr_kgm2: 25, substeps: 1}\n",
+        ["2:89 vessel.substeps out_of_range"],
+    ),
+    "damping that adds energy": ("vessel: {Y_r_kgmps: 1500.0}\n", ["2:21 vessel.Y_r_kgmps out_of_range"]),
+    "damping that adds energy, in yaw": (
+        "vessel: {N_v_kgmps: -1500.0}\n",
+        ["2:21 vessel.N_v_kgmps out_of_range"],
+    ),
+    "no damping in surge": (
+        "vessel: {X_u_kgps: 0.0, X_uu_kgpm: 0.0}\n",
+        ["2:20 vessel.X_u_kgps out_of_range"],
+    ),
+    "no damping in sway": (
+        "vessel: {Y_v_kgps: 0.0, Y_vv_kgpm: 0.0, Y_r_kgmps: 0.0}\n",
+        ["2:20 vessel.Y_v_kgps out_of_range"],
+    ),
     "more boats than fit anywhere": (
         "training: {boats: 1_000_000_000}\n",
         ["2:19 training.boats out_of_range"],
