@@ -28,6 +28,7 @@ from types import ModuleType
 from typing import Any, Generic, TypeVar
 
 from dockctl.errors import DockctlError, nearest
+from dockctl.reading import read_bytes
 
 T = TypeVar("T")
 
@@ -292,9 +293,9 @@ def load_file(path: Path) -> ModuleType:
     if path.suffix != ".py":
         raise PluginError(f"plugin {path} is not a .py file")
     try:
-        content = path.read_bytes()
-    except OSError as error:
-        raise PluginError(f"plugin {path} cannot be read: {error.strerror or error}") from None
+        content = read_bytes(path)
+    except DockctlError as error:
+        raise PluginError(f"plugin {error.message}") from None
     digest = hashlib.sha256(content).hexdigest()
     name = f"_dockctl_plugin_{digest[:16]}"
     if digest in _loaded.values():

@@ -1,12 +1,43 @@
-"""Read files that others wrote: regular files only, up to a size."""
+"""Read files that others wrote, which may be damaged or made to exhaust the memory: within limits."""
 
 from __future__ import annotations
 
+import csv
+import gzip
+import io
+import json
+import math
 import os
 import stat
+import zlib
+from collections.abc import Iterator
+from contextlib import contextmanager
 from pathlib import Path
+from typing import Any
 
 from dockctl.errors import Code, DockctlError
+
+MAX_BYTES = 64_000_000
+MAX_VALUES = 10_000_000
+"""Of a table or a JSON file; each value takes up to about 100 bytes of memory."""
+MAX_DEPTH = 50
+FOREIGN = (OSError, EOFError, zlib.error, csv.Error, KeyError, TypeError, ValueError, RecursionError)
+"""What parsers raise for files that are not what they expect."""
+
+
+@contextmanager
+def reading(path: Path) -> Iterator[None]:
+    """Report the exceptions that a missing, truncated or foreign file causes as a failure to read `path`.
+
+    Raises:
+        DockctlError: the block raised one of them.
+    """
+    try:
+        yield
+    except FOREIGN as error:
+        reason = f"{error} is missing" if isinstance(error, KeyError) else error
+        code: Code = "not_found" if isinstance(error, FileNotFoundError) else "not_readable"
+        raise DockctlError(f"{path}: cannot be read: {reason}", code=code) from None
 
 
 def read_limited(path: Path, max_bytes: int) -> bytes:
@@ -33,3 +64,52 @@ def read_limited(path: Path, max_bytes: int) -> bytes:
         size = f"{max_bytes / 1e6:g} MB"
         raise DockctlError(f"is larger than {size}, the limit of such a file", code="out_of_range")
     return data
+
+
+def read_bytes(path: Path, limit: int = MAX_BYTES) -> bytes:
+    """Read a regular file of at most `limit` bytes; one whose name ends in ``.gz`` is decompressed.
+
+    Raises:
+        DockctlError: the file is missing, larger, damaged, or not a regular file.
+    """
+    try:
+        content = read_limited(path, limit)
+    except DockctlError as error:
+        raise DockctlError(f"{path}: {error.message}", code=error.code) from None
+    if path.suffix == ".gz":
+        with reading(path), gzip.open(io.BytesIO(content)) as file:
+            content = file.read(limit + 1)
+        if len(content) > limit:
+            message = f"{path}: is larger than {limit / 1e6:g} MB when decompressed"
+            raise DockctlError(message, code="out_of_range")
+    return content
+
+
+def read_json(path: Path, limit: int = MAX_BYTES) -> Any:
+    """Read a JSON file of limited size and depth, without NaN and infinity.
+
+    Raises:
+        DockctlError: the file is missing, larger, or not such a file.
+    """
+    content = read_bytes(path, limit)
+    with reading(path):
+        if sum(map(content.count, (b",", b"[", b"{"))) > MAX_VALUES:
+            raise ValueError(f"contains more than {MAX_VALUES:,} values")
+        value = json.loads(content.decode("utf-8"), parse_float=_finite, parse_constant=_finite)
+        level: list[Any] = [value]
+        for _ in range(MAX_DEPTH):
+            level = [child for item in level for child in _children(item) if isinstance(child, dict | list)]
+        if level:
+            raise ValueError(f"nested more than {MAX_DEPTH} levels deep")
+    return value
+
+
+def _children(item: Any) -> Any:
+    return item.values() if isinstance(item, dict) else item if isinstance(item, list) else ()
+
+
+def _finite(text: str) -> float:
+    number = float(text)
+    if not math.isfinite(number):
+        raise ValueError(f"contains {text}, which is not a finite number")
+    return number

@@ -19,12 +19,13 @@ settings.load_profile("dockctl")
 
 
 @pytest.fixture(scope="session", autouse=True)
-def _own_cache(tmp_path_factory: pytest.TempPathFactory) -> Iterator[None]:
-    """Use a cache folder of the session instead of the user's; the workers of pytest-xdist share it."""
+def _own_folders(tmp_path_factory: pytest.TempPathFactory) -> Iterator[None]:
+    """Use folders of the session instead of the user's; the workers of pytest-xdist share them."""
     base = tmp_path_factory.getbasetemp()
     session = base.parent if "PYTEST_XDIST_WORKER" in os.environ else base
     with pytest.MonkeyPatch.context() as patch:
         patch.setenv("XDG_CACHE_HOME", str(session / "cache"))
+        patch.setenv("XDG_STATE_HOME", str(session / "state"))
         yield
 
 

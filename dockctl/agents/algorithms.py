@@ -9,7 +9,9 @@ The models here are light; what they build imports torch.
 from __future__ import annotations
 
 from abc import abstractmethod
+from collections.abc import Iterator
 from importlib.util import find_spec
+from itertools import pairwise
 from typing import TYPE_CHECKING, Any, ClassVar, Literal
 
 from dockctl.errors import DockctlError
@@ -30,6 +32,11 @@ class AlgorithmSpec(Kind):
     """
 
     on_resume: ClassVar[str] = ""
+
+    @property
+    def imports(self) -> tuple[str, ...]:
+        """Modules that a value of this section names, whose code runs when the algorithm is built."""
+        return ()
 
     @abstractmethod
     def build(self, spaces: Spaces, training: Training, device: str) -> Algorithm:
@@ -71,9 +78,13 @@ class Dqn(AlgorithmSpec):
 
     def load_policy(self, tensors: Tensors, spaces: Spaces, hidden_sizes: tuple[int, ...]) -> Policy:
         from dockctl.agents.checkpoint import load_parameters
-        from dockctl.agents.dqn.network import DuelingQNetwork, GreedyPolicy
+        from dockctl.agents.dqn.network import DuelingQNetwork, GreedyPolicy, network_size
 
-        network = DuelingQNetwork(*_discrete(spaces), hidden_sizes)
+        sizes = (*_discrete(spaces), hidden_sizes)
+        given, expected = sum(array.size for array in tensors.values()), network_size(*sizes)[0]
+        if given != expected:  # before the network is allocated
+            raise ValueError(f"{given:,} weights for a network of {expected:,}")
+        network = DuelingQNetwork(*sizes)
         load_parameters(network, tensors)
         return GreedyPolicy(network)
 
@@ -118,6 +129,11 @@ class StableBaselines3(AlgorithmSpec):
     action_noise: NonNegative = 0.0
     hyperparameters: dict[str, Any] = {}
 
+    @property
+    def imports(self) -> tuple[str, ...]:
+        module, colon, _ = self.model.rpartition(":")
+        return (module,) if colon else ()
+
     def build(self, spaces: Spaces, training: Training, device: str) -> Algorithm:
         from dockctl.agents.checkpoint import torch_device
 
@@ -131,9 +147,22 @@ class StableBaselines3(AlgorithmSpec):
         from dockctl.agents.checkpoint import load_parameters
         from dockctl.agents.stable_baselines import GreedyPolicy, make_model
 
+        given = sum(array.size for array in tensors.values())
+        for layers in _layers([list(hidden_sizes), self.hyperparameters.get("policy_kwargs")]):
+            if sum(a * b for a, b in pairwise((1, *layers))) > given:  # before they are allocated
+                raise ValueError(f"layers of {layers} units have more than {given:,} weights")
         model = make_model(self, spaces, hidden_sizes, buffer_size=1, device="cpu")
         load_parameters(model.policy, tensors)
         return GreedyPolicy(model.policy)
+
+
+def _layers(value: Any) -> Iterator[list[int]]:
+    """Yield every list of numbers in a value."""
+    if isinstance(value, list) and all(isinstance(item, int) for item in value):
+        yield value
+    elif isinstance(value, dict | list):
+        for item in value.values() if isinstance(value, dict) else value:
+            yield from _layers(item)
 
 
 def _require_stable_baselines() -> None:

@@ -3,40 +3,56 @@
 from __future__ import annotations
 
 import hashlib
-import json
 import os
 from collections import defaultdict
 from collections.abc import Mapping
 from pathlib import Path
-from typing import Any, Self
+from typing import Annotated, Any, Self
 
 import numpy as np
+import psutil
 import torch
 from gymnasium.spaces import Box, Discrete
 from numpy.typing import NDArray
-from pydantic import ConfigDict, StrictInt, ValidationError
+from pydantic import ConfigDict, Field, Strict, ValidationError
 from safetensors import SafetensorError
 from safetensors.numpy import load as load_tensors
 from safetensors.numpy import save as save_tensors
 
 import dockctl
 from dockctl import plugins
+from dockctl.agents.algorithms import AlgorithmSpec
 from dockctl.agents.interface import Policy, Spaces, Tensors
-from dockctl.errors import DockctlError, nearest
+from dockctl.errors import Code, DockctlError, nearest
 from dockctl.plugins import ALGORITHMS, UnknownNameError
+from dockctl.reading import read_bytes, read_json
 from dockctl.runs.directory import BEST, LAST, RunDirectory, shipped
 from dockctl.runs.files import write_atomically, write_json
-from dockctl.scenarios.base import Model
+from dockctl.scenarios.base import Model, Name
 from dockctl.scenarios.schema import PolicyInterface
+from dockctl.trust import require, text_digest
 
 FORMAT = 1
 POLICY, LEARNER = "policy", "learner"
+COPIES = 4
+"""Of the tensors in memory while a checkpoint is loaded, at most."""
+MAX_SIZE = 1_000_000
+"""Of observations and actions: a larger one is a mistake, or made to exhaust the memory."""
+FOREIGN = (
+    *(ArithmeticError, AssertionError, AttributeError, LookupError, MemoryError),
+    *(NotImplementedError, OSError, RuntimeError, TypeError, ValueError),
+)
+"""What building a policy raises for facts and tensors that do not fit."""
 
 
 class CheckpointError(DockctlError):
     """A checkpoint that is missing, damaged, or does not fit."""
 
-    code = "not_readable"
+    code: Code = "not_readable"
+
+
+Size = Annotated[int, Strict(), Field(ge=1, le=MAX_SIZE)]
+NotNegative = Annotated[int, Strict(), Field(ge=0)]
 
 
 class PolicyCard(Model):
@@ -57,12 +73,12 @@ class PolicyCard(Model):
 
     model_config = ConfigDict(extra="ignore")
 
-    scenario: str
-    observation_size: StrictInt
-    actions: StrictInt
-    hidden_sizes: tuple[int, ...] = ()
-    env_steps: StrictInt
-    seed: StrictInt
+    scenario: Name
+    observation_size: Size
+    actions: Size
+    hidden_sizes: tuple[Size, ...] = Field(default=(), max_length=16)
+    env_steps: NotNegative
+    seed: NotNegative
     interface: PolicyInterface | None = None
     algorithm: dict[str, Any] = {"kind": "dqn"}
     action_bounds: tuple[tuple[float, ...], tuple[float, ...]] | None = None
@@ -122,10 +138,10 @@ def load_pair(facts_file: Path) -> tuple[dict[str, NDArray[Any]], dict[str, Any]
                 code="not_found",
             )
     try:
-        facts = json.loads(facts_file.read_text(encoding="utf-8"))
-        content = tensors_file.read_bytes()
-    except (OSError, ValueError) as error:
-        raise CheckpointError(f"{facts_file}: not a readable checkpoint: {error}") from None
+        facts = read_json(facts_file)
+        content = read_bytes(tensors_file, psutil.virtual_memory().available // COPIES)
+    except DockctlError as error:
+        raise CheckpointError(error.message, code=error.code) from None
     if not isinstance(facts, dict) or facts.get("format") != FORMAT:
         raise CheckpointError(f"{facts_file}: not a checkpoint of format {FORMAT}")
     if hashlib.sha256(content).hexdigest() != facts.get("sha256"):
@@ -134,8 +150,8 @@ def load_pair(facts_file: Path) -> tuple[dict[str, NDArray[Any]], dict[str, Any]
         )
     try:
         return load_tensors(content), facts
-    except SafetensorError as error:
-        raise CheckpointError(f"{tensors_file}: damaged: {error}") from None
+    except (SafetensorError, *FOREIGN) as error:  # others for types that NumPy lacks
+        raise CheckpointError(f"{tensors_file}: damaged: {type(error).__name__}: {error}") from None
 
 
 def save_policy(folder: Path, tensors: Tensors, card: PolicyCard) -> None:
@@ -151,20 +167,49 @@ def load_policy(path: str | Path) -> tuple[Policy, PolicyCard]:
         DockctlError: the library that it was trained with is missing.
     """
     file = find_policy(Path(path))
-    tensors, facts = load_pair(file)
+    return rebuild_policy(file, *load_pair(file))
+
+
+def rebuild_policy(
+    file: Path, tensors: Tensors, facts: Mapping[str, Any], *, trust: bool = False
+) -> tuple[Policy, PolicyCard]:
+    """Return the policy of what `load_pair` read from `file`.
+
+    Raises:
+        CheckpointError: it is no policy; with the code ``unknown_name`` one of a plugin that is not loaded.
+        UntrustedError: it needs a module that may not be imported.
+        DockctlError: the library that it was trained with is missing.
+    """
     try:
+        for name, array in tensors.items():
+            if not np.isfinite(array).all():
+                raise ValueError(f"the weights '{name}' contain NaN or infinity")
         card = PolicyCard.model_validate(facts)
         plugins.discover()
         spec = ALGORITHMS.get(str(card.algorithm["kind"])).value.model_validate(card.algorithm)
+        require_imports(spec, trust=trust)
         policy: Policy = spec.load_policy(tensors, card.spaces, card.hidden_sizes)
     except ValidationError as error:
         first = error.errors()[0]
         field = ".".join(map(str, first["loc"]))
-        raise CheckpointError(f"{file}: does not describe a policy: {field}: {first['msg']}") from None
-    except (UnknownNameError, KeyError, TypeError, ValueError, RuntimeError) as error:
+        code = getattr(first.get("ctx", {}).get("error"), "code", None)
+        message = f"{file}: does not describe a policy: {field}: {first['msg']}"
+        raise CheckpointError(message, code="unknown_name" if code == "unknown_name" else None) from None
+    except UnknownNameError as error:
+        raise CheckpointError(f"{file}: does not describe a policy: {error}", code=error.code) from None
+    except FOREIGN as error:
         reason = " ".join(str(error).split())
         raise CheckpointError(f"{file}: does not describe a policy: {reason}") from None
     return policy, card
+
+
+def require_imports(spec: AlgorithmSpec, *, trust: bool) -> None:
+    """Check that the modules that an algorithm of a received file imports by name may run.
+
+    Raises:
+        UntrustedError: one may not.
+    """
+    require(((f"module '{module}'", text_digest(module), "") for module in spec.imports), trust=trust)
 
 
 def numpy_tensors(tensors: Mapping[str, torch.Tensor]) -> dict[str, NDArray[Any]]:

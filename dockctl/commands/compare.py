@@ -10,7 +10,7 @@ from rich.console import Console
 from rich.table import Column, Table
 from rich.text import Text
 
-from dockctl.commands.options import Episodes, StartSeed
+from dockctl.commands.options import Episodes, Plugins, StartSeed, Trust
 from dockctl.commands.outputs import save_figures
 from dockctl.console import make_table, numeric, print_text, table_console
 from dockctl.runs.files import require_writable, require_writable_file, write_atomically, write_json
@@ -34,6 +34,8 @@ def compare(
         str | None,
         typer.Option(help="Scenario to dock in, file or name; that of the first policy by default."),
     ] = None,
+    plugin: Plugins = None,
+    trust: Trust = False,
     episodes: Episodes = None,
     seed: StartSeed = None,
     json_: Annotated[Path | None, typer.Option("--json", help="Write the comparison to this file.")] = None,
@@ -49,13 +51,15 @@ def compare(
     Example: dockctl compare s1 s2 runs/s2/20250101-120000-seed1 --scenario s2 --episodes 200
     """
     from dockctl.evaluation import compare as run
+    from dockctl.evaluation import load_policy
     from dockctl.reports.compare import compare_figure
 
     for path in filter(None, (json_, csv)):
         require_writable_file(path)
     require_writable(out)
     with Console(stderr=True).status("running episodes"):
-        result = run(policies, scenario, episodes=episodes, seed=seed)
+        loaded = [load_policy(policy, plugin_files=plugin or (), trust=trust) for policy in policies]
+        result = run(loaded, scenario, episodes=episodes, seed=seed)
     _print(result)
     if csv:
         write_atomically(csv, to_csv(result.rows(), ["policy", *EVALUATION]).encode())

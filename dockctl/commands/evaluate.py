@@ -15,9 +15,11 @@ from dockctl.commands.options import (
     Ckpt,
     Episodes,
     Overrides,
+    Plugins,
     PolicyOption,
     ScenarioOption,
     StartSeed,
+    Trust,
     finite,
     select_policy,
 )
@@ -45,6 +47,8 @@ def evaluate(
     policy: PolicyOption = None,
     scenario: ScenarioOption = None,
     set_: Overrides = None,
+    plugin: Plugins = None,
+    trust: Trust = False,
     episodes: Episodes = None,
     seed: StartSeed = None,
     min_success: Annotated[
@@ -68,7 +72,7 @@ def evaluate(
     """
     from dockctl.evaluation import evaluate as run
 
-    given = select_policy(ckpt, policy)
+    given = select_policy(ckpt, policy, plugin, trust)
     for path in filter(None, (json_, csv)):
         require_writable_file(path)
     with Console(stderr=True).status("running episodes"):

@@ -9,7 +9,7 @@ import typer
 from rich.console import Console
 from rich.table import Table
 
-from dockctl.commands.options import DEFAULT_SCENARIO, Ckpt, PolicyOption, select_policy
+from dockctl.commands.options import DEFAULT_SCENARIO, Ckpt, Plugins, PolicyOption, Trust, select_policy
 from dockctl.commands.outputs import Outputs, save_figures
 from dockctl.console import make_table, numeric, print_text, table_console
 from dockctl.errors import DockctlError
@@ -23,6 +23,8 @@ if TYPE_CHECKING:
 def latency(
     ckpt: Ckpt = None,
     policy: PolicyOption = None,
+    plugin: Plugins = None,
+    trust: Trust = False,
     scenario: Annotated[
         str | None, typer.Option(help="Scenario file or name; the policy's own, or s3, by default.")
     ] = None,
@@ -46,7 +48,7 @@ def latency(
     from dockctl.evaluation.latency import latency as run
     from dockctl.reports.latency import latency_figure
 
-    given = _policy(ckpt, policy, scenario)
+    given = _policy(ckpt, policy, scenario, plugin, trust)
     outputs = Outputs.select("latency", given, scenario, out, None)
     folder, stem = outputs.figures, outputs.stem
     with Console(stderr=True).status("timing decisions"):
@@ -62,7 +64,9 @@ def latency(
     print_text(console, str(write_json(folder / f"{stem}.json", result.as_json())))
 
 
-def _policy(ckpt: Path | None, policy: str | None, scenario: str | None) -> LoadedPolicy:
+def _policy(
+    ckpt: Path | None, policy: str | None, scenario: str | None, plugin: list[Path] | None, trust: bool
+) -> LoadedPolicy:
     """Return the given policy, that of the latest run, or a new network if there is no run."""
     from dockctl.evaluation.policies import untrained
 
@@ -71,7 +75,7 @@ def _policy(ckpt: Path | None, policy: str | None, scenario: str | None) -> Load
             ckpt = RunDirectory.latest(RUNS).path
         except DockctlError:
             return untrained(scenario or DEFAULT_SCENARIO)
-    return select_policy(ckpt, policy)
+    return select_policy(ckpt, policy, plugin, trust)
 
 
 def _table(summary: dict[str, dict[str, float]]) -> Table:

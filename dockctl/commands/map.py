@@ -8,7 +8,16 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 from rich.console import Console
 
-from dockctl.commands.options import Ckpt, PolicyOption, ScenarioOption, finite, parse_numbers, select_policy
+from dockctl.commands.options import (
+    Ckpt,
+    Plugins,
+    PolicyOption,
+    ScenarioOption,
+    Trust,
+    finite,
+    parse_numbers,
+    select_policy,
+)
 from dockctl.commands.outputs import Outputs
 from dockctl.console import make_table, numeric, print_text, table_console
 from dockctl.runs.directory import MAP
@@ -21,6 +30,8 @@ def map_(
     ckpt: Ckpt = None,
     policy: PolicyOption = None,
     scenario: ScenarioOption = None,
+    plugin: Plugins = None,
+    trust: Trust = False,
     reach_m: Annotated[
         float | None,
         typer.Option(min=0, max=1000, callback=finite, help="Half-width of the grid [m]; 10 by default."),
@@ -53,7 +64,7 @@ def map_(
     offsets = None if headings is None else parse_numbers("--headings", headings, example)
     given: dict[str, Any] = {"reach_m": reach_m, "step_m": step_m, "headings_deg": offsets}
     grid = Grid(**{name: value for name, value in given.items() if value is not None})
-    loaded_policy = select_policy(ckpt, policy)
+    loaded_policy = select_policy(ckpt, policy, plugin, trust)
     outputs = Outputs.select(MAP, loaded_policy, scenario, out, csv)
     with Console(stderr=True).status("running episodes"):
         result = success_map(loaded_policy, scenario, grid)

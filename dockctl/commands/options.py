@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
@@ -51,13 +52,21 @@ Overrides = Annotated[
 Plugins = Annotated[
     list[Path] | None, typer.Option(metavar="FILE", help="Local plugin file (.py) to load first.")
 ]
+Trust = Annotated[
+    bool,
+    typer.Option(
+        "--trust", help="Run the code that a checkpoint or run folder of somebody else brings along."
+    ),
+]
 Episodes = Annotated[
     int | None, typer.Option(min=0, max=100_000, help="Random starts; as in the scenario by default.")
 ]
 StartSeed = Annotated[int | None, typer.Option(min=0, help="Seed of the random starts.")]
 
 
-def select_policy(ckpt: Path | None, policy: str | None) -> LoadedPolicy:
+def select_policy(
+    ckpt: Path | None, policy: str | None, plugin: Sequence[Path] | None, trust: bool
+) -> LoadedPolicy:
     """Return the policy that the options name; without any, that of the latest run.
 
     Raises:
@@ -67,7 +76,9 @@ def select_policy(ckpt: Path | None, policy: str | None) -> LoadedPolicy:
 
     if ckpt is not None and policy is not None:
         raise DockctlError("--ckpt and --policy: give one of them")
-    return load_checkpoint(ckpt) if policy is None else load_policy(policy)
+    if ckpt is not None:
+        return load_checkpoint(ckpt, plugin_files=plugin or (), trust=trust)
+    return load_policy(policy, plugin_files=plugin or (), trust=trust)
 
 
 def parse_numbers(option: str, text: str, expected: str) -> tuple[float, ...]:

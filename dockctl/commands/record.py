@@ -8,13 +8,23 @@ from typing import Annotated
 
 import typer
 
-from dockctl.commands.options import Ckpt, PolicyOption, ScenarioOption, parse_pose, select_policy
+from dockctl.commands.options import (
+    Ckpt,
+    Plugins,
+    PolicyOption,
+    ScenarioOption,
+    Trust,
+    parse_pose,
+    select_policy,
+)
 
 
 def record(
     ckpt: Ckpt = None,
     policy: PolicyOption = None,
     scenario: ScenarioOption = None,
+    plugin: Plugins = None,
+    trust: Trust = False,
     pose: Annotated[
         list[str] | None,
         typer.Option(
@@ -38,7 +48,7 @@ def record(
     from dockctl.runs.files import require_replaceable
 
     poses = [parse_pose(text) for text in pose or ()]
-    given = select_policy(ckpt, policy)
+    given = select_policy(ckpt, policy, plugin, trust)
     name = given.scenario(scenario).scenario.name
     folder = out or (given.run.path if given.run else Path()) / TRANSFER / name
     require_replaceable(folder, FILES, (FIGURES,), "earlier recording")

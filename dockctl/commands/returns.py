@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 from rich.console import Console
 
-from dockctl.commands.options import Ckpt, PolicyOption, parse_numbers, select_policy
+from dockctl.commands.options import Ckpt, Plugins, PolicyOption, Trust, parse_numbers, select_policy
 from dockctl.commands.outputs import Outputs
 from dockctl.console import make_table, numeric, print_text, table_console
 from dockctl.errors import DockctlError
@@ -25,6 +25,8 @@ def returns(
     ] = None,
     ckpt: Ckpt = None,
     policy: PolicyOption = None,
+    plugin: Plugins = None,
+    trust: Trust = False,
     units: Annotated[
         str,
         typer.Option(metavar="METERS,…", help="Units of the distance in the reward [m]."),
@@ -46,7 +48,7 @@ def returns(
     from dockctl.reports.returns import returns_figure
 
     units_m = parse_units(units)
-    loaded_policy = select_policy(ckpt, policy)
+    loaded_policy = select_policy(ckpt, policy, plugin, trust)
     outputs = Outputs.select(RETURNS, loaded_policy, scenario, out, csv)
     with Console(stderr=True).status("simulating behaviors"):
         result = run(loaded_policy, scenario, units_m)

@@ -7,12 +7,16 @@ from typing import Annotated
 
 import typer
 
+from dockctl.commands.options import Plugins, Trust
+
 CHECKPOINTS = Path("checkpoints")
 
 
 def ship(
     runs: Annotated[list[Path], typer.Argument(help="Evaluated run folders of one scenario.")],
     name: Annotated[str | None, typer.Option(help="Name of the checkpoint; the scenario by default.")] = None,
+    plugin: Plugins = None,
+    trust: Trust = False,
     out: Annotated[Path, typer.Option(help="Folder of the checkpoint: <out>/<name>/.")] = CHECKPOINTS,
 ) -> None:
     """Export the best policy of one or more runs, with its scenario and a model card.
@@ -26,4 +30,4 @@ def ship(
     """
     from dockctl.experiments import export
 
-    export.ship(runs, name, out)
+    export.ship(runs, name, out, plugin_files=plugin or (), trust=trust)

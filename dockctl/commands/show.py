@@ -9,7 +9,7 @@ import typer
 from rich.console import Console
 from rich.table import Table
 
-from dockctl.commands.options import DEFAULT_SCENARIO, Plugins, parse_pose
+from dockctl.commands.options import DEFAULT_SCENARIO, Plugins, Trust, parse_pose
 from dockctl.commands.outputs import save_figures
 from dockctl.console import make_table, numeric, print_text
 from dockctl.errors import DockctlError
@@ -33,6 +33,7 @@ def show(
     ] = None,
     out: Annotated[Path | None, typer.Option(help="Output folder; figures/<scenario> by default.")] = None,
     plugin: Plugins = None,
+    trust: Trust = False,
 ) -> None:
     """Draw the harbor, the poses and a LiDAR scan (PNG, SVG); print the distance in each sector.
 
@@ -43,7 +44,7 @@ def show(
     from dockctl.sim.harbor.build import build_harbor, build_scene
     from dockctl.sim.world import PoseCheck, load_checked
 
-    loaded = load_checked(scenario, plugin_files=plugin or ())
+    loaded = load_checked(scenario, plugin_files=plugin or (), trust=trust)
     spec = loaded.scenario
     harbor = build_harbor(spec.harbor, loaded.base_dir)
     start = spec.task.initial[0] if pose is None else parse_pose(pose)

@@ -7,7 +7,7 @@ from typing import Annotated
 
 import typer
 
-from dockctl.commands.options import DEFAULT_SCENARIO, Overrides, Plugins
+from dockctl.commands.options import DEFAULT_SCENARIO, Overrides, Plugins, Trust
 from dockctl.errors import DockctlError
 from dockctl.experiments.interrupt import INTERRUPTED
 from dockctl.runs.directory import RUNS
@@ -32,6 +32,7 @@ def train(
     ] = None,
     device: Annotated[str, typer.Option(help="Torch device of the networks: cpu, cuda, ...")] = "cpu",
     plugin: Plugins = None,
+    trust: Trust = False,
 ) -> None:
     """Train a policy, and write checkpoints, tables and trajectories to a run folder.
 
@@ -48,11 +49,12 @@ def train(
             plugin_files=plugin or (),
             out=RUNS if out is None else out,
             device=device,
+            trust=trust,
         )
     else:
         given = {"SCENARIO": scenario, "--seed": seed, "--out": out, "--set": set_, "--plugin": plugin}
         if extra := [name for name, value in given.items() if value not in (None, [])]:
             raise DockctlError(f"--resume continues the run with its own settings: omit {', '.join(extra)}")
-        run = experiments.resume(resume, steps=steps, device=device)
+        run = experiments.resume(resume, steps=steps, device=device, trust=trust)
     if run.reason == "interrupted":
         raise typer.Exit(INTERRUPTED)

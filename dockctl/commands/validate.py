@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from dockctl.commands.options import Overrides, Plugins
+from dockctl.commands.options import Overrides, Plugins, Trust
 from dockctl.console import count
 from dockctl.errors import DockctlError
 
@@ -21,6 +21,7 @@ def validate(
     ] = None,
     set_: Overrides = None,
     plugin: Plugins = None,
+    trust: Trust = False,
 ) -> None:
     """Check scenario files, and that their poses are free of obstacles.
 
@@ -37,7 +38,7 @@ def validate(
     failures = 0
     for source in files or sorted(SCENARIOS.names()):
         try:
-            loaded = load_checked(source, overrides=set_ or (), plugin_files=plugin or ())
+            loaded = load_checked(source, overrides=set_ or (), plugin_files=plugin or (), trust=trust)
         except DockctlError as error:
             failures += 1
             typer.echo(f"{typer.style('failed', fg='red')} {source}")

@@ -16,7 +16,6 @@ import inspect
 import os
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Mapping, Sequence
-from contextlib import suppress
 from dataclasses import dataclass, field, replace
 from functools import partial
 from pathlib import Path
@@ -41,6 +40,7 @@ from dockctl.scenarios.content import first_difference
 from dockctl.scenarios.loader import LoadedScenario, load
 from dockctl.scenarios.schema import PolicyInterface, Scenario
 from dockctl.sim.world import load_checked
+from dockctl.trust import file_digest, require
 
 Factory = Callable[[Scenario], Any]
 Build = Callable[[DockingVectorEnv], Any]
@@ -55,12 +55,16 @@ class LoadedPolicy(ABC):
         long_name: distinguishes policies with the same short name.
         own_scenario: its scenario, file or name; None if it has none.
         run: the run folder that contains it, if any.
+        plugin_files: local plugins of the user.
+        trust: the plugins of a received scenario may run.
     """
 
     name: str
     long_name: str
     own_scenario: str | None = None
     run: RunDirectory | None = None
+    plugin_files: tuple[Path, ...] = ()
+    trust: bool = False
 
     @property
     def description(self) -> str:
@@ -98,7 +102,12 @@ class LoadedPolicy(ABC):
             raise DockctlError(
                 f"{self.long_name}: has no scenario of its own; give one with --scenario", code="missing_key"
             )
-        return load_checked(source, overrides=overrides)
+        return load_checked(source, overrides=overrides, **self._plugins(source))
+
+    def _plugins(self, source: str | Path) -> dict[str, Any]:
+        """Return the arguments of `load` that say which plugins of a scenario may run."""
+        received = source == self.own_scenario and isinstance(self, CheckpointPolicy)
+        return {"plugin_files": self.plugin_files, "received": received, "trust": self.trust}
 
     def is_transfer(self, scenario: Scenario) -> bool:
         """Whether `scenario` differs from the policy's own in more than the training section."""
@@ -139,16 +148,16 @@ class CheckpointPolicy(LoadedPolicy):
         source = source or self.own_scenario
         loaded = super().scenario(source, overrides)
         given = PolicyInterface.of(loaded.scenario)
-        if overrides and self.card.interface and PolicyInterface.of(load(source).scenario) != given:
-            raise DockctlError(
-                "--set: observation, actions and sensors.lidar.sectors belong to the policy; leave them out",
-                code="mismatch",
-            )
+        if overrides and self.card.interface:
+            unchanged = load(source, **self._plugins(source)).scenario
+            if PolicyInterface.of(unchanged) != given:
+                message = "--set: observation, actions and sensors.lidar.sectors belong to the policy"
+                raise DockctlError(f"{message}; leave them out", code="mismatch")
         return replace(loaded, scenario=self._with_interface(loaded.scenario))
 
     def is_transfer(self, scenario: Scenario) -> bool:
         try:
-            own = self._with_interface(load(self.own_scenario).scenario)
+            own = self._with_interface(load(self.own_scenario, **self._plugins(self.own_scenario)).scenario)
             return first_difference(own, scenario, ignore=("training",)) is not None
         except (DockctlError, OSError):  # the policy's own scenario no longer exists
             return True
@@ -163,7 +172,7 @@ class CheckpointPolicy(LoadedPolicy):
         if interface is None:
             return scenario
         if any(part.part not in OBSERVATION_PARTS for part in interface.observation):
-            load(self.own_scenario)  # loads the local plugins that register the part
+            load(self.own_scenario, **self._plugins(self.own_scenario))  # registers the part
         return interface.on(scenario)
 
 
@@ -226,21 +235,38 @@ class _Checked:
         )
 
 
-def load_policy(policy: str | Path | LoadedPolicy | None = None, **params: Any) -> LoadedPolicy:
+def load_policy(
+    policy: str | Path | LoadedPolicy | None = None,
+    *,
+    plugin_files: Sequence[Path] = (),
+    trust: bool = False,
+    **params: Any,
+) -> LoadedPolicy:
     """Load a policy from any source in the module docstring.
 
     Args:
         policy: the source; None for the latest run in ``runs/``.
+        plugin_files: local plugins to load first; they replace those that a checkpoint brings along.
+        trust: run the code that a checkpoint brings along, though it is unknown on this machine.
         params: keyword parameters of a factory.
 
     Raises:
+        UntrustedError: it brings code along that may not run; none has run then.
         DockctlError: there is no such policy, or it cannot be loaded.
     """
     if isinstance(policy, LoadedPolicy):
         return policy
-    if policy is None:
-        return load_checkpoint(RunDirectory.latest(RUNS).path)
-    given = str(policy)
+    for plugin in plugin_files:
+        plugins.load_file(plugin)
+    loaded = None if policy is None else _from_code(str(policy), params, trust=trust)
+    if loaded is None:
+        path = None if policy is None else Path(policy)
+        return load_checkpoint(path, plugin_files=plugin_files, trust=trust)
+    return replace(loaded, plugin_files=tuple(plugin_files), trust=trust)
+
+
+def _from_code(given: str, params: Mapping[str, Any], *, trust: bool) -> BuiltPolicy | None:
+    """Return the policy of a factory or of another library; None if a checkpoint is given."""
     source, colon, attribute = given.rpartition(":")
     suffix = Path(source if colon else given).suffix
     if suffix in (".py", ".zip") and not colon:
@@ -254,11 +280,12 @@ def load_policy(policy: str | Path | LoadedPolicy | None = None, **params: Any) 
         return _built(given, partial(onnx_policy, file), file)
     if suffix == ".zip":
         file = _existing(source)
+        require([(f"{file}, an archive with pickles", file_digest(file), "")], trust=trust)
         return _built(given, partial(sb3_policy, file, attribute), file)
     if suffix == ".py":
         return _from_factory(given, _attribute(plugins.load_file(Path(source)), attribute, given), params)
     if os.path.exists(given) or given in shipped():
-        return load_checkpoint(Path(given))
+        return None
     if colon:
         return _from_factory(given, _attribute(_imported(source, given), attribute, given), params)
     plugins.discover()
@@ -273,30 +300,41 @@ def load_policy(policy: str | Path | LoadedPolicy | None = None, **params: Any) 
     )
 
 
-def load_checkpoint(path: Path | None = None) -> CheckpointPolicy:
+def load_checkpoint(
+    path: Path | None = None, *, plugin_files: Sequence[Path] = (), trust: bool = False
+) -> CheckpointPolicy:
     """Load the policy of a run folder, a checkpoint or a shipped name; by default of the latest run.
 
+    Args:
+        plugin_files, trust: see `load_policy`.
+
     Raises:
+        UntrustedError: it brings code along that may not run; none has run then.
         DockctlError: there is none, or it is damaged.
     """
+    for plugin in plugin_files:
+        plugins.load_file(plugin)
     path = RunDirectory.latest(RUNS).path if path is None else path
     file = checkpoint.find_policy(path)
     run = RunDirectory.containing(file)
     places = [file.parent, *([run.path] if run else [])]
     scenarios = [str(place / SCENARIO) for place in places if (place / SCENARIO).is_file()]
+    pair = checkpoint.load_pair(file)
     try:
-        policy, card = checkpoint.load_policy(path)
-    except checkpoint.CheckpointError:
-        if not scenarios:
+        policy, card = checkpoint.rebuild_policy(file, *pair, trust=trust)
+    except checkpoint.CheckpointError as error:
+        if not scenarios or error.code != "unknown_name":
             raise
-        with suppress(DockctlError):
-            load(scenarios[0])  # its local plugins may register what the card names
-        policy, card = checkpoint.load_policy(path)
+        # The local plugins of the scenario may register what the card names.
+        load(scenarios[0], plugin_files=plugin_files, received=True, trust=trust)
+        policy, card = checkpoint.rebuild_policy(file, *pair, trust=trust)
     return CheckpointPolicy(
         name=f"{card.scenario} seed {card.seed}" if path.exists() else str(path),
         long_name=path.resolve().name,
         own_scenario=scenarios[0] if scenarios else card.scenario,
         run=run,
+        plugin_files=tuple(plugin_files),
+        trust=trust,
         file=file,
         policy=policy,
         card=card,

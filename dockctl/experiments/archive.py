@@ -10,10 +10,10 @@ import csv
 import gzip
 import hashlib
 import io
-import json
 from collections.abc import Callable
 from pathlib import Path
 
+from dockctl.reading import read_bytes, read_json, reading
 from dockctl.runs.directory import (
     ARCHIVED_AS,
     EPISODES_CSV,
@@ -31,7 +31,7 @@ from dockctl.runs.directory import (
     UPDATES_CSV,
     RunDirectory,
 )
-from dockctl.runs.files import new_folder, reading, write_json, writing
+from dockctl.runs.files import new_folder, write_json, writing
 from dockctl.runs.tables import to_csv
 
 COPIED = (
@@ -61,7 +61,7 @@ def archive(run: Path, results: Path, experiment: str, seed: int) -> Path:
     archived = results / experiment / f"seed{seed}"
     with new_folder(archived) as folder:
         for file in dict.fromkeys(path for pattern in COPIED for path in sorted(run.glob(pattern))):
-            (folder / file.name).write_bytes(file.read_bytes())
+            (folder / file.name).write_bytes(read_bytes(file))
         for name in COMPRESSED:
             _compress(run / name, folder / f"{Path(name).name}.gz")
         _compress(run / UPDATES_CSV, folder / f"{UPDATES_CSV}.gz", _thinned)
@@ -75,13 +75,11 @@ def archive(run: Path, results: Path, experiment: str, seed: int) -> Path:
 
 def _archive_recording(source: Path, folder: Path, results: Path) -> None:
     """Copy scenario, plan view and trajectories: what a drawing of a maneuver needs."""
-    with reading(source / SCENARIO):
-        scenario = (source / SCENARIO).read_bytes()
-    (folder / SCENARIO).write_bytes(scenario)
+    (folder / SCENARIO).write_bytes(read_bytes(source / SCENARIO))
     _compress(source / TRAJECTORIES_CSV, folder / f"{TRAJECTORIES_CSV}.gz", _first_trajectories)
+    content = read_bytes(source / SCENE)
     with reading(source / SCENE):
-        content = (source / SCENE).read_bytes()
-        name = f"{json.loads(content)['name']}-{hashlib.sha256(content).hexdigest()[:8]}.json.gz"
+        name = f"{read_json(source / SCENE)['name']}-{hashlib.sha256(content).hexdigest()[:8]}.json.gz"
     target = results / SCENES / name
     if not target.exists():
         target.parent.mkdir(parents=True, exist_ok=True)
@@ -99,8 +97,9 @@ def _facts(run: Path) -> dict[str, object]:
 
 def _compress(source: Path, target: Path, change: Callable[[str], str] = str) -> None:
     if source.is_file():
+        content = read_bytes(source)
         with reading(source):
-            text = change(source.read_text(encoding="utf-8"))
+            text = change(content.decode("utf-8"))
         target.write_bytes(gzip.compress(text.encode(), mtime=0))
 
 

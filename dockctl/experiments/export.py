@@ -62,14 +62,25 @@ class Candidate:
         return -poses, -test, -self.transfer, self.policy.card.seed
 
 
-def ship(runs: Sequence[Path], name: str | None, out: Path) -> None:
+def ship(
+    runs: Sequence[Path],
+    name: str | None,
+    out: Path,
+    *,
+    plugin_files: Sequence[Path] = (),
+    trust: bool = False,
+) -> None:
     """Write the best policy of `runs` to ``<out>/<name>/``: policy, scenario, local files and model card.
+
+    Args:
+        plugin_files, trust: see `dockctl.evaluation.load_policy`.
 
     Raises:
         DockctlError: a run does not exist or is not evaluated, the runs have different scenarios, no policy
             docks from all its training poses, or the folder cannot be written or contains something else.
     """
-    candidates = sorted((read_candidate(path) for path in runs), key=lambda candidate: candidate.rank)
+    policies = [load_checkpoint(path, plugin_files=plugin_files, trust=trust) for path in runs]
+    candidates = sorted(map(read_candidate, runs, policies), key=lambda candidate: candidate.rank)
     names = sorted({candidate.policy.card.scenario for candidate in candidates})
     if len(names) > 1:
         raise DockctlError(f"the runs must have one scenario; these have {', '.join(names)}", code="mismatch")
@@ -97,14 +108,13 @@ def ship(runs: Sequence[Path], name: str | None, out: Path) -> None:
     raise DockctlError("no policy docks from all its training poses; nothing was exported")
 
 
-def read_candidate(path: Path) -> Candidate:
+def read_candidate(path: Path, policy: CheckpointPolicy) -> Candidate:
     """Read a run and its evaluation.
 
     Raises:
         DockctlError: it is not a run, has no policy, or this policy is not evaluated.
     """
     run = RunDirectory.open(path)
-    policy = load_checkpoint(path)
     command = f"run: {command_line('evaluate', '--ckpt', path)}"
     if not all((run.path / f"{EVALUATION}.{suffix}").is_file() for suffix in ("json", "csv")):
         raise DockctlError(f"{path}: is not evaluated; {command}", code="not_found")

@@ -179,7 +179,7 @@ class Job:
     def difference(self, run: Path) -> str | None:
         """Return the first field in which the run's scenario differs from the job's, or None."""
         try:
-            return first_difference(self.scenario, load(run / SCENARIO).scenario)
+            return first_difference(self.scenario, load(run / SCENARIO, received=True).scenario)
         except (DockctlError, OSError) as error:
             return str(error).splitlines()[0]
 

@@ -12,7 +12,15 @@ from gymnasium.vector import VectorEnv
 from rich.console import Console
 
 from dockctl.agents.algorithms import AlgorithmSpec
-from dockctl.agents.checkpoint import LEARNER, POLICY, PolicyCard, load_pair, load_policy, torch_device
+from dockctl.agents.checkpoint import (
+    LEARNER,
+    POLICY,
+    PolicyCard,
+    load_pair,
+    load_policy,
+    require_imports,
+    torch_device,
+)
 from dockctl.agents.interface import Algorithm, Policy, Spaces
 from dockctl.agents.progress import REASONS, Progress
 from dockctl.agents.trainer import Trainer
@@ -44,6 +52,7 @@ from dockctl.scenarios.loader import LoadedScenario, dump
 from dockctl.scenarios.schema import PolicyInterface
 from dockctl.sim.starts import own_site
 from dockctl.sim.world import World, build_worlds, load_checked
+from dockctl.trust import file_digest, remember, text_digest
 
 
 @dataclass(frozen=True, eq=False)
@@ -70,6 +79,7 @@ def train(
     plugin_files: Sequence[Path] = (),
     out: Path = Path("runs"),
     device: str = "cpu",
+    trust: bool = False,
     console: Console | None = None,
 ) -> TrainedRun:
     """Train a policy into a new run folder.
@@ -82,6 +92,7 @@ def train(
         plugin_files: local ``.py`` files to load.
         out: parent of ``<scenario>/<time>-seed<N>/``.
         device: torch device of the networks.
+        trust: run the plugins of a received scenario, see `dockctl.scenarios.loader.load`.
         console: shows the progress; standard output by default.
 
     Raises:
@@ -91,7 +102,7 @@ def train(
     torch_device(device)
     changes = {"training.seed": seed, "training.total_steps": steps}
     given = [f"{key}={value}" for key, value in changes.items() if value is not None]
-    loaded = load_checked(scenario, overrides=[*overrides, *given], plugin_files=plugin_files)
+    loaded = load_checked(scenario, overrides=[*overrides, *given], plugin_files=plugin_files, trust=trust)
     require_writable(out)
     session = _prepare(loaded, device)
     run = RunDirectory.create(out, loaded.scenario.name, loaded.scenario.training.seed)
@@ -107,11 +118,20 @@ def train(
 
 
 def resume(
-    path: Path, *, steps: int | None = None, device: str = "cpu", console: Console | None = None
+    path: Path,
+    *,
+    steps: int | None = None,
+    device: str = "cpu",
+    trust: bool = False,
+    console: Console | None = None,
 ) -> TrainedRun:
     """Continue an interrupted training, or extend a finished one to `steps`, without its stop rule.
 
+    Args:
+        trust: run the plugins of a run of somebody else, see `dockctl.scenarios.loader.load`.
+
     Raises:
+        UntrustedError: the run has plugins that may not run.
         DockctlError: `path` is not a run, has no intact checkpoint, is finished, or is in use, or device or
             memory are not available; nothing has been written then.
     """
@@ -122,7 +142,9 @@ def resume(
         _, card = load_pair(run.checkpoint(LAST) / f"{POLICY}.json")
         load_pair(run.checkpoint(LAST) / f"{LEARNER}.json")
         overrides = _extension(run, facts, card["env_steps"], steps)
-        loaded = load_checked(run.path / SCENARIO, overrides=overrides)
+        loaded = load_checked(run.path / SCENARIO, overrides=overrides, received=True, trust=trust)
+        assert isinstance(loaded.scenario.training.algorithm, AlgorithmSpec)
+        require_imports(loaded.scenario.training.algorithm, trust=trust)
         session = _prepare(loaded, device)
         if overrides:
             plugins = map(run.inside, loaded.scenario.plugins)
@@ -190,6 +212,7 @@ def _prepare(loaded: LoadedScenario, device: str) -> _Session:
 def _run(session: _Session, run: RunDirectory, console: Console, *, resumed: bool) -> TrainedRun:
     """Train, write the trajectories of the best policy, and report."""
     loaded, scenario, training = session.loaded, session.loaded.scenario, session.loaded.scenario.training
+    remember([*map(file_digest, loaded.plugin_files), *map(text_digest, session.spec.imports)])
     title = f"{scenario.name}, seed {training.seed}"
     print_text(console, f"{title}: {count(training.boats, 'boat')}; memory: {session.memory}")
     print_text(console, f"run folder: {run.path}")

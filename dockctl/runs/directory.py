@@ -35,7 +35,6 @@ On another scenario the name of that scenario is appended: ``evaluation-marina.c
 from __future__ import annotations
 
 import hashlib
-import json
 import os
 from collections.abc import Iterable
 from contextlib import AbstractContextManager
@@ -45,11 +44,11 @@ from typing import Any
 
 import dockctl
 from dockctl.errors import DockctlError
+from dockctl.reading import read_json
 from dockctl.runs.files import (
     intact,
     make_folder,
     new_folder,
-    reading,
     sync,
     write_atomically,
     write_json,
@@ -198,11 +197,10 @@ class RunDirectory:
         Raises:
             DockctlError: it is missing or damaged.
         """
-        path = self.path / name
-        with reading(path):
-            value = json.loads(path.read_text(encoding="utf-8"))
+        value = read_json(self.path / name)
         if not isinstance(value, dict):
-            raise DockctlError(f"{path}: cannot be read: expected a JSON object", code="not_readable")
+            message = f"{self.path / name}: cannot be read: expected a JSON object"
+            raise DockctlError(message, code="not_readable")
         return value
 
     def copy_files(self, folder: str, files: Iterable[Path]) -> dict[str, str]:

@@ -4,15 +4,15 @@ from __future__ import annotations
 
 import errno
 import json
+import math
 import os
 import shutil
-import zlib
 from collections.abc import Collection, Iterator
 from contextlib import contextmanager, suppress
 from pathlib import Path
 from typing import Any
 
-from dockctl.errors import Code, DockctlError
+from dockctl.errors import DockctlError
 
 
 @contextmanager
@@ -28,21 +28,6 @@ def writing(path: Path) -> Iterator[None]:
         raise DockctlError(
             f"{path}: cannot be written: {error.strerror or error}", code="not_writable"
         ) from None
-
-
-@contextmanager
-def reading(path: Path) -> Iterator[None]:
-    """Report the exceptions that a missing, truncated or foreign file causes as a failure to read `path`.
-
-    Raises:
-        DockctlError: the block raised one of them.
-    """
-    try:
-        yield
-    except (OSError, EOFError, zlib.error, KeyError, TypeError, ValueError) as error:
-        reason = f"{error} is missing" if isinstance(error, KeyError) else error
-        code: Code = "not_found" if isinstance(error, FileNotFoundError) else "not_readable"
-        raise DockctlError(f"{path}: cannot be read: {reason}", code=code) from None
 
 
 def sync(path: Path) -> None:
@@ -85,12 +70,20 @@ def write_atomically(path: Path, content: bytes) -> Path:
 
 
 def write_json(path: Path, value: Any) -> Path:
-    """Write a JSON file atomically.
+    """Write a JSON file atomically; NaN and infinity, which JSON lacks, become null.
 
     Raises:
         DockctlError: the file cannot be written.
     """
-    return write_atomically(path, (json.dumps(value, indent=2) + "\n").encode())
+    return write_atomically(path, (json.dumps(_standard(value), indent=2) + "\n").encode())
+
+
+def _standard(value: Any) -> Any:
+    if isinstance(value, dict):
+        return {key: _standard(item) for key, item in value.items()}
+    if isinstance(value, list | tuple):
+        return [_standard(item) for item in value]
+    return None if isinstance(value, float) and not math.isfinite(value) else value
 
 
 @contextmanager

@@ -2,17 +2,16 @@
 
 from __future__ import annotations
 
-import gzip
-import json
+import io
 from collections.abc import Collection
 from dataclasses import dataclass
 from pathlib import Path
 
 import pandas as pd
-import yaml
 
 from dockctl.drawing.scene import Scene
 from dockctl.errors import DockctlError
+from dockctl.reading import MAX_VALUES, read_bytes, read_json, reading
 from dockctl.runs.directory import (
     ARCHIVED_AS,
     EPISODES_CSV,
@@ -23,10 +22,10 @@ from dockctl.runs.directory import (
     UPDATES_CSV,
     RunDirectory,
 )
-from dockctl.runs.files import reading
 from dockctl.scenarios.base import Pose
 from dockctl.scenarios.schema import Task
 from dockctl.scenarios.training import Evaluation
+from dockctl.scenarios.yaml_tree import read_file
 
 EPISODES = ("episode", "start_kind", "return", "steps", "outcome", "phase", "epsilon")
 EVALUATIONS = ("env_steps", "pose", "outcome", "best")
@@ -38,6 +37,7 @@ UPDATES = ("env_steps",)
 """Columns that the figures require; the metrics in ``updates.csv`` depend on the algorithm."""
 TEXT = ("start_kind", "outcome", "collided_with", "berth", "behavior")
 """Columns that contain text; all others contain numbers."""
+MAX_COLUMNS = 5_000
 
 
 @dataclass(frozen=True)
@@ -80,11 +80,11 @@ def read_run(folder: Path) -> Run:
     """
     path = RunDirectory.open(folder).path / SCENARIO
     try:
-        resolved = yaml.safe_load(path.read_text(encoding="utf-8"))
+        resolved = read_file(path, str(path)).to_python()
         task = Task.model_validate(resolved["task"])
         tests = Evaluation.model_validate(resolved.get("evaluation", {})).poses or task.initial
         scenario, seed = str(resolved["name"]), int(resolved["training"]["seed"])
-    except (OSError, yaml.YAMLError, KeyError, TypeError, ValueError) as error:
+    except (KeyError, TypeError, ValueError) as error:
         raise DockctlError(
             f"{path}: not the resolved scenario of a run: {error}", code="not_readable"
         ) from error
@@ -117,10 +117,10 @@ def read_scene(path: Path) -> Scene:
     Raises:
         DockctlError: it is missing or damaged.
     """
+    data = read_json(path)
     with reading(path):
-        data = json.loads(path.read_text(encoding="utf-8"))
         if ARCHIVED_AS in data:
-            data = json.loads(gzip.decompress((path.parent / data[ARCHIVED_AS]).read_bytes()))
+            data = read_json(path.parent / data[ARCHIVED_AS])
         return Scene.from_json(data)
 
 
@@ -132,10 +132,14 @@ def read_table(path: Path, columns: Collection[str]) -> pd.DataFrame | None:
     """
     if not path.exists():
         path = path.with_name(f"{path.name}.gz")
+    if not path.exists():
+        return None
+    content = read_bytes(path)
     with reading(path):
+        _require_rows(content)
         try:
-            table = pd.read_csv(path, keep_default_na=False, na_values=["", "nan"])
-        except (FileNotFoundError, pd.errors.EmptyDataError):
+            table = pd.read_csv(io.BytesIO(content), keep_default_na=False, na_values=["", "nan"])
+        except pd.errors.EmptyDataError:
             return None
     if missing := [column for column in columns if column not in table]:
         raise DockctlError(
@@ -150,3 +154,16 @@ def read_table(path: Path, columns: Collection[str]) -> pd.DataFrame | None:
                 f"{path}:{line}: {column}: expected a number, found '{wrong.iloc[0]}'", code="wrong_type"
             )
     return table if len(table) else None
+
+
+def _require_rows(content: bytes) -> None:
+    """Check the size of a table before it is parsed.
+
+    Raises:
+        ValueError: it has too many values or columns, or a cell of several lines.
+    """
+    if content.count(b",") + content.count(b"\n") > MAX_VALUES:
+        raise ValueError(f"contains more than {MAX_VALUES:,} values")
+    for number, line in enumerate(content.splitlines(), 1):
+        if line.count(b",") >= MAX_COLUMNS or line.count(b'"') % 2:
+            raise ValueError(f"line {number} is not a row of at most {MAX_COLUMNS:,} cells")

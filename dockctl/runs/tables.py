@@ -10,7 +10,8 @@ from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
-from dockctl.runs.files import reading, sync, write_atomically, writing
+from dockctl.reading import read_bytes
+from dockctl.runs.files import sync, write_atomically, writing
 
 Value = str | int | float | bool | None
 
@@ -141,10 +142,7 @@ class Table:
         return lost
 
     def _read(self) -> bytes:
-        if not os.path.exists(self._path):
-            return b""
-        with reading(self._path):
-            return self._path.read_bytes()
+        return read_bytes(self._path) if os.path.exists(self._path) else b""
 
     def _take(self, content: bytes) -> None:
         """Continue after this content."""

@@ -31,6 +31,7 @@ from dockctl.scenarios.yaml_tree import (
     read_file,
     read_text,
 )
+from dockctl.trust import allowed, is_received
 
 OWN_KEYS = ("name", "title", "description")
 """Keys that are not inherited by files that extend a file."""
@@ -86,7 +87,12 @@ class LoadedScenario:
 
 
 def load(
-    source: str | Path, *, overrides: Sequence[str] = (), plugin_files: Sequence[Path] = ()
+    source: str | Path,
+    *,
+    overrides: Sequence[str] = (),
+    plugin_files: Sequence[Path] = (),
+    received: bool = False,
+    trust: bool = False,
 ) -> LoadedScenario:
     """Load and validate a scenario.
 
@@ -94,9 +100,12 @@ def load(
         source: path of a YAML file, or the name of a scenario.
         overrides: ``a.b.c=value`` with a YAML value; a number in the path is a list index.
         plugin_files: local ``.py`` files to load in addition to those that the scenario lists.
+        received: the scenario is that of a checkpoint or a run, also where its folder does not show it.
+        trust: run the plugins that a checkpoint or a run lists, though they are unknown on this machine.
 
     Raises:
         InputError: all problems of the scenario, with their locations.
+        UntrustedError: it lists plugins that may not run; none has run then.
         DockctlError: the scenario or one of `plugin_files` does not exist.
     """
     catalog.fill()
@@ -107,6 +116,7 @@ def load(
     tree = reduce(_override, sorted(overrides, key=_changes_a_value), tree)
     if tree.get("name") is None:
         tree = tree.with_value("name", _name_of_file(path, tree.location))
+    tree = _without_replaced(tree, plugin_files, received=received or is_received(path), trust=trust)
     problems = [*_load_plugins(tree), *function_problems(tree)]
     scenario = validate(tree, Scenario, problems)
     files = tuple(dict.fromkeys([*(p.resolve() for p in plugin_files), *map(Path, scenario.plugins)]))
@@ -347,6 +357,26 @@ def _load_part(source: str | Path, registry: Registry[Path], model: type[P]) -> 
     (key,) = model.model_fields
     node = _read(registry, *catalog.find(registry, str(source), Path()))
     return validate(Node({key: node}, node.location, {key: node.location}), model)
+
+
+def _without_replaced(tree: Node, own: Sequence[Path], *, received: bool, trust: bool) -> Node:
+    """Return the tree without the plugins of others that the user's `own` files replace.
+
+    Plugins that the user names with ``--set``, or lists in a scenario file, are not those of others.
+
+    Raises:
+        UntrustedError: others' plugins may not run.
+    """
+    listed = tree.get("plugins")
+    if listed is None or not isinstance(listed.value, list) or listed.location.file.startswith("--set "):
+        return tree
+    if not (received or is_received(Path(listed.location.file))):
+        return tree
+    files = [node.value for node in listed.value if isinstance(node.value, str)]
+    theirs = [file for file in files if os.path.exists(file)]
+    kept = {*map(str, allowed(map(Path, theirs), own, trust=trust))}
+    items = [node for node in listed.value if node.value not in theirs or node.value in kept]
+    return tree.with_value("plugins", Node(items, listed.location))
 
 
 def _load_plugins(tree: Node) -> Iterable[Problem]:

@@ -107,15 +107,20 @@ def prepare(worlds: Sequence[World]) -> None:
 
 
 def load_checked(
-    source: str | Path, *, overrides: Sequence[str] = (), plugin_files: Sequence[Path] = ()
+    source: str | Path,
+    *,
+    overrides: Sequence[str] = (),
+    plugin_files: Sequence[Path] = (),
+    received: bool = False,
+    trust: bool = False,
 ) -> LoadedScenario:
-    """Load `source` and check its mesh files and that none of its poses is blocked.
+    """Load `source` as `load` does, and check its mesh files and that none of its poses is blocked.
 
     Raises:
         InputError: all problems of the scenario, with their locations.
         DockctlError: the scenario or a plugin does not exist.
     """
-    loaded = load(source, overrides=overrides, plugin_files=plugin_files)
+    loaded = load(source, overrides=overrides, plugin_files=plugin_files, received=received, trust=trust)
     try:
         problems = [loaded.problem(*found) for found in check_poses(loaded.scenario, loaded.base_dir)]
     except InputError as error:  # of a mesh file: the field is known, but not its line

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 from collections.abc import Iterator
 from dataclasses import dataclass
 from functools import cached_property
@@ -27,6 +26,7 @@ from dockctl.analysis.success_map import (
 from dockctl.drawing.scene import Scene
 from dockctl.errors import DockctlError
 from dockctl.experiments.study import Experiment, Study
+from dockctl.reading import read_json, reading
 from dockctl.reports.plan_view import Track, split_tracks
 from dockctl.runs.directory import (
     EVALUATION,
@@ -39,7 +39,6 @@ from dockctl.runs.directory import (
     TRANSFER,
     UPDATES_CSV,
 )
-from dockctl.runs.files import reading
 from dockctl.runs.reader import Run, read_run, read_table
 from dockctl.runs.tables import RECENT
 from dockctl.scenarios.schema import Task
@@ -371,4 +370,4 @@ def _recording(run: Run) -> Recording:
 
 def _json(path: Path) -> dict[str, Any]:
     with reading(path):
-        return dict(json.loads(path.read_text(encoding="utf-8")))
+        return dict(read_json(path))

@@ -19,6 +19,7 @@ from dockctl.errors import DockctlError
 from dockctl.evaluation import compare, evaluate, load_policy
 from dockctl.evaluation.policies import BuiltPolicy, LoadedPolicy
 from dockctl.testing import check_policy
+from dockctl.trust import UntrustedError
 from tests.commands.conftest import dockctl
 
 CONTROLLER = Path(__file__).parents[2] / "examples" / "controller" / "reverse.py"
@@ -229,22 +230,24 @@ def test_a_stable_baselines3_archive(tmp_path: Path, monkeypatch: pytest.MonkeyP
     model = sb3.DQN("MlpPolicy", DockingEnv("s1"), buffer_size=10, seed=0)
     model.save(tmp_path / "model.zip")
     given = f"{tmp_path / 'model.zip'}:DQN"
+    with pytest.raises(UntrustedError):
+        load_policy(given)  # it contains pickles
     env = DockingVectorEnv("s1", 3)
     expected = model.predict(env.reset(seed=0)[0], deterministic=True)[0]
-    assert actions(load_policy(given), 3).tolist() == expected.tolist()
-    check_policy(load_policy(given).make(env), env)
+    assert actions(load_policy(given, trust=True), 3).tolist() == expected.tolist()
+    check_policy(load_policy(given, trust=True).make(env), env)
     with pytest.raises(DockctlError) as caught:
-        load_policy(given).make(DockingVectorEnv("s3", 1))
+        load_policy(given, trust=True).make(DockingVectorEnv("s3", 1))
     assert caught.value.code == "mismatch"
     with pytest.raises(DockctlError) as caught:
-        load_policy(given.replace("DQN", "DQM")).make(env)
+        load_policy(given.replace("DQN", "DQM"), trust=True).make(env)
     assert (caught.value.code, caught.value.suggestion) == ("unknown_name", "DQN")
     (tmp_path / "damaged.zip").write_bytes(b"PK")
     with pytest.raises(DockctlError):
-        load_policy(f"{tmp_path / 'damaged.zip'}:DQN").make(env)
+        load_policy(f"{tmp_path / 'damaged.zip'}:DQN", trust=True).make(env)
     monkeypatch.setitem(sys.modules, "stable_baselines3", None)
     with pytest.raises(DockctlError) as caught:
-        load_policy(given).make(env)
+        load_policy(given, trust=True).make(env)
     assert caught.value.code == "unavailable"
 
 

@@ -70,7 +70,7 @@ def test_a_run_without_any_table(tmp_path: Path) -> None:
         ("scene.json", "{", None, ""),
         ("scene.json", "[]", None, ""),
         ("scenario.yaml", "name: x\n", "not_readable", ""),
-        ("scenario.yaml", "a: [", "not_readable", ""),
+        ("scenario.yaml", "a: [", "yaml_syntax", "scenario.yaml:1:5"),
         ("scenario.yaml", "name: x\ntask: {final: 3}\ntraining: {seed: 1}\n", "not_readable", ""),
     ],
 )

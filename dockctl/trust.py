@@ -1,0 +1,127 @@
+"""Which code of others may run: the plugin files of a received checkpoint or run folder.
+
+A file runs without a question if this user has trained with the same content on this machine, by SHA-256.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import logging
+import os
+import re
+from collections.abc import Iterable, Sequence
+from contextlib import suppress
+from functools import cache
+from pathlib import Path
+
+import platformdirs
+
+from dockctl.errors import DockctlError
+from dockctl.reading import read_bytes, read_json
+
+MARKS = ("provenance.json", "policy.json", "policy.safetensors")
+"""A folder with one of these files, and everything below it, is a run folder or a checkpoint."""
+log = logging.getLogger(__name__)
+
+
+class UntrustedError(DockctlError):
+    """A checkpoint or run folder names code that may not run yet."""
+
+    code = "untrusted"
+
+
+def state_folder() -> Path:
+    """Return the folder of the known hashes, one empty file each; ``XDG_STATE_HOME`` moves it."""
+    return platformdirs.user_state_path("dockctl") / "trusted"
+
+
+def remember(digests: Iterable[str]) -> None:
+    """Trust code on this machine from now on, by its SHA-256."""
+    folder = state_folder()
+    if not folder.is_absolute():  # the user has no home directory
+        return
+    try:
+        folder.mkdir(mode=0o700, parents=True, exist_ok=True)
+        for digest in digests:
+            with suppress(FileExistsError):
+                os.close(os.open(folder / digest, os.O_CREAT | os.O_EXCL, 0o600))
+    except OSError as error:
+        log.warning("%s: cannot be written; evaluating this run will need --trust: %s", folder, error)
+
+
+def require(code: Iterable[tuple[str, str, str]], *, trust: bool) -> None:
+    """Check that code may run.
+
+    Args:
+        code: what it is, its SHA-256, and the recorded one or an empty string.
+        trust: the user allows all of it.
+
+    Raises:
+        UntrustedError: some of it may not.
+    """
+    refused = []
+    for name, digest, recorded in code:
+        shown = f"{name}: SHA-256 {digest}" + (
+            f", which differs from the recorded {recorded}" if recorded not in ("", digest) else ""
+        )
+        if trust:
+            _announce(shown)
+        elif recorded not in ("", digest) or not os.path.isfile(state_folder() / digest):
+            refused.append(shown)
+    if refused:
+        hint = "code of others, which runs with your permissions: read it, then allow it with --trust"
+        hint += ", or give your own copy with --plugin FILE; in Python: load_policy(..., trust=True)"
+        raise UntrustedError("\n".join([*refused, hint]))
+
+
+@cache
+def _announce(shown: str) -> None:
+    log.warning("running code of %s", shown)
+
+
+def is_received(scenario: Path) -> bool:
+    """Return whether a scenario file is in a run folder or a checkpoint."""
+    return any(os.path.exists(folder / mark) for folder in scenario.resolve().parents for mark in MARKS)
+
+
+def allowed(files: Iterable[Path], own: Sequence[Path], *, trust: bool) -> list[Path]:
+    """Return those of the received plugin files that may run and that no file in `own` replaces.
+
+    A file of the user replaces one of the same content, or of the same name without the number that a run
+    folder prepends.
+
+    Raises:
+        UntrustedError: a file may not run.
+        DockctlError: a file cannot be read.
+    """
+    digests = {file_digest(file): file for file in own}
+    names = {file.name: file for file in own}
+    code = {}
+    for file in files:
+        digest = file_digest(file)
+        mine = digests.get(digest) or names.get(re.sub(r"^\d\d-", "", file.name))
+        if mine is None:
+            code[file] = str(file), digest, _recorded(file)
+        elif digest not in digests:
+            log.warning("%s replaces %s, which has another SHA-256", mine, file)
+    require(code.values(), trust=trust)
+    return list(code)
+
+
+def file_digest(file: Path) -> str:
+    """Return the SHA-256 of a file."""
+    return hashlib.sha256(read_bytes(file)).hexdigest()
+
+
+def text_digest(text: str) -> str:
+    """Return the SHA-256 of a text."""
+    return hashlib.sha256(text.encode()).hexdigest()
+
+
+def _recorded(file: Path) -> str:
+    """Return the hash of ``<run>/plugins/<name>`` in the provenance of the run, or an empty string."""
+    run = file.parent.parent
+    try:
+        return str(read_json(run / MARKS[0])["plugins"][file.relative_to(run).as_posix()])
+    except (DockctlError, KeyError, TypeError):
+        return ""
