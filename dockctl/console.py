@@ -74,7 +74,7 @@ def table_console() -> Console:
 
 def make_table(*columns: str | Column, title: str | Text | None = None) -> Table:
     """Return an empty table in the style of all commands."""
-    return Table(*columns, title=title, title_justify="left", box=box.SIMPLE_HEAD)
+    return Table(*columns, title=title, title_justify="left", box=box.SIMPLE_HEAD, padding=(0, 1, 0, 0))
 
 
 def numeric(*names: str) -> list[Column]:

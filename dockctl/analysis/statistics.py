@@ -38,6 +38,12 @@ def wilson_interval(successes: int, trials: int) -> tuple[float, float]:
     return float(interval.low), float(interval.high)
 
 
+def describe_share(successes: int, trials: int) -> tuple[str, str, str]:
+    """Return ``k of n``, the success rate and its 95 % interval, as text; at least one trial."""
+    low, high = wilson_interval(successes, trials)
+    return f"{successes:,} of {trials:,}", f"{successes / trials:.1%}", f"{low:.1%} to {high:.1%}"
+
+
 def success_difference(first: Bools, second: Bools) -> Difference:
     """Difference of two success rates over the same episodes, by Newcombe's method 10.
 

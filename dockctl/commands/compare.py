@@ -10,8 +10,7 @@ from rich.console import Console
 from rich.table import Column, Table
 from rich.text import Text
 
-from dockctl.commands.options import Episodes, Plugins, StartSeed, Trust
-from dockctl.commands.outputs import save_figures
+from dockctl.commands.options import Episodes, Plugins, StartSeed, Trust, save_figures
 from dockctl.console import make_table, numeric, print_text, table_console
 from dockctl.runs.files import require_writable, require_writable_file, write_atomically, write_json
 from dockctl.runs.tables import EVALUATION, START_KINDS, to_csv
@@ -84,21 +83,17 @@ def _print(result: Comparison) -> None:
 
 
 def _endings_table(result: Comparison, kind: str) -> Table:
+    from dockctl.analysis.statistics import describe_share
+
     seeded = "" if kind == "pose" else f", seed {result.first.seed}"
     title = f"{START_KINDS[kind].capitalize()}{seeded}, scenario '{result.first.scenario.name}'"
     policy, others = Column("policy", overflow="fold"), Column("other endings", overflow="fold")
     table = make_table(policy, *numeric("docked", "success", "95 % interval"), others, title=title)
     for name, evaluation in result.evaluations.items():
         summary = evaluation.summaries[kind]
-        low, high = summary["success_interval_95"]
+        docked, rate, interval = describe_share(summary["docked"], summary["episodes"])
         endings = [f"{count} {ending}" for ending, count in summary["endings"].items() if ending != "docked"]
-        table.add_row(
-            Text(name),
-            f"{summary['docked']} of {summary['episodes']}",
-            f"[bold]{summary['success']:.1%}[/]",
-            f"{low:.1%} to {high:.1%}",
-            ", ".join(endings) or "-",
-        )
+        table.add_row(Text(name), docked, f"[bold]{rate}[/]", interval, ", ".join(endings) or "-")
     return table
 
 

@@ -105,11 +105,11 @@ def evaluate(
 def _episode_table(result: Evaluation) -> Table:
     from dockctl.analysis.episodes import ending
 
-    units = {"time": "s", "δd": "m", "δψ": "°", "speed": "m/s", "path": "m", "gap": "m", "turns": ""}
+    units = {"time": "s", "δd": "m", "δψ": "°", "speed": "m/s", "path": "m", "clearance": "m"}
     table = make_table(
         Column("start\n[dim]x m, y m, °", no_wrap=True),
         Column("ending", overflow="fold", min_width=10),
-        *numeric(*(f"{name}\n[dim]{unit}" for name, unit in units.items())),
+        *numeric(*(f"{name}\n[dim]{unit}" for name, unit in units.items()), "control\nchanges"),
         title=START_KINDS["pose"].capitalize(),
     )
     for episode in result.groups["pose"]:
@@ -141,12 +141,14 @@ def _summary_table(result: Evaluation) -> Table:
 
 
 def _summary_cells(summary: dict[str, Any]) -> dict[str, str]:
-    low, high = summary["success_interval_95"]
+    from dockctl.analysis.statistics import describe_share
+
+    docked, rate, interval = describe_share(summary["docked"], summary["episodes"])
     clearance, means = summary["least_clearance_m"], summary["mean_of_docked"] or {}
     cells = {
-        "docked": f"{summary['docked']} of {summary['episodes']}",
-        "success": f"[bold]{summary['success']:.1%}[/]",
-        "95 % interval": f"{low:.1%} to {high:.1%}",
+        "docked": docked,
+        "success": f"[bold]{rate}[/]",
+        "95 % interval": interval,
         **{kind: str(count) for kind, count in summary["endings"].items() if kind != "docked"},
         "least clearance": "-" if clearance is None else f"{clearance:.2f} m",
     }

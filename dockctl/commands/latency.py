@@ -9,8 +9,16 @@ import typer
 from rich.console import Console
 from rich.table import Table
 
-from dockctl.commands.options import DEFAULT_SCENARIO, Ckpt, Plugins, PolicyOption, Trust, select_policy
-from dockctl.commands.outputs import Outputs, save_figures
+from dockctl.commands.options import (
+    DEFAULT_SCENARIO,
+    Ckpt,
+    Outputs,
+    Plugins,
+    PolicyOption,
+    Trust,
+    save_figures,
+    select_policy,
+)
 from dockctl.console import make_table, numeric, print_text, table_console
 from dockctl.errors import DockctlError
 from dockctl.runs.directory import RUNS, RunDirectory

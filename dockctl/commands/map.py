@@ -10,6 +10,7 @@ from rich.console import Console
 
 from dockctl.commands.options import (
     Ckpt,
+    Outputs,
     Plugins,
     PolicyOption,
     ScenarioOption,
@@ -18,7 +19,6 @@ from dockctl.commands.options import (
     parse_numbers,
     select_policy,
 )
-from dockctl.commands.outputs import Outputs
 from dockctl.console import make_table, numeric, print_text, table_console
 from dockctl.runs.directory import MAP
 
@@ -76,7 +76,7 @@ def map_(
 def _print(result: SuccessMap) -> None:
     """Print how the starts with each heading offset ended."""
     from dockctl.analysis import success_map as analysis
-    from dockctl.analysis.statistics import wilson_interval
+    from dockctl.analysis.statistics import describe_share
 
     console, rows, limit = table_console(), result.table, analysis.SMALL_OFFSET_DEG
     free, reach_m = analysis.free_starts(rows), analysis.half_width(rows)
@@ -94,16 +94,8 @@ def _print(result: SuccessMap) -> None:
         if not len(group):
             table.add_row(name, "no free start")
             continue
-        docked = int(group["docked"].sum())
-        low, high = wilson_interval(docked, len(group))
         others = [f"{(group['outcome'] == outcome).sum()}" for outcome in ("collision", "timeout")]
-        table.add_row(
-            name,
-            f"{docked} of {len(group)}",
-            f"{docked / len(group):.1%}",
-            f"{low:.0%} to {high:.0%}",
-            *others,
-            analysis.format_radius(analysis.success_radius(group, reach_m)),
-        )
+        radius = analysis.format_radius(analysis.success_radius(group, reach_m))
+        table.add_row(name, *describe_share(int(group["docked"].sum()), len(group)), *others, radius)
     console.print(table)
     print_text(console, "Success radius: the largest distance up to which every free start docks.")

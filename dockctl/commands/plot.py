@@ -7,7 +7,7 @@ from typing import Annotated
 
 import typer
 
-from dockctl.commands.outputs import save_figures
+from dockctl.commands.options import save_figures
 
 
 def plot(

@@ -9,8 +9,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 from rich.console import Console
 
-from dockctl.commands.options import Ckpt, Plugins, PolicyOption, Trust, parse_numbers, select_policy
-from dockctl.commands.outputs import Outputs
+from dockctl.commands.options import Ckpt, Outputs, Plugins, PolicyOption, Trust, parse_numbers, select_policy
 from dockctl.console import make_table, numeric, print_text, table_console
 from dockctl.errors import DockctlError
 from dockctl.runs.directory import RETURNS

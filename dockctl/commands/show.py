@@ -9,8 +9,7 @@ import typer
 from rich.console import Console
 from rich.table import Table
 
-from dockctl.commands.options import DEFAULT_SCENARIO, Plugins, Trust, parse_pose
-from dockctl.commands.outputs import save_figures
+from dockctl.commands.options import DEFAULT_SCENARIO, Plugins, Trust, parse_pose, save_figures
 from dockctl.console import make_table, numeric, print_text
 from dockctl.errors import DockctlError
 

@@ -13,7 +13,7 @@ from jinja2 import Environment, StrictUndefined
 
 from dockctl.agents.checkpoint import PolicyCard
 from dockctl.analysis.episodes import ending
-from dockctl.analysis.statistics import wilson_interval
+from dockctl.analysis.statistics import describe_share
 from dockctl.analysis.success_map import (
     SMALL_OFFSET_DEG,
     format_radius,
@@ -165,9 +165,7 @@ def _groups(
 def _successes(groups: Sequence[tuple[str, str, pd.DataFrame]]) -> Iterator[tuple[str, ...]]:
     for name, kind, episodes in groups:
         docked, n = int((episodes["outcome"] == "docked").sum()), len(episodes)
-        low, high = wilson_interval(docked, n)
-        least = f"{episodes['clearance_m'].min():.2f} m"
-        yield f"`{name}`", kind, f"{docked} of {n:,}", f"{docked / n:.1%}", f"{low:.1%} to {high:.1%}", least
+        yield f"`{name}`", kind, *describe_share(docked, n), f"{episodes['clearance_m'].min():.2f} m"
 
 
 def _map(run: RunDirectory, card: PolicyCard) -> dict[str, str] | None:

@@ -8,7 +8,7 @@ from typing import Any
 
 import pandas as pd
 
-from dockctl.analysis.statistics import wilson_interval
+from dockctl.analysis.statistics import describe_share
 from dockctl.analysis.success_map import (
     SMALL_OFFSET_DEG,
     format_radius,
@@ -270,10 +270,10 @@ def _berth_rows(run: ArchivedRun) -> Iterator[Row]:
 
 def _success(rows: pd.DataFrame) -> Row:
     counts = count_outcomes(rows)
-    low, high = wilson_interval(counts["docked"], len(rows))
+    _, _, interval = describe_share(counts["docked"], len(rows))
     return {
         "docked": docked_share(counts),
-        "95 % interval": f"{low:.1%} to {high:.1%}",
+        "95 % interval": interval,
         "collisions": str(counts["collision"]),
         "timeouts": str(counts["timeout"]),
     }
