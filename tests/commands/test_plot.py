@@ -77,5 +77,4 @@ def test_a_damaged_file(run: Path, name: str, old: str, new: str, location: str)
 def test_without_any_run(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.chdir(tmp_path)
     outcome = dockctl("plot")
-    assert outcome.code == 2
-    assert "dockctl train" in outcome.err
+    assert (outcome.code, outcome.error_code) == (2, "not_found")

