@@ -6,7 +6,7 @@ from collections.abc import Iterator
 
 import pandas as pd
 
-DOCKING, AT_START = "dock", "loiter at the start"
+DOCKING, FAILING, AT_START = "dock", "fail to dock", "loiter at the start"
 BEFORE_INTERMEDIATE = "loiter before the intermediate pose"
 INTERMEDIATE = "reward_intermediate"
 
@@ -28,9 +28,9 @@ def break_even(rows: pd.DataFrame) -> float | None:
         rows: the behaviors with one distance unit, columns `dockctl.runs.tables.RETURNS`.
 
     Returns:
-        None if the task has no intermediate pose or no reward for it.
+        None if the task has no intermediate pose or no reward for it, or the policy does not dock.
     """
-    if BEFORE_INTERMEDIATE not in set(rows["behavior"]) or INTERMEDIATE not in rows:
+    if not {DOCKING, BEFORE_INTERMEDIATE} <= {*rows["behavior"]} or INTERMEDIATE not in rows:
         return None
     deficit = value(rows, BEFORE_INTERMEDIATE, "return") - value(rows, DOCKING, "return")
     return (value(rows, DOCKING, INTERMEDIATE) + deficit) / value(rows, DOCKING, "intermediate_discount")
@@ -39,8 +39,10 @@ def break_even(rows: pd.DataFrame) -> float | None:
 def verdicts(rows: pd.DataFrame) -> Iterator[str]:
     """Yield sentences on which behavior the reward favors with one distance unit."""
     collisions = rows[rows["outcome"] == "collision"]
-    docking, waiting = (value(rows, name, "return") for name in (DOCKING, AT_START))
-    returns = [f"Docking returns {docking:,.0f}", f"waiting at the start {waiting:,.0f}"]
+    docks = DOCKING in set(rows["behavior"])
+    greedy, waiting = (value(rows, name, "return") for name in (DOCKING if docks else FAILING, AT_START))
+    name = "Docking" if docks else "The policy does not dock: its episode"
+    returns = [f"{name} returns {greedy:,.0f}", f"waiting at the start {waiting:,.0f}"]
     if len(collisions):
         best = collisions.sort_values("return").iloc[-1]
         returns.insert(1, f"the best collision ({best['behavior']}) {best['return']:,.0f}")

@@ -53,8 +53,9 @@ def compare(
     from dockctl.evaluation import load_policy
     from dockctl.reports.compare import compare_figure
 
-    for path in filter(None, (json_, csv)):
-        require_writable_file(path)
+    for path, suffix in ((json_, ".json"), (csv, ".csv")):
+        if path:
+            require_writable_file(path, suffix)
     require_writable(out)
     with Console(stderr=True).status("running episodes"):
         loaded = [load_policy(policy, plugin_files=plugin or (), trust=trust) for policy in policies]

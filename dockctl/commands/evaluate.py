@@ -24,7 +24,8 @@ from dockctl.commands.options import (
     select_policy,
 )
 from dockctl.console import make_table, numeric, print_text, table_console
-from dockctl.runs.files import require_writable_file, write_atomically, write_json
+from dockctl.runs.files import make_folder, require_writable_file, write_atomically, write_json, writing
+from dockctl.runs.results import write_measurement
 from dockctl.runs.tables import EVALUATION, START_KINDS, to_csv
 
 if TYPE_CHECKING:
@@ -73,22 +74,23 @@ def evaluate(
     from dockctl.evaluation import evaluate as run
 
     given = select_policy(ckpt, policy, plugin, trust)
-    for path in filter(None, (json_, csv)):
-        require_writable_file(path)
+    for path, suffix in ((json_, ".json"), (csv, ".csv")):
+        if path:
+            require_writable_file(path, suffix)
     with Console(stderr=True).status("running episodes"):
         result = run(given, scenario, episodes=episodes, seed=seed, overrides=set_ or ())
-    files = [(csv, json_)]
-    if given.run and os.access(given.run.path, os.W_OK):
-        stem = given.run.path / result.stem
-        files.append((Path(f"{stem}.csv"), Path(f"{stem}.json")))
+    table = to_csv(result.rows(), EVALUATION)
+    if csv:
+        write_atomically(csv, table.encode())
+    if json_:
+        write_json(json_, result.as_json())
+    if given.run and given.results and os.access(given.run.path, os.W_OK):
+        with writing(given.results):
+            make_folder(given.results)
+        write_measurement(given.results / result.stem, table, result.as_json())
     elif given.run:
         note = f"note: {given.run.path} is read-only, the result is not stored in it"
         print_text(Console(stderr=True), note)
-    for table, summary in files:
-        if table:
-            write_atomically(table, to_csv(result.rows(), EVALUATION).encode())
-        if summary:
-            write_json(summary, result.as_json())
     console = table_console()
     changes = "".join(f", {change}" for change in result.overrides)
     print_text(console, f"Policy {given.description} on scenario '{result.scenario.name}'{changes}")

@@ -22,7 +22,7 @@ from dockctl.commands.options import (
 from dockctl.console import make_table, numeric, print_text, table_console
 from dockctl.errors import DockctlError
 from dockctl.runs.directory import RUNS, RunDirectory
-from dockctl.runs.files import write_atomically, write_json
+from dockctl.runs.results import write_measurement
 
 if TYPE_CHECKING:
     from dockctl.evaluation.policies import LoadedPolicy
@@ -68,8 +68,8 @@ def latency(
     period = result.control_period_ms
     save_figures(lambda: {stem: latency_figure(result.samples, subtitle, period)}, folder)
     csv = result.samples.to_csv(index_label="decision", float_format="%.6g", lineterminator="\n")
-    print_text(console, str(write_atomically(folder / f"{stem}.csv", csv.encode())))
-    print_text(console, str(write_json(folder / f"{stem}.json", result.as_json())))
+    for path in write_measurement(folder / stem, csv, result.as_json()):
+        print_text(console, str(path))
 
 
 def _policy(

@@ -15,7 +15,14 @@ from rich.console import Console
 from dockctl.console import print_text
 from dockctl.errors import DockctlError
 from dockctl.runs.directory import FIGURES
-from dockctl.runs.files import require_writable, require_writable_file, write_atomically, write_json, writing
+from dockctl.runs.files import (
+    make_folder,
+    require_writable,
+    require_writable_file,
+    write_atomically,
+    writing,
+)
+from dockctl.runs.results import require_same_policy, write_measurement
 
 if TYPE_CHECKING:
     from dockctl.evaluation.policies import LoadedPolicy
@@ -141,26 +148,33 @@ class Outputs:
         """Select the run folder of the policy, or `out`, or a folder under ``figures/``.
 
         Args:
-            what: stem of the files; the scenario's name is appended where it is not the policy's own.
+            what: stem of the files; the scenario's name is appended where it is not the policy's own, and
+                that of the policy outside of its run folder.
             scenario: the scenario that the user asked for, if any.
             out: the folder that the user asked for, if any.
             csv: the copy of the table, if any.
 
         Raises:
-            DockctlError: a path cannot be written, or there is no such scenario.
+            DockctlError: a path cannot be written or contains results of another policy, or there is no such
+                scenario.
         """
-        run = policy.run.path if policy.run else None
-        if out is None and run and not os.access(run, os.W_OK):
-            raise DockctlError(f"{run}: cannot be written; give a folder with --out", code="not_writable")
+        run = policy.results
+        if out is None and policy.run and not os.access(policy.run.path, os.W_OK):
+            message = f"{policy.run.path}: cannot be written; give a folder with --out"
+            raise DockctlError(message, code="not_writable")
         tables = out or run or Path(FIGURES) / Path(what).name
         figures = run / FIGURES if run and not out else tables
         for folder in (tables, figures):
             require_writable(folder)
         if csv:
-            require_writable_file(csv)
+            require_writable_file(csv, ".csv")
         resolved = policy.scenario(scenario).scenario
         is_own = scenario is None or not policy.is_transfer(resolved)
-        stem = what if run and is_own else f"{what}-{resolved.name}"
+        names = [what, *([] if run and is_own else [resolved.name])]
+        if out or run is None:
+            names = [what, resolved.name, policy.file_name]
+            require_same_policy(tables / f"{'-'.join(names)}.json", policy.facts())
+        stem = "-".join(names)
         return cls(tables, figures, stem, csv, policy)
 
     def write(self, table: str, draw: Draw) -> None:
@@ -170,16 +184,16 @@ class Outputs:
             DockctlError: a file cannot be written.
         """
         with writing(self.tables):
-            self.tables.mkdir(parents=True, exist_ok=True)
+            make_folder(self.tables)
         save_figures(draw, self.figures)
-        for path in filter(None, (self.tables / f"{self.stem}.csv", self.csv)):
-            print_text(Console(), str(write_atomically(path, table.encode())))
-        facts = {"policy": self.policy.facts()}
-        print_text(Console(), str(write_json(self.tables / f"{self.stem}.json", facts)))
+        if self.csv:
+            print_text(Console(), str(write_atomically(self.csv, table.encode())))
+        for path in write_measurement(self.tables / self.stem, table, {"policy": self.policy.facts()}):
+            print_text(Console(), str(path))
 
 
-def save_figures(draw: Draw, folder: Path) -> None:
-    """Draw figures in the style of the package, write them as PNG and SVG, and print the paths.
+def save_figures(draw: Draw, folder: Path) -> list[Path]:
+    """Draw figures in the style of the package, write them as PNG and SVG, and print and return the paths.
 
     Raises:
         DockctlError: the folder cannot be written.
@@ -190,3 +204,4 @@ def save_figures(draw: Draw, folder: Path) -> None:
         written = save(dict(draw()), folder)
     for path in written:
         print_text(Console(), str(path))
+    return written

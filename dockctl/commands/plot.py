@@ -19,12 +19,17 @@ def plot(
     Example: dockctl plot runs/s3/20250101-120000-seed0
     """
     from dockctl.reports.figures import figures
-    from dockctl.runs.directory import FIGURES, RUNS, RunDirectory
-    from dockctl.runs.reader import read_run
+    from dockctl.runs.directory import DRAWN, FIGURES, RUNS, RunDirectory
+    from dockctl.runs.reader import SOURCES, read_run
+    from dockctl.runs.results import sha256_of, write_results
 
     folder = RunDirectory.latest(RUNS).path if run is None else run
+    sources = {folder / name: sha256_of(folder / name) for name in SOURCES if (folder / name).is_file()}
     data = read_run(folder)
     if data.missing:
         note = f"note: {folder} has no rows in {', '.join(data.missing)}; their figures are left out"
         typer.secho(note, fg="yellow", err=True)
-    save_figures(lambda: dict(figures(data)), out or folder / FIGURES)
+    figure_folder = out or folder / FIGURES
+    drawn = save_figures(lambda: dict(figures(data)), figure_folder)
+    hashes = sources | {path: sha256_of(path) for path in drawn}
+    typer.echo(write_results(figure_folder / Path(DRAWN).name, {}, hashes))

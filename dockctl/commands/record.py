@@ -44,14 +44,19 @@ def record(
     from dockctl.analysis.episodes import ending
     from dockctl.evaluation.record import FILES
     from dockctl.evaluation.record import record as run
-    from dockctl.runs.directory import FIGURES, TRANSFER
+    from dockctl.runs.directory import FIGURES, RECORDING, TRANSFER
     from dockctl.runs.files import require_replaceable
+    from dockctl.runs.results import require_same_policy
 
     poses = [parse_pose(text) for text in pose or ()]
     given = select_policy(ckpt, policy, plugin, trust)
     name = given.scenario(scenario).scenario.name
-    folder = out or (given.run.path if given.run else Path()) / TRANSFER / name
-    require_replaceable(folder, FILES, (FIGURES,), "earlier recording")
+    if given.results and not out:
+        folder = given.results / TRANSFER / name
+    else:
+        folder = out or Path(TRANSFER) / f"{name}-{given.file_name}"
+        require_same_policy(folder / RECORDING, given.facts())
+    require_replaceable(folder, FILES, (FIGURES, RECORDING), "earlier recording")
     result = run(given, scenario, poses)
     result.write(folder)
     for episode in result.episodes:

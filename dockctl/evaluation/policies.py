@@ -14,6 +14,7 @@ import hashlib
 import importlib
 import inspect
 import os
+import re
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
@@ -76,6 +77,16 @@ class LoadedPolicy(ABC):
         """Text for a figure."""
         return f"policy {self.name}"
 
+    @property
+    def results(self) -> Path | None:
+        """Folder for its results in the run folder that contains it, if any."""
+        return None
+
+    @property
+    def file_name(self) -> str:
+        """Name of the policy for files and folders."""
+        return re.sub(r"[^\w.=-]+", "_", self.name)
+
     @abstractmethod
     def make(self, env: DockingVectorEnv) -> Policy:
         """Build the policy for an environment.
@@ -135,6 +146,20 @@ class CheckpointPolicy(LoadedPolicy):
     @property
     def caption(self) -> str:
         return f"policy trained on {self.card.scenario}, seed {self.card.seed}"
+
+    @property
+    def results(self) -> Path | None:
+        """The run folder; a folder in it for a checkpoint that is not the best one."""
+        if self.run is None:
+            return None
+        is_best = self.file.resolve() == checkpoint.find_policy(self.run.path).resolve()
+        return self.run.path if is_best else self.run.path / self.file.parent.name
+
+    @property
+    def file_name(self) -> str:
+        folder = (self.results or self.file.parent).resolve()
+        above = self.run.path.resolve().parent if self.run else folder.parent
+        return "-".join(folder.relative_to(above).parts)
 
     def make(self, env: DockingVectorEnv) -> Policy:
         require_spaces(self.card, Spaces.from_env(env), where=self.file, scenario=env.scenario.name)

@@ -13,8 +13,9 @@ from dockctl.evaluation.policies import LoadedPolicy, load_policy
 from dockctl.evaluation.rollout import Episode, Rollout, trajectories_csv
 from dockctl.evaluation.starts import pose_check, trajectory_starts
 from dockctl.geometry import pose_array
-from dockctl.runs.directory import SCENARIO, SCENE, TRAJECTORIES_CSV
+from dockctl.runs.directory import RECORDING, SCENARIO, SCENE, TRAJECTORIES_CSV
 from dockctl.runs.files import new_folder
+from dockctl.runs.results import sha256_of, write_results
 from dockctl.scenarios.base import Pose
 from dockctl.scenarios.loader import dump
 from dockctl.scenarios.schema import Scenario
@@ -25,14 +26,15 @@ FILES = (SCENARIO, SCENE, TRAJECTORIES_CSV)
 
 @dataclass(frozen=True, eq=False)
 class Recording:
-    """Greedy episodes with their scenario and the plan view of its harbor."""
+    """Greedy episodes of a policy with their scenario and the plan view of its harbor."""
 
+    policy: LoadedPolicy
     scenario: Scenario
     scene: Scene
     episodes: list[Episode]
 
     def write(self, folder: Path) -> None:
-        """Write `FILES`, replacing the folder.
+        """Write `FILES` and `RECORDING`, replacing the folder.
 
         Raises:
             DockctlError: the folder cannot be written.
@@ -42,6 +44,8 @@ class Recording:
             (new / SCENARIO).write_text(dump(self.scenario), encoding="utf-8")
             (new / SCENE).write_text(json.dumps(self.scene.to_json()), encoding="utf-8")
             (new / TRAJECTORIES_CSV).write_text(text, encoding="utf-8")
+            hashes = {new / name: sha256_of(new / name) for name in FILES}
+            write_results(new / RECORDING, {"policy": self.policy.facts()}, hashes)
 
 
 def record(
@@ -71,4 +75,4 @@ def record(
         tests = resolved.evaluation.model_copy(update={"poses": tuple(poses)})
         resolved = resolved.model_copy(update={"evaluation": tests})
     episodes = rollout.run(loaded_policy.make(rollout.env()), starts)
-    return Recording(resolved, rollout.worlds[site.harbor].scene(), episodes)
+    return Recording(loaded_policy, resolved, rollout.worlds[site.harbor].scene(), episodes)

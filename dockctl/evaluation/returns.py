@@ -10,8 +10,7 @@ from pathlib import Path
 import numpy as np
 import pandas as pd
 
-from dockctl.analysis.returns import AT_START, BEFORE_INTERMEDIATE, DOCKING
-from dockctl.errors import DockctlError
+from dockctl.analysis.returns import AT_START, BEFORE_INTERMEDIATE, DOCKING, FAILING
 from dockctl.evaluation.policies import LoadedPolicy, load_policy
 from dockctl.evaluation.rollout import Rollout
 from dockctl.geometry import Floats
@@ -91,15 +90,16 @@ def returns(
     scenario: str | Path | None = None,
     units_m: Sequence[float] = UNITS_M,
 ) -> Returns:
-    """Simulate docking and other behaviors and compute their returns with every distance unit.
+    """Simulate the policy and other behaviors and compute their returns with every distance unit.
 
     Args:
-        policy: its greedy episode gives the return of docking; see `dockctl.evaluation.policies.load_policy`.
+        policy: its greedy episode gives the return of docking, if it docks; see
+            `dockctl.evaluation.policies.load_policy`.
         scenario: file or name; the policy's own by default.
         units_m: units of the distance in the reward [m].
 
     Raises:
-        DockctlError: there is no such policy or scenario, they do not fit, or the policy does not dock.
+        DockctlError: there is no such policy or scenario, or they do not fit.
     """
     loaded_policy = load_policy(policy)
     rollout = Rollout(loaded_policy.scenario(scenario))
@@ -109,27 +109,22 @@ def returns(
 
 
 def behaviors(rollout: Rollout, policy: LoadedPolicy) -> Iterator[Behavior]:
-    """Yield docking, loitering at the start and before the intermediate pose, then constant commands.
+    """Yield the greedy episode, loitering at the start and before the intermediate pose, constant commands.
 
     Constant commands are sorted by the length of their episodes.
 
     Raises:
-        DockctlError: the policy does not fit the scenario, or does not dock in it.
+        DockctlError: the policy does not fit the scenario.
     """
     scenario, site = rollout.scenario, own_site(rollout.scenario)
     start = replace(given_start(site, scenario.task, site.initial[0], 0), seed=0)  # of `Rollout.run`
     simulation = BehaviorSimulation(scenario, rollout.worlds, start)
     (episode,) = rollout.run(policy.make(rollout.env()), [simulation.start])
-    if not episode.docked:
-        raise DockctlError(
-            f"{policy.long_name}: does not dock from the first initial pose of '{scenario.name}'",
-            code="mismatch",
-        )
     commands = episode.trajectory["command"][1:]
-    docking = simulation.run(DOCKING, commands)
-    yield docking
+    greedy = simulation.run(DOCKING if episode.docked else FAILING, commands)
+    yield greedy
     yield simulation.run(AT_START, np.zeros((1, 2)))
-    reached = docking.intermediate_step
+    reached = greedy.intermediate_step
     if reached is not None and (loitering := loiter_before_intermediate(simulation, commands, reached)):
         yield loitering
     limits = VesselModel(scenario.vessel).command_limit

@@ -25,6 +25,7 @@ from dockctl.analysis.success_map import (
 from dockctl.errors import DockctlError
 from dockctl.runs.directory import EVALUATION, LATENCY, MAP, PROVENANCE, RunDirectory
 from dockctl.runs.reader import read_table
+from dockctl.runs.results import policy_hash, read_results
 from dockctl.runs.tables import START_KINDS
 from dockctl.scenarios.schema import ObservationPart, Scenario
 
@@ -91,12 +92,10 @@ def is_of_policy(card: PolicyCard, run: RunDirectory, measurement: str) -> bool:
     """Return whether the run has a measurement, a name in `dockctl.runs.directory`, and it is of this policy.
 
     Raises:
-        DockctlError: its JSON file cannot be read.
+        DockctlError: a file of it cannot be read, or its table is of another measurement.
     """
-    name = f"{measurement}.json"
-    if not (run.path / name).is_file():
-        return False
-    return bool(run.read_json(name).get("policy", {}).get("sha256") == card.sha256)
+    path = run.path / f"{measurement}.json"
+    return path.is_file() and policy_hash(read_results(path)) == card.sha256
 
 
 def _read(path: Path, columns: Sequence[str]) -> pd.DataFrame:

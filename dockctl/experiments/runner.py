@@ -68,9 +68,10 @@ def run_study(source: str, names: Sequence[str], out: Path, results: Path, worke
         runner.work(display.refresh)
     ending = _report_ending(console, runner)
     if ending != "interrupted":
+        done = (progress.job for progress in runner.progress if progress.state == "done")
         archived = [
             archive(finished, results, job.experiment.name, job.seed)
-            for job in jobs
+            for job in done
             if (finished := job.finished())
         ]
         print_text(console, f"{count(len(archived), 'run')} archived in {results}")
@@ -141,6 +142,8 @@ class JobRunner:
         return self._stopping
 
     def _run(self, progress: Progress) -> None:
+        if self.stopping:  # before it was started
+            return None
         try:
             with _open_log(progress.job) as log:
                 for stage in _stages(progress.job):
@@ -149,7 +152,7 @@ class JobRunner:
                         code = self._call(stage, log)
                     if self._stopping:
                         return self._change(progress, "stopped", stage.name)
-                    if code or (stage.output and not stage.output.is_file()):
+                    if code or (stage.output and not stage.is_done):
                         raise DockctlError(progress.last_line())
             self._change(progress, "done", "")
         except DockctlError as error:

@@ -7,7 +7,7 @@ import math
 import os
 import re
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Annotated, Literal, Self
 
@@ -16,19 +16,21 @@ from pydantic import Field, model_validator
 from dockctl.analysis.success_map import SMALL_OFFSET_DEG
 from dockctl.errors import DockctlError, nearest
 from dockctl.runs.directory import (
+    BEST,
+    DRAWN,
     EVALUATION,
     FAILURES,
     LAST,
     LATENCY,
     MAP,
-    OVERVIEW,
     PROVENANCE,
+    RECORDING,
     RETURNS,
     SCENARIO,
-    TRAJECTORIES_CSV,
     TRANSFER,
     RunDirectory,
 )
+from dockctl.runs.results import policy_hash, read_results
 from dockctl.scenarios.base import NAME, Count, FieldError, Model, Name
 from dockctl.scenarios.catalog import SUFFIXES, display_path, packaged_folder
 from dockctl.scenarios.content import first_difference
@@ -39,8 +41,7 @@ from dockctl.scenarios.yaml_tree import input_error, read_file
 from dockctl.sim.world import load_checked
 
 Probe = Literal["map", "latency", "returns"]
-PROBE_FILES = {"latency": f"{LATENCY}.json", "map": f"{MAP}.csv", "returns": f"{RETURNS}.csv"}
-"""File that each probe writes last."""
+PROBE_STEMS = {"latency": LATENCY, "map": MAP, "returns": RETURNS}
 
 
 class Experiment(Model):
@@ -137,12 +138,24 @@ class Stage:
     Attributes:
         name: shown while it runs.
         arguments: of the command line.
-        output: file that exists once the stage is done.
+        output: JSON file of its results.
+        policy: SHA-256 of the policy that it measures.
     """
 
     name: str
     arguments: tuple[str, ...]
     output: Path | None = None
+    policy: str | None = None
+
+    @property
+    def is_done(self) -> bool:
+        """Whether the results exist, are intact, and were not made from other tables or of another policy."""
+        if self.output is None:
+            return False
+        try:
+            return policy_hash(read_results(self.output)) in (None, self.policy)
+        except DockctlError:
+            return False
 
 
 @dataclass(frozen=True, eq=False)
@@ -205,7 +218,9 @@ class Job:
     def measurements(self) -> Iterator[Stage]:
         """Return the remaining stages after the training."""
         run = self.runs()[0]
-        return (stage for stage in self._measurements(run) if stage.output and not stage.output.is_file())
+        measured = _policy_hash(run)
+        stages = (replace(stage, policy=measured) for stage in self._measurements(run))
+        return (stage for stage in stages if not stage.is_done)
 
     def _measurements(self, run: Path) -> Iterator[Stage]:
         policy, recordings = ("--ckpt", str(run)), run / TRANSFER
@@ -213,16 +228,16 @@ class Job:
         for source, name in self.transfer:
             on = (*policy, "--scenario", source)
             yield Stage(f"evaluate on {name}", ("evaluate", *on), run / f"{EVALUATION}-{name}.json")
-            yield Stage(f"record on {name}", ("record", *on), recordings / name / TRAJECTORIES_CSV)
-        yield Stage("plot", ("plot", str(run)), run / OVERVIEW)
+            yield Stage(f"record on {name}", ("record", *on), recordings / name / RECORDING)
+        yield Stage("plot", ("plot", str(run)), run / DRAWN)
         for probe in self.experiment.probes:
-            yield Stage(probe, (probe, *policy), run / PROBE_FILES[probe])
-        table = run / PROBE_FILES["map"]
+            yield Stage(probe, (probe, *policy), run / f"{PROBE_STEMS[probe]}.json")
+        table = run / f"{MAP}.csv"
         if "map" in self.experiment.probes and table.is_file() and (poses := nearest_failures(table)):
             out = recordings / FAILURES
             starts = [word for pose in poses for word in ("--pose", pose)]
             arguments = ("record", *policy, *starts, "--out", str(out))
-            yield Stage("record failures", arguments, out / TRAJECTORIES_CSV)
+            yield Stage("record failures", arguments, out / RECORDING)
 
 
 def nearest_failures(table: Path) -> list[str]:
@@ -275,6 +290,16 @@ def _finished(run: Path) -> bool:
         return RunDirectory(run).read_json(PROVENANCE).get("finished") is not None
     except DockctlError:
         return False
+
+
+def _policy_hash(run: Path) -> str | None:
+    """Return the SHA-256 of the policy that is measured: the best one, or the last if there is no other."""
+    for name in (BEST, LAST):
+        try:
+            return str(RunDirectory(RunDirectory(run).checkpoint(name)).read_json("policy.json")["sha256"])
+        except (DockctlError, KeyError):
+            pass
+    return None
 
 
 def _resumable(run: Path) -> bool:

@@ -134,12 +134,16 @@ def require_writable(root: Path) -> None:
     raise DockctlError(f"{root}: cannot be written: {reason}", code="not_writable")
 
 
-def require_writable_file(file: Path) -> None:
+def require_writable_file(file: Path, suffix: str) -> None:
     """Check that a file can be written, before any work is done for it.
 
     Raises:
-        DockctlError: its folder does not exist or cannot be written, or it is a folder itself.
+        DockctlError: its name has another suffix, so that a file of another type would be replaced, its
+            folder does not exist or cannot be written, or it is a folder itself.
     """
+    if file.suffix != suffix:
+        message = f"{file}: expected a file name that ends in {suffix}"
+        raise DockctlError(message, suggestion=str(file.with_suffix(suffix)) if file.name else "")
     if not os.path.isdir(file.absolute().parent) or os.path.isdir(file):
         raise DockctlError(
             f"{file}: cannot be written: not a file name in an existing folder", code="not_writable"

@@ -35,6 +35,8 @@ TRAJECTORIES = (
 )
 UPDATES = ("env_steps",)
 """Columns that the figures require; the metrics in ``updates.csv`` depend on the algorithm."""
+SOURCES = (SCENARIO, SCENE, EPISODES_CSV, UPDATES_CSV, EVALUATIONS_CSV, TRAJECTORIES_CSV)
+"""Files that `read_run` reads."""
 TEXT = ("start_kind", "outcome", "collided_with", "berth", "behavior")
 """Columns that contain text; all others contain numbers."""
 MAX_COLUMNS = 5_000

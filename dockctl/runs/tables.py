@@ -13,6 +13,9 @@ from typing import Any
 from dockctl.reading import read_bytes
 from dockctl.runs.files import sync, write_atomically, writing
 
+MAX_TABLE_BYTES = 2_000_000_000
+"""Of a table that a training continues: some 10 million episodes."""
+
 Value = str | int | float | bool | None
 
 EPISODES = (
@@ -142,7 +145,7 @@ class Table:
         return lost
 
     def _read(self) -> bytes:
-        return read_bytes(self._path) if os.path.exists(self._path) else b""
+        return read_bytes(self._path, MAX_TABLE_BYTES) if os.path.exists(self._path) else b""
 
     def _take(self, content: bytes) -> None:
         """Continue after this content."""

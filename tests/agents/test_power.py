@@ -42,7 +42,7 @@ def test_a_training_resumes_after_a_power_cut_at_any_step(tmp_path: Path) -> Non
         reached = again.progress.env_steps
         assert reached in (saved, saved + EVERY)
         lost.append(saved + EVERY - reached)
-        steps = [int(row["env_steps"]) for row in read_table(again.run_directory.path / "evaluations.csv")]
+        steps = [int(row["env_steps"]) for row in read_table(again.run_directory.path / "timing.csv")]
         assert steps[-1] == reached
     assert len(lost) > 100
     assert {*lost} == {0, EVERY}

@@ -12,6 +12,7 @@ import pytest
 import typer
 
 from dockctl.commands.options import finite
+from dockctl.runs.results import read_results
 from dockctl.runs.tables import EVALUATION
 from tests.commands.conftest import Outcome, dockctl, forget_interface, only_run, quick_train
 
@@ -43,7 +44,8 @@ def test_the_latest_run_is_evaluated_from_poses_and_random_starts(
     assert result["test_poses"]["episodes"] == 1
     assert result["random_starts"]["episodes"] == 3
     assert sum(result["random_starts"]["endings"].values()) == 3
-    assert (run / "evaluation.json").read_text() == Path("result.json").read_text()
+    stored = json.loads((run / "evaluation.json").read_text())
+    assert {**stored, "files": None} == {**result, "files": None}
     text = Path("result.csv").read_text()
     assert (run / "evaluation.csv").read_text() == text
     rows = list(csv.DictReader(text.splitlines()))
@@ -76,10 +78,30 @@ def test_the_least_success_sets_the_exit_code(run: Path, asked: str, code: int) 
 
 
 def test_a_policy_is_evaluated_on_another_scenario(run: Path) -> None:
-    outcome = dockctl("evaluate", "--ckpt", run / "checkpoints" / "last", "--scenario", "s2", "--episodes", 0)
+    outcome = dockctl("evaluate", "--ckpt", run, "--scenario", "s2", "--episodes", 0)
     assert outcome.code == 0
     assert "on scenario 's2'" in outcome.out
     assert (run / "evaluation-s2.json").is_file()
+    assert not (run / "evaluation.json").exists()
+
+
+def test_the_results_of_another_checkpoint_are_in_a_folder_of_their_own(run: Path) -> None:
+    last, none = run / "checkpoints" / "last", ("--episodes", 0)
+    for ckpt, folder in ((run, run), (last, run / "last"), (run / "checkpoints" / "best", run)):
+        assert dockctl("evaluate", "--ckpt", ckpt, *none).code == 0
+        facts = json.loads((folder / "evaluation.json").read_text())
+        assert Path(facts["policy"]["file"]).parent.name == ("last" if folder != run else "best")
+        assert read_results(folder / "evaluation.json") == facts
+
+
+@pytest.mark.parametrize(("option", "name"), [("--json", "mine.py"), ("--csv", "mine.yaml"), ("--csv", "")])
+def test_a_file_of_another_type_is_not_replaced(run: Path, tmp_path: Path, option: str, name: str) -> None:
+    mine = tmp_path / (name or "csv")
+    mine.write_text("mine")
+    outcome = dockctl("evaluate", "--ckpt", run, "--episodes", 0, option, mine)
+    assert outcome.code == 2
+    assert outcome.error is not None and Path(outcome.error.suggestion).suffix == f".{option[2:]}"
+    assert mine.read_text() == "mine"
     assert not (run / "evaluation.json").exists()
 
 

@@ -12,7 +12,7 @@ import pytest
 from dockctl.analysis.latency import PARTS
 from tests.commands.conftest import Outcome, dockctl, forget_interface
 
-FILES = {"latency-s1.png", "latency-s1.svg", "latency-s1.csv", "latency-s1.json"}
+ENDS = ("png", "svg", "csv", "json")
 
 
 @pytest.mark.slow
@@ -21,14 +21,15 @@ def test_without_a_run_a_new_network_is_timed(tmp_path: Path, monkeypatch: pytes
     outcome = dockctl("latency", "--decisions", 10, "--scenario", "s1")
     assert outcome.code == 0
     folder = tmp_path / "figures" / "latency"
-    assert {path.name for path in folder.iterdir()} == FILES
-    samples = pd.read_csv(folder / "latency-s1.csv")
+    (table,) = folder.glob("latency-s1-*.csv")
+    assert {path.name for path in folder.iterdir()} == {f"{table.stem}.{end}" for end in ENDS}
+    samples = pd.read_csv(table)
     assert list(samples) == ["decision", *PARTS]
     assert len(samples) >= 10
     assert (samples[["scan_ms", "state_ms", "forward_ms"]].sum(axis=1)).to_numpy() == pytest.approx(
         samples["decision_ms"].to_numpy(), rel=1e-4
     )
-    facts = json.loads((folder / "latency-s1.json").read_text())
+    facts = json.loads(table.with_suffix(".json").read_text())
     assert facts["milliseconds"]["Whole decision"]["max"] == pytest.approx(
         samples["decision_ms"].max(), rel=1e-4
     )
@@ -39,8 +40,10 @@ def test_without_a_run_a_new_network_is_timed(tmp_path: Path, monkeypatch: pytes
 def test_a_trained_policy_is_timed_on_its_scenario(trained: tuple[Path, Outcome], tmp_path: Path) -> None:
     outcome = dockctl("latency", "--ckpt", trained[0], "--decisions", 10, "--out", tmp_path)
     assert outcome.code == 0
-    assert {path.name for path in tmp_path.iterdir()} == {name.replace("-s1", "") for name in FILES}
-    facts = json.loads((tmp_path / "latency.json").read_text())
+    assert {path.name for path in tmp_path.iterdir()} == {
+        f"latency-s1-{trained[0].name}.{end}" for end in ENDS
+    }
+    facts = json.loads((tmp_path / f"latency-s1-{trained[0].name}.json").read_text())
     assert (facts["policy"]["scenario"], facts["policy"]["seed"]) == ("s1", 3)
 
 
@@ -54,7 +57,7 @@ def test_the_latest_run_is_timed_and_files_name_another_scenario(
     outcome = dockctl("latency", "--scenario", "s2", "--decisions", 10)
     assert outcome.code == 0
     files = {path.name for path in (run / "figures").iterdir()}
-    assert files == {name.replace("-s1", "-s2") for name in FILES}
+    assert files == {f"latency-s2.{end}" for end in ENDS}
 
 
 def test_another_observation_size_is_an_error(trained: tuple[Path, Outcome], tmp_path: Path) -> None:

@@ -9,6 +9,7 @@ import numpy as np
 import pandas as pd
 import pytest
 
+from dockctl.runs.directory import SHIPPED
 from dockctl.runs.tables import MAP
 from dockctl.scenarios.loader import load
 from dockctl.sim.collision import CollisionChecker
@@ -44,8 +45,8 @@ def test_the_same_map_has_the_same_bytes(run: Path, tmp_path: Path) -> None:
     first = (run / "figures" / "map.svg").read_bytes()
     assert (tmp_path / "again.csv").read_bytes() == (run / "map.csv").read_bytes()
     assert dockctl(*arguments, "--out", tmp_path / "maps").code == 0
-    assert (tmp_path / "maps" / "map.csv").read_bytes() == (run / "map.csv").read_bytes()
-    assert (tmp_path / "maps" / "map.svg").read_bytes() == first
+    assert (tmp_path / "maps" / "map-s1-run.csv").read_bytes() == (run / "map.csv").read_bytes()
+    assert (tmp_path / "maps" / "map-s1-run.svg").read_bytes() == first
 
 
 def test_a_map_of_another_scenario_has_its_name(run: Path) -> None:
@@ -62,7 +63,17 @@ def test_the_map_of_a_checkpoint_without_a_run_is_below_figures(
     outcome = dockctl("map", "--ckpt", "alone", "--scenario", "s1", "--reach-m", 0, "--headings", "0")
     assert outcome.code == 0
     files = {path.name for path in Path("figures/map").iterdir()}
-    assert files == {"map-s1.csv", "map-s1.json", "map-s1.png", "map-s1.svg"}
+    assert files == {f"map-s1-alone.{end}" for end in ("csv", "json", "png", "svg")}
+
+
+def test_a_second_policy_does_not_replace_the_map_of_the_first(run: Path, tmp_path: Path) -> None:
+    """Two runs with folders of one name, and one output folder."""
+    others = shutil.copytree(run, tmp_path / "others" / run.name)
+    shutil.copytree(SHIPPED / "s1", others / "checkpoints" / "best", dirs_exist_ok=True)
+    out = ("--reach-m", 0, "--headings", "0", "--out", tmp_path / "maps")
+    assert dockctl("map", "--ckpt", run, *out).code == dockctl("map", "--ckpt", run, *out).code == 0
+    outcome = dockctl("map", "--ckpt", others, *out)
+    assert (outcome.code, outcome.error_code) == (2, "mismatch")
 
 
 def test_a_changed_scenario_of_the_same_name_has_files_of_its_own(run: Path, tmp_path: Path) -> None:
@@ -95,6 +106,7 @@ def test_a_map_needs_a_free_start(run: Path, tmp_path: Path) -> None:
         (("--reach-m", "nan"), ""),  # reported by the option parser
         (("--step-m", "nan"), ""),
         (("--csv", "no/such/folder.csv"), "not_writable"),
+        (("--csv", "scenario.yaml"), "invalid"),
         (("--scenario", "nothing"), "unknown_name"),
     ],
 )

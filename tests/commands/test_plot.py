@@ -39,7 +39,7 @@ def test_only_the_run_folder_is_read(run: Path, tmp_path: Path) -> None:
     outcome = dockctl("plot", run, "--out", tmp_path / "figures")
     assert outcome.code == 0
     assert "trajectories.csv" in outcome.err
-    names = {path.stem for path in (tmp_path / "figures").iterdir()}
+    names = {path.stem for path in (tmp_path / "figures").glob("*.svg")}
     assert names
     assert all(name.startswith("training-") for name in names)
     assert not (run / "figures").exists()

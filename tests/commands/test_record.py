@@ -8,7 +8,7 @@ import pytest
 
 from dockctl.runs.reader import read_run
 from dockctl.scenarios.base import Pose
-from tests.commands.conftest import dockctl
+from tests.commands.conftest import Outcome, dockctl
 
 
 @pytest.mark.slow
@@ -47,6 +47,21 @@ def test_only_an_earlier_recording_is_replaced(
         assert outcome.code == 2
         assert outcome.error is not None and str(outcome.error).startswith(f"{folder}: ")
         assert sorted(path.name for path in folder.iterdir()) == before
+
+
+def test_a_second_policy_does_not_replace_the_recording_of_the_first(run: Path, tmp_path: Path) -> None:
+    def recorded(ckpt: object, *out: object) -> Outcome:
+        return dockctl("record", "--ckpt", ckpt, "--pose", "20,2,160", *out)
+
+    best, last, here = run, run / "checkpoints" / "last", tmp_path / "here"
+    assert recorded(best).code == recorded(last).code == 0
+    assert (run / "transfer" / "s1" / "recording.json").is_file()
+    assert (run / "last" / "transfer" / "s1" / "recording.json").is_file()
+    assert recorded(best, "--out", here).code == recorded(best, "--out", here).code == 0
+    before = (here / "recording.json").read_bytes()
+    refused = recorded("s1", "--out", here)
+    assert (refused.code, refused.error_code) == (2, "mismatch")
+    assert (here / "recording.json").read_bytes() == before
 
 
 @pytest.mark.parametrize(

@@ -118,8 +118,45 @@ def test_measurements_follow_the_experiment(out: Path) -> None:
     job = jobs(out, evaluate_on=["s2"], probes=["latency", "returns"])[3]
     names = ["evaluate", "evaluate on s2", "record on s2", "plot", "latency", "returns"]
     assert [stage.name for stage in job.measurements()] == names
-    (the_run(out) / "evaluation-s2.json").write_text("{}")
+    assert dockctl("evaluate", "--ckpt", the_run(out), "--scenario", "s2", "--episodes", 0).code == 0
     assert [stage.name for stage in job.measurements()] == [n for n in names if n != "evaluate on s2"]
+
+
+def test_a_result_that_is_torn_stale_or_of_another_policy_is_made_again(out: Path) -> None:
+    (job,), run = jobs(out)[3:], the_run(out)
+
+    def left() -> list[str]:
+        return [stage.name for stage in job.measurements()]
+
+    assert dockctl("evaluate", "--ckpt", run, "--episodes", 0).code == 0
+    assert left() == ["plot"]
+    assert dockctl("plot", run).code == 0
+    assert left() == []
+    for name in ("figures/overview.png", "episodes.csv", "evaluation.csv"):
+        content = (run / name).read_bytes()
+        (run / name).write_bytes(content[:-9])
+        assert left() == ["evaluate" if name == "evaluation.csv" else "plot"]
+        (run / name).write_bytes(content)
+    facts = json.loads((run / "evaluation.json").read_text())
+    facts["policy"]["sha256"] = "0" * 64
+    (run / "evaluation.json").write_text(json.dumps(facts))
+    assert left() == ["evaluate"]
+
+
+def test_a_run_without_a_finished_episode_is_plotted(out: Path) -> None:
+    (job,), run = jobs(out)[3:], the_run(out)
+    (run / "episodes.csv").unlink()
+    assert dockctl("plot", run).code == 0
+    assert [stage.name for stage in job.measurements()] == ["evaluate"]
+
+
+def test_jobs_that_were_not_started_are_not_stopped(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    stage = Stage("good", ("--version",))
+    monkeypatch.setattr(runner_module, "_stages", lambda job: iter([stage, stage]))
+    runner = JobRunner(jobs(tmp_path, seeds=3), 1, lambda progress: runner.stop())
+    runner.work(lambda: None)
+    assert [progress.state for progress in runner.progress] == ["stopped", "waiting", "waiting"]
+    assert [progress.job.log.exists() for progress in runner.progress] == [True, False, False]
 
 
 def test_the_nearest_failures_are_one_of_each_kind(tmp_path: Path) -> None:

@@ -13,6 +13,7 @@ from dockctl.agents.checkpoint import load_policy
 from dockctl.errors import DockctlError
 from dockctl.evaluation.policies import CheckpointPolicy
 from dockctl.experiments import export
+from dockctl.runs.results import write_measurement
 from tests.commands.conftest import Outcome, dockctl, forget_interface
 
 MakeRun = Callable[..., Path]
@@ -49,7 +50,8 @@ def runs(
         for row, outcome in zip(cells, outcomes, strict=True):
             row[at] = {"+": "docked", "-": "collision"}[outcome]
         lines = [head, *(",".join(row) for row in cells)]
-        (run / "evaluation.csv").write_text("\n".join(lines) + "\n")
+        facts = json.loads((run / "evaluation.json").read_text())
+        write_measurement(run / "evaluation", "\n".join(lines) + "\n", facts)
         if docks:
             docking.add(seed)
         return run
@@ -140,5 +142,10 @@ def test_errors(runs: MakeRun, trained: tuple[Path, Outcome], tmp_path: Path) ->
     assert code_of(run) == "mismatch"
     (run / "evaluation.json").unlink()
     assert code_of(run) == "not_found"
+    assert dockctl("evaluate", "--ckpt", run, "--episodes", 1).code == 0
+    table = (run / "evaluation.csv").read_bytes()
+    assert dockctl("evaluate", "--ckpt", run, "--episodes", 2).code == 0
+    (run / "evaluation.csv").write_bytes(table)  # of another evaluation
+    assert code_of(run) == "mismatch"
     outcome = dockctl("ship", run, "--out", out)
     assert (outcome.code, str(run) in outcome.err) == (2, True)

@@ -119,13 +119,17 @@ def test_the_controller_is_compared_with_a_checkpoint() -> None:
     assert (result.table["path_length_m"] > 15).all()
 
 
+def measured(what: str) -> set[str]:
+    return {f"{what}-s1-reverse.py_Reverse.{end}" for end in ("csv", "json", "png", "svg")}
+
+
 @pytest.mark.parametrize(
     ("command", "files"),
     [
-        (("map", "--reach-m", 0, "--headings", 0), {"map-s1.csv", "map-s1.json", "map-s1.png", "map-s1.svg"}),
-        (("latency", "--decisions", 10), {f"latency-s1.{end}" for end in ("csv", "json", "png", "svg")}),
-        (("returns", "s1"), {f"returns-s1.{end}" for end in ("csv", "json", "png", "svg")}),
-        (("record",), {"scenario.yaml", "scene.json", "trajectories.csv"}),
+        (("map", "--reach-m", 0, "--headings", 0), measured("map")),
+        (("latency", "--decisions", 10), measured("latency")),
+        (("returns", "s1"), measured("returns")),
+        (("record",), {"scenario.yaml", "scene.json", "trajectories.csv", "recording.json"}),
     ],
 )
 def test_every_command_takes_a_controller(

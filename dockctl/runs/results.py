@@ -1,0 +1,89 @@
+"""Results of a command: files, and a JSON file, written last, that contains their hashes.
+
+A reader finds out that a file is torn, stale, or belongs to another result.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import os
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+from dockctl.errors import DockctlError
+from dockctl.reading import read_bytes
+from dockctl.runs.directory import RunDirectory
+from dockctl.runs.files import write_atomically, write_json
+
+FILES = "files"
+"""Key of the hashes: SHA-256 by path, relative to the JSON file."""
+
+
+def sha256_of(path: Path) -> str:
+    """Return the SHA-256 of a file.
+
+    Raises:
+        DockctlError: it cannot be read.
+    """
+    return hashlib.sha256(read_bytes(path)).hexdigest()
+
+
+def write_results(path: Path, facts: Mapping[str, Any], hashes: Mapping[Path, str]) -> Path:
+    """Write a JSON file with facts, and with the hashes of the files that belong to them.
+
+    Raises:
+        DockctlError: it cannot be written.
+    """
+    files = {os.path.relpath(file, path.parent): digest for file, digest in hashes.items()}
+    return write_json(path, {**facts, FILES: files})
+
+
+def write_measurement(stem: Path, table: str, facts: Mapping[str, Any]) -> tuple[Path, Path]:
+    """Write ``<stem>.csv``, then ``<stem>.json`` with the facts, and return both paths.
+
+    Raises:
+        DockctlError: a file cannot be written.
+    """
+    content = table.encode()
+    csv = write_atomically(Path(f"{stem}.csv"), content)
+    return csv, write_results(Path(f"{stem}.json"), facts, {csv: hashlib.sha256(content).hexdigest()})
+
+
+def read_results(path: Path) -> dict[str, Any]:
+    """Return the facts in a JSON file of results, after a check of the files that belong to them.
+
+    Raises:
+        DockctlError: a file is missing or damaged, or belongs to other results.
+    """
+    facts = RunDirectory(path.parent).read_json(path.name)
+    files = facts.get(FILES)
+    if not isinstance(files, dict):
+        raise DockctlError(f"{path}: '{FILES}' is missing: run the command again", code="missing_key")
+    for name, digest in files.items():
+        file = path.parent / name
+        if sha256_of(file) != digest:
+            message = f"{file}: damaged, or not of the results in {path.name}: run the command again"
+            raise DockctlError(message, code="mismatch")
+    return facts
+
+
+def require_same_policy(path: Path, policy: Mapping[str, Any]) -> None:
+    """Check that a JSON file of results, if there is one, is of this policy and may be replaced.
+
+    Raises:
+        DockctlError: it is of another policy.
+    """
+    if not os.path.isfile(path):
+        return
+    other = RunDirectory(path.parent).read_json(path.name).get("policy")
+    if isinstance(other, dict) and not any(
+        key in other and other[key] == policy.get(key) for key in ("name", "file", "sha256")
+    ):
+        raise DockctlError(f"{path}: results of another policy: choose another folder", code="mismatch")
+
+
+def policy_hash(facts: Mapping[str, Any]) -> str | None:
+    """Return the SHA-256 of the policy that the facts name, if any."""
+    policy = facts.get("policy")
+    return policy.get("sha256") if isinstance(policy, dict) else None
