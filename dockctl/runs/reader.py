@@ -166,6 +166,6 @@ def _require_rows(content: bytes) -> None:
     """
     if content.count(b",") + content.count(b"\n") > MAX_VALUES:
         raise ValueError(f"contains more than {MAX_VALUES:,} values")
-    for number, line in enumerate(content.splitlines(), 1):
+    for number, line in enumerate(io.BytesIO(content), 1):
         if line.count(b",") >= MAX_COLUMNS or line.count(b'"') % 2:
             raise ValueError(f"line {number} is not a row of at most {MAX_COLUMNS:,} cells")

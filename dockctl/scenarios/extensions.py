@@ -43,6 +43,9 @@ T = TypeVar("T", bound=float)
 K = TypeVar("K", bound="type[Kind]")
 
 
+Sectors = Annotated[Count, Field(le=1024)]
+
+
 class Kind(Model):
     """A section selected by `kind`.
 
@@ -194,7 +197,7 @@ class RangeSensorSpec(Kind, ABC):
     """
 
     range_m: Positive = 100.0
-    sectors: Count = Field(default=8, le=1024)
+    sectors: Sectors = 8
 
     @abstractmethod
     def build(self, triangles: Floats) -> RangeSensor:

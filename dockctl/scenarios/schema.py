@@ -10,7 +10,7 @@ from pydantic import Field, ValidationError, field_validator, model_validator
 from dockctl.errors import DockctlError
 from dockctl.plugins import ACTIONS, CONDITIONS, RANGE_SENSORS
 from dockctl.scenarios.base import Count, FieldError, Model, Name, NonNegative, Number, Pose, Positive
-from dockctl.scenarios.extensions import ActionType, Condition, Kinds, RangeSensorSpec
+from dockctl.scenarios.extensions import ActionType, Condition, Kinds, RangeSensorSpec, Sectors
 from dockctl.scenarios.harbor import Berths, HarborSpec, missing_berth
 from dockctl.scenarios.training import Evaluation, Training
 from dockctl.scenarios.vessel import Vessel
@@ -171,7 +171,7 @@ class PolicyInterface(Model):
     """The parts of a policy's observation, the number of sectors of its range sensor, and its actions."""
 
     observation: tuple[ObservationPart, ...] = Field(min_length=1)
-    lidar_sectors: Count
+    lidar_sectors: Sectors
     actions: Annotated[ActionType, ACTION_KINDS]
 
     @classmethod
