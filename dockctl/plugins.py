@@ -25,7 +25,7 @@ from importlib.metadata import EntryPoint, entry_points
 from importlib.resources import files
 from pathlib import Path
 from types import ModuleType
-from typing import Any, Generic, TypeVar
+from typing import Any, Generic, TypeVar, cast
 
 from dockctl.errors import DockctlError, nearest
 from dockctl.reading import read_bytes
@@ -84,6 +84,16 @@ class Entry(Generic[T]):
     kind: str
     source: str
     origin: str
+
+    @property
+    def file(self) -> str:
+        """The file of the code that is registered."""
+        return inspect.getfile(cast(Any, self.value))
+
+    @property
+    def place(self) -> str:
+        """File and line where the code is defined, in parentheses."""
+        return f" ({self.file}:{inspect.getsourcelines(cast(Any, self.value))[1]})"
 
     @property
     def parameters(self) -> dict[str, Any]:
@@ -162,6 +172,10 @@ class Registry(Generic[T]):
         """Restore a state returned by `save`."""
         self._known = dict(state)
 
+    def __reduce__(self) -> tuple[Callable[[str], Registry[Any]], tuple[str]]:
+        """Copies and pickles of a registry are the registry of the process."""
+        return _registry_of, (self.noun,)
+
     def __contains__(self, name: object) -> bool:
         return name in self._known
 
@@ -197,6 +211,10 @@ class Registry(Generic[T]):
 
     def _duplicate(self, name: str, origin: str) -> DuplicateNameError:
         return DuplicateNameError(self.noun, name, (self.origin(name), origin))
+
+
+def _registry_of(noun: str) -> Registry[Any]:
+    return next(registry for registry in GROUPS.values() if registry.noun == noun)
 
 
 def _raise(error: DockctlError) -> None:
@@ -340,6 +358,36 @@ def plugin_errors(what: str, path: Path | None = None) -> Iterator[None]:
     except (Exception, SystemExit) as error:
         reason = f"{type(error).__name__}: {getattr(error, 'msg', error)}"
         raise PluginError(f"{what}: {reason}{_place(error, path)}") from error
+
+
+class Guard:
+    """Context in which an exception of an entry's code becomes a `PluginError` with the line that failed.
+
+    Errors of the package's own entries, and those that a plugin raises for the user, pass.
+    """
+
+    def __init__(self, registry: Registry[Any], name: str) -> None:
+        self._registry, self._name = registry, name
+
+    def __enter__(self) -> None:
+        return
+
+    def __exit__(self, kind: object, error: BaseException | None, trace: object) -> None:
+        if isinstance(error, Exception) and (located := self.locate(error)) is not error:
+            raise located from error
+
+    def locate(self, error: Exception) -> Exception:
+        """Return the error to raise instead of `error`."""
+        entry = self._registry.get(self._name)
+        if entry.origin == PACKAGE_ORIGIN or (isinstance(error, DockctlError) and error.code != "plugin"):
+            return error
+        what = f"{entry.origin}: {self._registry.noun} '{self._name}'"
+        if isinstance(error, DockctlError):
+            return error if isinstance(error, PluginError) else PluginError(f"{error}{entry.place}")
+        reason = f"{type(error).__name__}: {error}"
+        own = [f for f in traceback.extract_tb(error.__traceback__) if f.filename == entry.file]
+        place = f" ({own[-1].filename}:{own[-1].lineno})" if own else entry.place
+        return PluginError(f"{what} fails: {reason}{place}")
 
 
 def runtime_error(error: Exception) -> PluginError | None:

@@ -23,11 +23,12 @@ def validate(
     plugin: Plugins = None,
     trust: Trust = False,
 ) -> None:
-    """Check scenario files, and that their poses are free of obstacles.
+    """Check scenario files, that their poses are free of obstacles, and that their plugins work.
 
     Example: dockctl validate scenarios/s3.yaml --set task.max_steps=600
     """
     from dockctl import plugins
+    from dockctl.experiments.dry_run import dry_run
     from dockctl.plugins import SCENARIOS
     from dockctl.scenarios import catalog
     from dockctl.sim.world import load_checked
@@ -39,6 +40,7 @@ def validate(
     for source in files or sorted(SCENARIOS.names()):
         try:
             loaded = load_checked(source, overrides=set_ or (), plugin_files=plugin or (), trust=trust)
+            dry_run(loaded)
         except DockctlError as error:
             failures += 1
             typer.echo(f"{typer.style('failed', fg='red')} {source}")

@@ -16,7 +16,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from dockctl.errors import DockctlError
 from dockctl.geometry import Floats, Ints, wrap
-from dockctl.plugins import OBSERVATION_PARTS
+from dockctl.plugins import OBSERVATION_PARTS, Guard
 from dockctl.scenarios.base import Positive
 from dockctl.scenarios.schema import ObservationPart
 
@@ -157,6 +157,7 @@ class ObservationEncoder:
 
     Attributes:
         names: names of the k columns.
+        parts: the part of each column.
         space: Box of float32, (k,).
 
     Args:
@@ -169,16 +170,34 @@ class ObservationEncoder:
     """
 
     def __init__(self, parts: Sequence[ObservationPart], sectors: int) -> None:
-        self._parts = [OBSERVATION_PARTS.get(given.part).bind(given.params) for given in parts]
-        blank = _blank_view(sectors)
-        columns = [_checked(given.part, part(blank)) for given, part in zip(parts, self._parts, strict=True)]
+        self._parts = [
+            (Guard(OBSERVATION_PARTS, given.part), OBSERVATION_PARTS.get(given.part).bind(given.params))
+            for given in parts
+        ]
+        blank, columns = _blank_view(sectors), []
+        for given, (guard, part) in zip(parts, self._parts, strict=True):
+            with guard:
+                columns.append(_checked(given.part, part(blank)))
         self.names = tuple(name for column in columns for name in column.names)
+        self.parts = tuple(
+            given.part for given, column in zip(parts, columns, strict=True) for _ in column.names
+        )
         low, high = (np.concatenate(bounds) for bounds in zip(*map(_bounds, columns), strict=True))
         self.space = Box(low, high)
 
     def __call__(self, view: View) -> NDArray[np.float32]:
-        """Return the observations (n, k) of n boats, clipped to the bounds."""
-        values = np.hstack([part(view).values for part in self._parts]).astype(np.float32)
+        """Return the observations (n, k) of n boats, clipped to the bounds.
+
+        Raises:
+            DockctlError: a part failed, or returned another shape than before.
+        """
+        values = np.empty((len(view.phase), len(self.names)), np.float32)
+        end = 0
+        for guard, part in self._parts:
+            with guard:
+                columns = part(view)
+                end += len(columns.names)
+                values[:, end - len(columns.names) : end] = columns.values
         return np.clip(values, self.space.low, self.space.high)
 
 

@@ -16,6 +16,7 @@ from dockctl.envs.observation import ObservationEncoder, View
 from dockctl.envs.state import Arrays, pack, unpack
 from dockctl.errors import DockctlError, nearest, require_shape
 from dockctl.geometry import Bools, Floats, Ints
+from dockctl.plugins import ACTIONS, Guard
 from dockctl.rewards.compose import RewardFunction
 from dockctl.scenarios.loader import LoadedScenario
 from dockctl.scenarios.schema import Scenario
@@ -93,9 +94,10 @@ class DockingVectorEnv(VectorEnv[Observations, NDArray[Any], NDArray[Any]]):
         self._exploring = exploring
         self._sampler = self._make_sampler()
         self._encoder = ObservationEncoder(self.scenario.observation, self.scenario.sensors.lidar.sectors)
-        self.observation_names = self._encoder.names
+        self.observation_names, self.observation_parts = self._encoder.names, self._encoder.parts
         self.single_observation_space = self._encoder.space
-        self.single_action_space = self.scenario.actions.space(self.scenario.vessel)
+        with Guard(ACTIONS, self.scenario.actions.kind):
+            self.single_action_space = self.scenario.actions.space(self.scenario.vessel)
         self.observation_space = batch_space(self.single_observation_space, num_envs)
         self.action_space = batch_space(self.single_action_space, num_envs)
         self._rngs: list[np.random.Generator] = []
@@ -305,8 +307,10 @@ class DockingVectorEnv(VectorEnv[Observations, NDArray[Any], NDArray[Any]]):
             chosen = chosen.astype(dtype)
         if not self.action_space.contains(chosen):
             raise error.InvalidAction(f"expected actions of {self.action_space}, got {actions}")
-        commands = self.scenario.actions.commands(chosen, self.scenario.vessel)
-        require_shape(f"action type '{self.scenario.actions.kind}'", commands.shape, (self.num_envs, 2))
+        kind = self.scenario.actions.kind
+        with Guard(ACTIONS, kind):
+            commands = np.asarray(self.scenario.actions.commands(chosen, self.scenario.vessel), float)
+            require_shape(f"action type '{kind}'", commands.shape, (self.num_envs, 2))
         return commands
 
     def _observe(self) -> Observations:

@@ -26,9 +26,10 @@ from dockctl.agents.progress import REASONS, Progress
 from dockctl.agents.trainer import Trainer
 from dockctl.console import command_line, count, print_text
 from dockctl.envs.vector import DockingVectorEnv
-from dockctl.errors import DockctlError, InputError
+from dockctl.errors import DockctlError
 from dockctl.evaluation.rollout import Rollout, evaluation_rows, trajectories_csv
 from dockctl.evaluation.starts import evaluation_poses, trajectory_starts, validation_starts
+from dockctl.experiments.dry_run import build_algorithm, dry_run
 from dockctl.experiments.interrupt import interruptible
 from dockctl.experiments.live import TrainingDisplay, best, clock
 from dockctl.experiments.memory import Estimate, require_memory
@@ -46,7 +47,6 @@ from dockctl.runs.directory import (
 )
 from dockctl.runs.files import exclusive_lock, require_writable
 from dockctl.runs.tables import RECENT, Value
-from dockctl.scenarios.base import FieldError
 from dockctl.scenarios.content import mesh_files, with_paths
 from dockctl.scenarios.loader import LoadedScenario, dump
 from dockctl.scenarios.schema import PolicyInterface
@@ -190,23 +190,19 @@ class _Session:
 
 
 def _prepare(loaded: LoadedScenario, device: str) -> _Session:
-    """Build worlds, environment and algorithm.
+    """Build worlds, environment and algorithm, after a dry run.
 
     Raises:
-        DockctlError: the algorithm does not fit the scenario, or device or memory are not available.
+        DockctlError: a plugin fails, the algorithm does not fit, or device or memory are not available.
     """
     training = loaded.scenario.training
+    dry_run(loaded)
     worlds = build_worlds(loaded.scenario, loaded.base_dir)
     memory = require_memory(loaded.scenario, worlds)
     environment = DockingVectorEnv(loaded, training.boats, exploring=True, worlds=worlds)
-    spec = training.algorithm
-    assert isinstance(spec, AlgorithmSpec)
-    try:
-        algorithm = spec.build(Spaces.from_env(environment), training, device)
-    except FieldError as error:
-        problem = loaded.problem(error.field, error.message, error.code, error.suggestion)
-        raise InputError([problem]) from None
-    return _Session(loaded, worlds, memory, environment, spec, algorithm)
+    algorithm = build_algorithm(loaded, Spaces.from_env(environment), training.boats, device)
+    assert isinstance(training.algorithm, AlgorithmSpec)
+    return _Session(loaded, worlds, memory, environment, training.algorithm, algorithm)
 
 
 def _run(session: _Session, run: RunDirectory, console: Console, *, resumed: bool) -> TrainedRun:

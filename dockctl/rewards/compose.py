@@ -9,7 +9,7 @@ import numpy as np
 import dockctl.rewards.terms  # noqa: F401 - registers the terms
 from dockctl.errors import require_shape
 from dockctl.geometry import Bools, Floats
-from dockctl.plugins import REWARD_TERMS
+from dockctl.plugins import REWARD_TERMS, Guard
 from dockctl.scenarios.schema import Reward, WeightedTerm
 from dockctl.sim.goal import StepStatus
 
@@ -26,22 +26,29 @@ class RewardFunction:
 
     def __init__(self, reward: Reward) -> None:
         self._terms = tuple(
-            (weighted.term, REWARD_TERMS.get(weighted.term).kind, weighted.weight, _bind(weighted, reward))
+            (
+                Guard(REWARD_TERMS, weighted.term),
+                weighted.term,
+                REWARD_TERMS.get(weighted.term).kind,
+                weighted.weight,
+                _bind(weighted, reward),
+            )
             for weighted in reward.terms
         )
-        self.names = tuple(dict.fromkeys(name for name, *_ in self._terms))
+        self.names = tuple(dict.fromkeys(name for _, name, *_ in self._terms))
 
     def __call__(self, status: StepStatus) -> tuple[Floats, dict[str, Floats]]:
         """Return the reward (n,) and the contribution of each term by name, (n,) each.
 
         Raises:
-            DockctlError: a term returned a shape other than (n,).
+            DockctlError: a term failed, or returned a shape other than (n,).
         """
         applies = _cases(status)
         breakdown = {name: np.zeros(len(status.phase)) for name in self.names}
-        for name, kind, weight, measure in self._terms:
-            value = np.asarray(measure(status), float)
-            require_shape(f"reward term '{name}'", value.shape, status.phase.shape)
+        for guard, name, kind, weight, measure in self._terms:
+            with guard:
+                value = np.asarray(measure(status), float)
+                require_shape(f"reward term '{name}'", value.shape, status.phase.shape)
             breakdown[name] += np.where(applies[kind], weight * value, 0.0)
         return sum(breakdown.values(), np.zeros(len(status.phase))), breakdown  # eq. 3.10 or 3.13
 

@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 
 from dockctl.errors import DockctlError, require_shape
 from dockctl.geometry import Floats, Ints, rotate
+from dockctl.plugins import CONDITIONS, RANGE_SENSORS, Guard
 from dockctl.scenarios.schema import Scenario
 from dockctl.sim.goal import TO_FINAL, StepStatus, measure, reached
 from dockctl.sim.starts import Start
@@ -43,11 +44,18 @@ class Simulator:
     """
 
     def __init__(self, scenario: Scenario, worlds: Sequence[World], num_boats: int) -> None:
-        prepare(worlds)
+        self._sensor = Guard(RANGE_SENSORS, scenario.sensors.lidar.kind)
+        with self._sensor:
+            prepare(worlds)
         self.task = scenario.task
         self.worlds = worlds
         self.vessel = VesselModel(scenario.vessel)
-        self.disturbances = [condition.build(num_boats) for condition in scenario.conditions.values()]
+        conditions = scenario.conditions.values()
+        self._conditions = [Guard(CONDITIONS, condition.kind) for condition in conditions]
+        self.disturbances = []
+        for guard, condition in zip(self._conditions, conditions, strict=True):
+            with guard:
+                self.disturbances.append(condition.build(num_boats))
         self.eta = np.zeros((num_boats, 3))
         self.nu = np.zeros((num_boats, 3))
         self.command = np.zeros((num_boats, 2))
@@ -86,8 +94,9 @@ class Simulator:
                 rngs[i] if start.seed is None else np.random.default_rng(start.seed)
                 for i, start in enumerate(starts)
             ]
-            for disturbance in self.disturbances:
-                disturbance.reset(rows, drawn)
+            for guard, disturbance in zip(self._conditions, self.disturbances, strict=True):
+                with guard:
+                    disturbance.reset(rows, drawn)
         self._measure()
         self.sector_ranges_m[rows] = self.scan(rows)
 
@@ -155,9 +164,10 @@ class Simulator:
         Raises:
             DockctlError: the sensor returned another shape.
         """
-        ranges = self.in_harbors(lambda world, eta: world.lidar.sector_ranges(eta), rows)
         boats, sectors = self.sector_ranges_m.shape
-        require_shape("the range sensor", ranges.shape, (boats if rows is None else len(rows), sectors))
+        with self._sensor:
+            ranges = self.in_harbors(lambda world, eta: world.lidar.sector_ranges(eta), rows)
+            require_shape("the range sensor", ranges.shape, (boats if rows is None else len(rows), sectors))
         return ranges
 
     def in_harbors(self, query: Callable[[World, Floats], Answer], rows: Ints | None = None) -> Answer:
@@ -189,11 +199,13 @@ class Simulator:
             self.eta, self.nu = self.vessel.step(self.eta, self.nu, self.command)
             return
         current = np.zeros((len(self.eta), 2))
-        for disturbance in self.disturbances:
-            velocity = np.asarray(disturbance.water_velocity())
-            if velocity.ndim:  # the default is a number, no current
-                require_shape(f"{type(disturbance).__name__}.water_velocity", velocity.shape, current.shape)
-            current += velocity
+        for guard, disturbance in zip(self._conditions, self.disturbances, strict=True):
+            with guard:
+                velocity = np.asarray(disturbance.water_velocity())
+                if velocity.ndim:  # the default is a number, no current
+                    who = f"{type(disturbance).__name__}.water_velocity"
+                    require_shape(who, velocity.shape, current.shape)
+                current += velocity
         nu_r = self.nu - _in_body_frame(current, self.eta[:, 2])
         self.eta, nu_r = self.vessel.step(self.eta, nu_r, self.command)
         self.eta[:, :2] += current * self.vessel.vessel.control_period_s

@@ -15,6 +15,7 @@ from dockctl.compute import shared, workers
 from dockctl.drawing.scene import Scene
 from dockctl.errors import InputError
 from dockctl.geometry import Bools, Floats, place_outline, pose_array
+from dockctl.plugins import RANGE_SENSORS, Guard
 from dockctl.scenarios.base import Pose
 from dockctl.scenarios.extensions import RangeSensor, RangeSensorSpec
 from dockctl.scenarios.harbor import HarborSpec, layouts
@@ -91,12 +92,33 @@ def build_worlds(scenario: Scenario, base_dir: Path) -> tuple[World, ...]:
 @shared(lambda world: world.lidar.table_bytes)
 def _world(spec: HarborSpec, base_dir: Path, hull: Hull, lidar: RangeSensorSpec) -> World:
     harbor = build_harbor(spec, base_dir)
+    with Guard(RANGE_SENSORS, lidar.kind):
+        sensor = lidar.build(harbor.triangles)
     return World(
         obstacles=collision_checker(harbor, hull),
-        lidar=lidar.build(harbor.triangles),
+        lidar=sensor,
         scene=cache(partial(build_scene, harbor, hull)),
         source=(spec, base_dir, hull, lidar),
     )
+
+
+def in_open_water(lidar: RangeSensor) -> World:
+    """Return a world without obstacles, with this range sensor."""
+    scene = Scene("open water", (), np.zeros((4, 2)), (0.0, 0.0, 50.0, 50.0))
+    return World(_NoObstacles(), lidar, lambda: scene)
+
+
+class _NoObstacles:
+    def collides(self, eta: Floats) -> Bools:
+        return np.zeros(len(eta), bool)
+
+    blocked = collides
+
+    def collided_part(self, eta: Floats) -> str | None:
+        return None
+
+    def clearance(self, eta: Floats) -> Floats:
+        return np.full(len(eta), 100.0)
 
 
 def prepare(worlds: Sequence[World]) -> None:

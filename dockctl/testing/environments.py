@@ -13,13 +13,12 @@ from gymnasium.vector import AutoresetMode
 from numpy.typing import NDArray
 
 from dockctl.agents.interface import Policy
-from dockctl.drawing.scene import Scene
 from dockctl.envs.single import DockingEnv
 from dockctl.envs.vector import DockingVectorEnv
-from dockctl.geometry import Bools, Floats
+from dockctl.geometry import Floats
 from dockctl.scenarios.loader import dump
 from dockctl.scenarios.schema import Scenario
-from dockctl.sim.world import World, build_worlds, load_checked
+from dockctl.sim.world import World, build_worlds, in_open_water, load_checked
 
 SECTORS = 8  # of `open_water`
 
@@ -83,21 +82,7 @@ def check_policy(policy: Policy, env: DockingVectorEnv, *, steps: int = 40) -> N
 
 def open_water() -> World:
     """Return a world without obstacles in which all ranges are 100 m."""
-    scene = Scene("open water", (), np.zeros((4, 2)), (0.0, 0.0, 50.0, 50.0))
-    return World(_NoObstacles(), _NoReturns(), lambda: scene)
-
-
-class _NoObstacles:
-    def collides(self, eta: Floats) -> Bools:
-        return np.zeros(len(eta), bool)
-
-    blocked = collides
-
-    def collided_part(self, eta: Floats) -> str | None:
-        return None
-
-    def clearance(self, eta: Floats) -> Floats:
-        return np.full(len(eta), 100.0)
+    return in_open_water(_NoReturns())
 
 
 @dataclass(frozen=True)

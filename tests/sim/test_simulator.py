@@ -9,8 +9,6 @@ import numpy as np
 import pytest
 
 from dockctl.errors import DockctlError
-from dockctl.geometry import Floats
-from dockctl.scenarios.extensions import Disturbance
 from dockctl.scenarios.loader import load
 from dockctl.sim.simulator import Simulator
 from dockctl.sim.starts import Start, given_start, own_site
@@ -145,14 +143,3 @@ def test_a_sensor_that_returns_another_shape_is_reported() -> None:
     world = replace(walled(), lidar=Rings(sectors=3))
     with pytest.raises(DockctlError, check=lambda error: error.code == "plugin"):
         Simulator(S3, [world], 1).reset(np.arange(1), [start_at(23, -10, 90)])
-
-
-def test_a_current_of_another_shape_is_reported() -> None:
-    class Flow(Disturbance):
-        def water_velocity(self) -> Floats:
-            return np.zeros((1, 1))
-
-    sim = simulator(start_at(23, -10, 90))
-    sim.disturbances = [Flow()]
-    with pytest.raises(DockctlError, check=lambda error: error.code == "plugin"):
-        sim.step(IDLE)

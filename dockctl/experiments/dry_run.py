@@ -1,0 +1,101 @@
+"""A few steps through every registered part of a scenario, before anything is written."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from dockctl.agents.algorithms import AlgorithmSpec
+from dockctl.agents.interface import Algorithm, Spaces
+from dockctl.envs.vector import DockingVectorEnv
+from dockctl.errors import InputError
+from dockctl.plugins import (
+    ACTIONS,
+    ALGORITHMS,
+    CONDITIONS,
+    OBSERVATION_PARTS,
+    PACKAGE_ORIGIN,
+    RANGE_SENSORS,
+    REWARD_TERMS,
+    Guard,
+    PluginError,
+    Registry,
+)
+from dockctl.scenarios.base import FieldError
+from dockctl.scenarios.harbor import layouts
+from dockctl.scenarios.loader import LoadedScenario
+from dockctl.sim.world import in_open_water
+
+BOATS, STEPS = 4, 3
+WALL = np.array([[[10, -9, -1], [10, 9, -1], [10, 9, 6]], [[10, -9, -1], [10, 9, 6], [10, -9, 6]]], float)
+"""What the range sensor sees."""
+
+
+def dry_run(loaded: LoadedScenario) -> None:
+    """Step a few boats in open water: through starts, steps, each event, and the end of an episode.
+
+    The algorithm of a plugin is built, and acts once; those of dockctl take longer to import.
+
+    Raises:
+        InputError: the algorithm does not fit the scenario.
+        PluginError: a plugin failed, or returned a number that is not finite.
+    """
+    scenario = loaded.scenario
+    with Guard(RANGE_SENSORS, scenario.sensors.lidar.kind):
+        world = in_open_water(scenario.sensors.lidar.build(WALL))
+    worlds = [world] * len(layouts(scenario.harbor, scenario.task.berths))
+    env = DockingVectorEnv(loaded, BOATS, exploring=True, worlds=worlds)
+    env.action_space.seed(0)
+    env.reset(seed=0)
+    for _ in range(STEPS):
+        observation, _, _, _, info = env.step(env.action_space.sample())
+        _require_finite(ACTIONS, scenario.actions.kind, env.simulator.command)
+        for name, disturbance in zip(scenario.conditions, env.simulator.disturbances, strict=True):
+            _require_finite(CONDITIONS, scenario.conditions[name].kind, disturbance.water_velocity())
+        _require_finite(RANGE_SENSORS, scenario.sensors.lidar.kind, env.simulator.sector_ranges_m)
+        for part, values in zip(env.observation_parts, observation.T, strict=True):
+            _require_finite(OBSERVATION_PARTS, part, values)
+        _require_finite_terms(info["reward_terms"])
+        env.simulator.max_steps[:] = 1  # the next step ends all episodes
+    status = env.simulator.step(np.zeros((BOATS, 2)))
+    collided, intermediate, final = np.eye(3, BOATS, dtype=bool)
+    _, by_term = env.reward(
+        replace(status, collided=collided, reached_intermediate=intermediate, reached_final=final)
+    )
+    _require_finite_terms(by_term)
+    if ALGORITHMS.origin(scenario.training.algorithm.kind) != PACKAGE_ORIGIN:
+        algorithm = build_algorithm(loaded, Spaces.from_env(env), BOATS, "cpu")
+        with Guard(ALGORITHMS, scenario.training.algorithm.kind):
+            algorithm.act(observation, 0)
+
+
+def build_algorithm(loaded: LoadedScenario, spaces: Spaces, boats: int, device: str) -> Algorithm:
+    """Build the learning algorithm of a scenario.
+
+    Raises:
+        InputError: it does not fit the scenario.
+        DockctlError: it failed, or the device or a library is not available.
+    """
+    training = loaded.scenario.training.model_copy(update={"boats": boats})
+    spec = training.algorithm
+    assert isinstance(spec, AlgorithmSpec)
+    with Guard(ALGORITHMS, spec.kind):
+        try:
+            return spec.build(spaces, training, device)
+        except FieldError as error:
+            problem = loaded.problem(error.field, error.message, error.code, error.suggestion)
+            raise InputError([problem]) from None
+
+
+def _require_finite_terms(by_term: dict[str, Any]) -> None:
+    for name, values in by_term.items():
+        _require_finite(REWARD_TERMS, name, values)
+
+
+def _require_finite(registry: Registry[Any], name: str, values: ArrayLike) -> None:
+    if not np.isfinite(values).all():
+        entry = registry.get(name)
+        raise PluginError(f"{entry.origin}: {registry.noun} '{name}' is not finite{entry.place}")

@@ -1,0 +1,154 @@
+"""The dry run finds broken plugins in every registered part, at the line that failed, before a run folder."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import pytest
+
+from dockctl.experiments.dry_run import dry_run
+from dockctl.plugins import PluginError
+from dockctl.scenarios.loader import load
+from tests.commands.conftest import dockctl, quick_train
+
+TERM = "from dockctl.rewards.terms import reward_term\nimport numpy as np\n"
+PART = "from dockctl.envs.observation import Columns, observation_part\nimport numpy as np\n"
+KIND = """
+from typing import Literal
+import numpy as np
+from gymnasium.spaces import Discrete
+from dockctl.agents.algorithms import AlgorithmSpec
+from dockctl.plugins import ACTIONS, ALGORITHMS, CONDITIONS, RANGE_SENSORS
+from dockctl.scenarios.extensions import ActionType, Condition, Disturbance, RangeSensorSpec, register
+"""
+WORKING = {
+    "term": TERM + "@reward_term('mine', kind='{kind}')\ndef mine(status):\n    return {value}\n",
+    "part": PART + "@observation_part('mine')\ndef mine(view):\n    return Columns(['x'], {value}, 0, 1)\n",
+    "actions": KIND
+    + """
+@register(ACTIONS)
+class Mine(ActionType):
+    kind: Literal['mine'] = 'mine'
+    def describe(self): return ''
+    def space(self, vessel): return {space}
+    def commands(self, actions, vessel): return {commands}
+""",
+    "condition": KIND
+    + """
+class Water(Disturbance):
+    def reset(self, rows, rngs): {reset}
+    def water_velocity(self): return {velocity}
+@register(CONDITIONS, group='water')
+class Mine(Condition):
+    kind: Literal['mine'] = 'mine'
+    def build(self, num_boats): return {build}
+""",
+    "sensor": KIND
+    + """
+class Sensor:
+    table_bytes = 0
+    def points(self, pose): return np.empty((0, 3))
+    def sector_ranges(self, eta): return {ranges}
+@register(RANGE_SENSORS)
+class Mine(RangeSensorSpec):
+    kind: Literal['mine'] = 'mine'
+    def build(self, triangles): return {build}
+""",
+    "algorithm": KIND
+    + """
+class Learner:
+    def act(self, observation, env_steps): return {act}
+@register(ALGORITHMS)
+class Mine(AlgorithmSpec):
+    kind: Literal['mine'] = 'mine'
+    def build(self, spaces, training, device): return {build}
+    def load_policy(self, tensors, spaces, hidden_sizes): return None
+""",
+}
+GOOD = {
+    "term": {"kind": "dense", "value": "np.zeros(len(status.phase))"},
+    "part": {"value": "np.zeros((len(view.phase), 1))"},
+    "actions": {"space": "Discrete(3)", "commands": "np.zeros((len(actions), 2))"},
+    "condition": {"reset": "pass", "velocity": "0.0", "build": "Water()"},
+    "sensor": {"ranges": "np.ones((len(eta), 8))", "build": "Sensor()"},
+    "algorithm": {"act": "np.zeros(len(observation), int)", "build": "Learner()"},
+}
+SELECTED = {
+    "term": "reward.terms.mine=-1",
+    "part": "observation=[distance, mine]",
+    "actions": "actions={kind: mine}",
+    "condition": "conditions.mine={kind: mine}",
+    "sensor": "sensors.lidar={kind: mine}",
+    "algorithm": "training.algorithm={kind: mine}",
+}
+DEFINITION = {"term": "@reward_term", "part": "@observation_part"}
+FAULTS = [
+    ("term", {"value": "1 / 0"}, "1 / 0"),
+    (
+        "term",
+        {"kind": "collision", "value": "1 / 0 if status.collided.any() else np.zeros(4)"},
+        "1 / 0",
+    ),
+    (
+        "term",
+        {"kind": "final", "value": "1 / 0 if status.reached_final.any() else np.zeros(4)"},
+        "1 / 0",
+    ),
+    ("term", {"value": "None"}, None),
+    ("term", {"value": "np.full(len(status.phase), np.nan)"}, None),
+    ("term", {"value": "np.zeros((2, 2))"}, None),
+    ("part", {"value": "1 / 0"}, "1 / 0"),
+    ("part", {"value": "np.full((len(view.phase), 1), np.nan)"}, None),
+    ("part", {"value": "np.zeros((len(view.phase), 1 + (len(view.phase) > 2)))"}, None),
+    ("actions", {"space": "1 / 0"}, "1 / 0"),
+    ("actions", {"commands": "1 / 0"}, "1 / 0"),
+    ("actions", {"commands": "np.full((len(actions), 2), np.nan)"}, None),
+    ("actions", {"commands": "np.zeros(2)"}, None),
+    ("condition", {"build": "1 / 0"}, "1 / 0"),
+    ("condition", {"reset": "1 / 0"}, "1 / 0"),
+    ("condition", {"velocity": "1 / 0"}, "1 / 0"),
+    ("condition", {"velocity": "float('nan')"}, None),
+    ("condition", {"velocity": "np.zeros((1, 1))"}, None),
+    ("sensor", {"build": "1 / 0"}, "1 / 0"),
+    ("sensor", {"ranges": "1 / 0"}, "1 / 0"),
+    ("sensor", {"ranges": "np.full((len(eta), 8), np.nan)"}, None),
+    ("algorithm", {"build": "1 / 0"}, "1 / 0"),
+    ("algorithm", {"act": "1 / 0"}, "1 / 0"),
+]
+
+
+def plugin(path: Path, part: str, **changes: str) -> list[str]:
+    """Write a plugin that adds one part to scenario 1, and return its source by line."""
+    text = WORKING[part].format(**GOOD[part] | changes)
+    path.write_text(text)
+    return text.splitlines()
+
+
+@pytest.mark.parametrize("part", WORKING)
+def test_a_plugin_that_works_passes(part: str, tmp_path: Path) -> None:
+    plugin(tmp_path / "mine.py", part)
+    dry_run(load("s1", overrides=[SELECTED[part]], plugin_files=[tmp_path / "mine.py"]))
+
+
+@pytest.mark.parametrize(("part", "changes", "fault"), FAULTS)
+def test_a_fault_is_located(part: str, changes: dict[str, str], fault: str | None, tmp_path: Path) -> None:
+    """At the line that failed, or where the part is defined if its result cannot be used."""
+    path = tmp_path / "mine.py"
+    lines = plugin(path, part, **changes)
+    wanted = fault or DEFINITION.get(part, "@register")
+    (number,) = [i for i, line in enumerate(lines, start=1) if wanted in line]
+    loaded = load("s1", overrides=[SELECTED[part]], plugin_files=[path])
+    with pytest.raises(PluginError) as caught:
+        dry_run(loaded)
+    assert f"({path}:{number})" in str(caught.value)
+
+
+def test_validate_and_train_report_the_fault_and_leave_no_run_folder(tmp_path: Path) -> None:
+    path, runs = tmp_path / "mine.py", tmp_path / "runs"
+    plugin(path, "term", value="1 / 0")
+    selected = ("s1", "--set", SELECTED["term"], "--plugin", path)
+    for outcome in (dockctl("validate", *selected), quick_train(runs, *selected)):
+        assert outcome.code == 2
+        assert f"({path}:5)" in outcome.err
+        assert len(outcome.err.splitlines()) == 1
+    assert not runs.exists()
