@@ -53,16 +53,19 @@ def read_limited(path: Path, max_bytes: int) -> bytes:
             if not stat.S_ISREG(status.st_mode):
                 what = "a folder" if stat.S_ISDIR(status.st_mode) else "not a regular file"
                 raise DockctlError(f"is {what}", code="not_readable")
+            size = status.st_size
             with os.fdopen(file, "rb", closefd=False) as stream:
-                data = stream.read(max_bytes + 1) if status.st_size <= max_bytes else b""
+                data = stream.read(size + 1) if size <= max_bytes else b""
         finally:
             os.close(file)
     except (OSError, ValueError) as error:  # ValueError: a null byte in the path
         code: Code = "not_found" if isinstance(error, FileNotFoundError) else "not_readable"
         raise DockctlError(f"cannot be read: {getattr(error, 'strerror', error)}", code=code) from None
-    if max(status.st_size, len(data)) > max_bytes:
-        size = f"{max_bytes / 1e6:g} MB"
-        raise DockctlError(f"is larger than {size}, the limit of such a file", code="out_of_range")
+    if size > max_bytes:
+        message = f"is larger than {max_bytes / 1e6:g} MB, the limit of such a file"
+        raise DockctlError(message, code="out_of_range")
+    if len(data) > size:  # as files of the kernel do, whose size is 0
+        raise DockctlError("changes while it is read", code="not_readable")
     return data
 
 

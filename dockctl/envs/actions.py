@@ -31,8 +31,8 @@ class GridActions(ActionType):
     """
 
     kind: Literal["grid"] = "grid"
-    propeller_n: tuple[Number, ...] = Field(default=tuple(range(-50, 51, 10)), min_length=1)
-    rudder_deg: tuple[Number, ...] = Field(default=tuple(range(-30, 31, 10)), min_length=1)
+    propeller_n: tuple[Number, ...] = Field(default=tuple(range(-50, 51, 10)), min_length=1, max_length=1000)
+    rudder_deg: tuple[Number, ...] = Field(default=tuple(range(-30, 31, 10)), min_length=1, max_length=1000)
 
     def describe(self) -> str:
         forces, angles = self.propeller_n, self.rudder_deg

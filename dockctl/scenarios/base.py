@@ -4,13 +4,35 @@ from __future__ import annotations
 
 from typing import Annotated
 
-from pydantic import BaseModel, ConfigDict, Field, Strict
+from pydantic import AfterValidator, BaseModel, ConfigDict, Field, Strict
+from pydantic_core import PydanticKnownError
 
 from dockctl.errors import Code
 
-Number = Annotated[float, Strict(), Field(allow_inf_nan=False)]
-Positive = Annotated[float, Strict(), Field(allow_inf_nan=False, gt=0)]
-NonNegative = Annotated[float, Strict(), Field(allow_inf_nan=False, ge=0)]
+MAX_NUMBER = 1e12
+"""Greatest magnitude, and inverse of the least, of a number in SI units: products of several stay finite."""
+MAX_COORDINATE_M = 10_000.0
+"""A harbor is within 10 km of the origin: a number of single precision then resolves 1 mm."""
+
+
+def _bounded(value: float) -> float:
+    """Check the magnitude; as a validator, because a bound of a field would replace one of its type."""
+    if abs(value) > MAX_NUMBER:
+        raise PydanticKnownError("less_than_equal", {"le": MAX_NUMBER})
+    return value
+
+
+def _not_tiny(value: float) -> float:
+    if value < 1 / MAX_NUMBER:
+        raise PydanticKnownError("greater_than_equal", {"ge": 1 / MAX_NUMBER})
+    return value
+
+
+Number = Annotated[float, Strict(), Field(allow_inf_nan=False), AfterValidator(_bounded)]
+Positive = Annotated[Number, Field(gt=0), AfterValidator(_not_tiny)]
+NonNegative = Annotated[Number, Field(ge=0)]
+Coordinate = Annotated[Number, Field(ge=-MAX_COORDINATE_M, le=MAX_COORDINATE_M)]
+Length = Annotated[Positive, Field(le=MAX_COORDINATE_M)]
 Fraction = Annotated[float, Strict(), Field(allow_inf_nan=False, ge=0, le=1)]
 Count = Annotated[int, Strict(), Field(ge=1)]
 Flag = Annotated[bool, Strict()]
@@ -44,6 +66,6 @@ class FieldError(ValueError):
 class Pose(Model):
     """Planar pose in the world frame: meters, and degrees counterclockwise from +x."""
 
-    x_m: Number
-    y_m: Number
+    x_m: Coordinate
+    y_m: Coordinate
     heading_deg: Number

@@ -33,7 +33,7 @@ from dockctl import plugins
 from dockctl.errors import DockctlError
 from dockctl.geometry import Floats, Ints
 from dockctl.plugins import Registry
-from dockctl.scenarios.base import Count, FieldError, Model, Positive
+from dockctl.scenarios.base import Count, FieldError, Length, Model
 from dockctl.scenarios.vessel import Vessel
 
 if TYPE_CHECKING:
@@ -196,7 +196,7 @@ class RangeSensorSpec(Kind, ABC):
     Equal specs must have equal hashes, so use tuples for lists: the sensor is built once for each harbor.
     """
 
-    range_m: Positive = 100.0
+    range_m: Length = 100.0
     sectors: Sectors = 8
 
     @abstractmethod

@@ -8,7 +8,7 @@ from typing import Annotated, Literal, NamedTuple, Self, get_args
 from pydantic import Field, model_validator
 
 from dockctl.errors import nearest
-from dockctl.scenarios.base import Count, FieldError, Flag, Model, Number, Positive
+from dockctl.scenarios.base import Coordinate, Count, FieldError, Flag, Length, Model, Positive
 
 VESSEL_MODELS = Path(__file__).parents[1] / "sim" / "harbor" / "vessels"
 """Folder of the moored vessels' mesh files; the name of a model is the name of its file."""
@@ -18,17 +18,21 @@ DEFAULT_MODELS = (
 )  # fmt: skip
 """The models of the packaged harbors. They are listed, because another file must not change these harbors."""
 
+Places = Annotated[tuple[Coordinate, ...], Field(max_length=1000)]
+"""Coordinates along a quay [m]."""
 Side = Literal["east", "west", "north", "south"]
 BerthKind = Literal["trained", "held_out"]
+MAX_HARBORS = 32
+"""Copies of a harbor with other vacant berths, at about 0.25 GB each."""
 
 
 class Basin(Model):
     """Water area between the faces of the quays [m]."""
 
-    x_min_m: Number
-    x_max_m: Number
-    y_min_m: Number
-    y_max_m: Number
+    x_min_m: Coordinate
+    x_max_m: Coordinate
+    y_min_m: Coordinate
+    y_max_m: Coordinate
 
     @model_validator(mode="after")
     def _has_water(self) -> Self:
@@ -42,8 +46,8 @@ class Basin(Model):
 class _Row(Model):
     """Finger piers along one quay, with two berths between neighboring fingers."""
 
-    finger_length_m: Positive = 8.0
-    finger_width_m: Positive = 1.0
+    finger_length_m: Length = 8.0
+    finger_width_m: Length = 1.0
 
     @property
     def fingers(self) -> tuple[float, ...]:
@@ -83,18 +87,18 @@ class SideRow(_Row):
     """A row along the east or west quay; positions are y."""
 
     side: Literal["east", "west"]
-    finger_y_m: tuple[Number, ...] = Field(default=(), description="center lines of the fingers")
-    berth_y_m: tuple[Number, ...] = Field(min_length=1, description="center lines of the berths")
-    free_y_m: tuple[Number, ...] = Field(default=(), description="berths without a moored vessel")
+    finger_y_m: Places = Field(default=(), description="center lines of the fingers")
+    berth_y_m: Places = Field(min_length=1, description="center lines of the berths")
+    free_y_m: Places = Field(default=(), description="berths without a moored vessel")
 
 
 class EndRow(_Row):
     """A row along the north or south quay; positions are x."""
 
     side: Literal["north", "south"]
-    finger_x_m: tuple[Number, ...] = Field(default=(), description="center lines of the fingers")
-    berth_x_m: tuple[Number, ...] = Field(min_length=1, description="center lines of the berths")
-    free_x_m: tuple[Number, ...] = Field(default=(), description="berths without a moored vessel")
+    finger_x_m: Places = Field(default=(), description="center lines of the fingers")
+    berth_x_m: Places = Field(min_length=1, description="center lines of the berths")
+    free_x_m: Places = Field(default=(), description="berths without a moored vessel")
 
 
 PierRow = Annotated[SideRow | EndRow, Field(discriminator="side")]
@@ -112,7 +116,7 @@ class Fleet(Model):
     """
 
     seed: int = Field(default=0, ge=0, strict=True)
-    stern_gap_m: Positive = 0.7
+    stern_gap_m: Length = 0.7
     models: tuple[str, ...] = Field(default=DEFAULT_MODELS, min_length=1)
 
     @model_validator(mode="after")
@@ -131,7 +135,7 @@ class MeshFile(Model):
     path: str
     up: Literal["z", "y"] = Field(default="z", description="upward axis of the file; y in glTF")
     scale: Positive = 1.0
-    shift_m: tuple[Number, Number, Number] = (0.0, 0.0, 0.0)
+    shift_m: tuple[Coordinate, Coordinate, Coordinate] = (0.0, 0.0, 0.0)
 
 
 class Marina(Model):
@@ -140,7 +144,7 @@ class Marina(Model):
     kind: Literal["marina"]
     name: str = "marina"
     basin: Basin
-    rows: tuple[PierRow, ...] = Field(min_length=1)
+    rows: tuple[PierRow, ...] = Field(min_length=1, max_length=100)
     fleet: Fleet = Field(default_factory=Fleet)
     meshes: tuple[MeshFile, ...] = ()
 
@@ -166,10 +170,10 @@ class BerthPlace(NamedTuple):
 class BerthPlaces(Model):
     """Center lines of berths by quay [m]: y at the east and west quay, x at the north and south quay."""
 
-    east: tuple[Number, ...] = ()
-    west: tuple[Number, ...] = ()
-    north: tuple[Number, ...] = ()
-    south: tuple[Number, ...] = ()
+    east: Places = ()
+    west: Places = ()
+    north: Places = ()
+    south: Places = ()
 
     @property
     def places(self) -> tuple[BerthPlace, ...]:
@@ -193,6 +197,10 @@ class Berths(Model):
     def _are_disjoint(self) -> Self:
         if not self.trained.places:
             raise FieldError("trained", "expected at least one berth", "missing_key")
+        groups = sum(-(-len(self.places(kind)) // self.vacant) for kind in get_args(BerthKind))
+        if groups > MAX_HARBORS:
+            message = f"{self.vacant} vacant berths at a time need {groups} harbors, at most {MAX_HARBORS}"
+            raise FieldError("vacant", message, "out_of_range")
         if common := set(self.trained.places) & set(self.held_out.places):
             side, at = min(common)
             raise FieldError("held_out", f"the {side} berth at {at:g} is also in trained", "duplicate")

@@ -9,7 +9,17 @@ from pydantic import Field, ValidationError, field_validator, model_validator
 
 from dockctl.errors import DockctlError
 from dockctl.plugins import ACTIONS, CONDITIONS, RANGE_SENSORS
-from dockctl.scenarios.base import Count, FieldError, Model, Name, NonNegative, Number, Pose, Positive
+from dockctl.scenarios.base import (
+    MAX_COORDINATE_M,
+    Count,
+    FieldError,
+    Model,
+    Name,
+    NonNegative,
+    Number,
+    Pose,
+    Positive,
+)
 from dockctl.scenarios.extensions import ActionType, Condition, Kinds, RangeSensorSpec, Sectors
 from dockctl.scenarios.harbor import Berths, HarborSpec, missing_berth
 from dockctl.scenarios.training import Evaluation, Training
@@ -19,7 +29,7 @@ from dockctl.scenarios.vessel import Vessel
 class SpreadPose(Pose):
     """A pose; in training it is drawn within +- position_offset_m in x and y, and +- heading_offset_deg."""
 
-    position_offset_m: NonNegative = 0.0
+    position_offset_m: Annotated[NonNegative, Field(le=MAX_COORDINATE_M)] = 0.0
     heading_offset_deg: NonNegative = 0.0
 
 

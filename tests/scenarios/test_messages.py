@@ -96,6 +96,41 @@ WRONG: dict[str, tuple[str, list[str]]] = {
         "actions: {propeller_n: [-60, 60]}\n",
         ["2:24 actions.propeller_n mismatch"],
     ),
+    "a pose beyond ten kilometers": (
+        "task: {final: {x_m: 1e9}}\n",
+        ["2:21 task.final.x_m out_of_range"],
+    ),
+    "a finger pier beyond ten kilometers": (
+        "harbor:\n  rows:\n    - {side: east, berth_y_m: [0], finger_y_m: [1, 1e9]}\n",
+        ["4:52 harbor.rows.0.finger_y_m.1 out_of_range"],
+    ),
+    "a LiDAR that is not on the boat": (
+        "sensors: {lidar: {mounts: [{pitch_deg: 0, yaw_deg: 0, x_m: 1e9, y_m: 21, z_m: 3}]}}\n",
+        [
+            "2:60 sensors.lidar.mounts.0.x_m out_of_range",
+            "2:70 sensors.lidar.mounts.0.y_m out_of_range",
+        ],
+    ),
+    "more rays than fit into memory": (
+        "sensors:\n  lidar: {azimuth_steps: 50000, channels: 16}\n",
+        ["3:26 sensors.lidar.azimuth_steps out_of_range"],
+    ),
+    "a range beyond ten kilometers": (
+        "sensors: {lidar: {kind: planar, range_m: 1e9}}\n",
+        ["2:42 sensors.lidar.range_m out_of_range"],
+    ),
+    "more actions than fit into memory": (
+        f"actions: {{rudder_deg: {[0] * 1001}}}\n",
+        ["2:23 actions.rudder_deg out_of_range"],
+    ),
+    "more harbors than fit into memory": (
+        f"task: {{berths: {{trained: {{east: {[*range(33)]}}}, vacant: 1}}}}\n",
+        ["2:166 task.berths.vacant out_of_range"],
+    ),
+    "numbers without a meaning in SI units": (
+        "reward: {distance_unit_m: 1e-13, terms: {final: 1e13}}\n",
+        ["2:27 reward.distance_unit_m out_of_range", "2:49 reward.terms.final.weight out_of_range"],
+    ),
     "an impossible vessel": ("vessel: {X_udot_kg: 200}\n", ["2:9 vessel invalid"]),
     "unknown reward term": (
         "reward:\n  terms:\n    distence: -1\n",

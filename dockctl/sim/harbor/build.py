@@ -16,11 +16,12 @@ from numpy.typing import NDArray
 
 from dockctl.compute import shared
 from dockctl.drawing.scene import Polygon, Scene
-from dockctl.errors import DockctlError, InputError, Problem
+from dockctl.errors import Code, InputError, Problem
 from dockctl.geometry import Floats
 from dockctl.scenarios.harbor import Basin, BerthPlace, EndRow, Fleet, HarborSpec, Marina, Side, SideRow
 from dockctl.scenarios.vessel import Hull
 from dockctl.sim.harbor.mesh_files import MooredModel, load_bodies, moored_model
+from dockctl.sim.harbor.mesh_size import MAX_TRIANGLES
 from dockctl.sim.harbor.solids import Solid, box, hull_outline, joined, outlines, tube
 
 PartKind = Literal["quay", "finger", "pile", "vessel", "mesh"]
@@ -108,8 +109,7 @@ def build_harbor(spec: HarborSpec, base_dir: Path) -> Harbor:
     """Return the harbor of `spec`, from a cache; paths of mesh files are relative to `base_dir`.
 
     Raises:
-        InputError: mesh files are missing, unreadable, empty or damaged; it lists all of them.
-        DockctlError: no model of the fleet fits an occupied berth.
+        InputError: everything that is wrong: mesh files, berths that no model of the fleet fits, the size.
     """
     # Without mesh files the result does not depend on the folder.
     return _build(spec, base_dir if spec.meshes else Path())
@@ -117,30 +117,49 @@ def build_harbor(spec: HarborSpec, base_dir: Path) -> Harbor:
 
 @shared(lambda harbor: 3 * harbor.triangles.nbytes)  # the triangles, and the meshes of the parts
 def _build(spec: HarborSpec, base_dir: Path) -> Harbor:
-    parts: list[Part] = []
-    berths: list[Berth] = []
     basin = None
+    berths: list[Berth] = []
     problems: list[Problem] = []
     if isinstance(spec, Marina):
         water = spec.basin
         basin = (water.x_min_m, water.y_min_m, water.x_max_m, water.y_max_m)
-        parts += _quays(spec)
-        for row in spec.rows:
-            parts += _fingers(row, water)
         berths = list(_berths(spec))
-        problems += _model_problems(spec.fleet)
-        if not problems:
-            parts += _moored(spec, berths)
+    parts: list[Part] = []
+    triangles = 0
+    for part in _parts(spec, berths, base_dir, problems):
+        parts.append(part)
+        triangles += sum(len(solid.mesh.faces) for solid in part.solids)
+        if triangles > MAX_TRIANGLES:
+            message = f"has more than {MAX_TRIANGLES:,} triangles, which fit into memory; make it smaller"
+            raise InputError([*problems, _problem(spec, "harbor", message, "out_of_range")])
+    if problems:
+        raise InputError(problems)
+    return assemble(spec.name, parts, berths, basin)
+
+
+def _parts(
+    spec: HarborSpec, berths: Sequence[Berth], base_dir: Path, problems: list[Problem]
+) -> Iterator[Part]:
+    """Yield the parts of a harbor, and add the reasons for what is missing to `problems`."""
+    if isinstance(spec, Marina):
+        yield from _quays(spec)
+        for row in spec.rows:
+            yield from _fingers(row, spec.basin)
+        flaws = list(_model_problems(spec.fleet))
+        problems += flaws
+        if not flaws:
+            yield from _moored(spec, berths, problems)
     for index, file in enumerate(spec.meshes):
         try:
             bodies = load_bodies(file, base_dir, f"harbor.meshes.{index}.path")
         except InputError as error:
             problems += error.problems
         else:
-            parts.append(Part(Path(file.path).name, "mesh", tuple(Solid("mesh", body) for body in bodies)))
-    if problems:
-        raise InputError(problems)
-    return assemble(spec.name, parts, berths, basin)
+            yield Part(Path(file.path).name, "mesh", tuple(Solid("mesh", body) for body in bodies))
+
+
+def _problem(spec: HarborSpec, field: str, message: str, code: Code) -> Problem:
+    return Problem(f"harbor '{spec.name}'", 0, 0, field, message, code)
 
 
 def assemble(
@@ -232,26 +251,27 @@ def berth_pose(spec: Marina, place: BerthPlace) -> tuple[float, float, float]:
     return QuayFrame.at_quay(place.side, spec.basin, place.at_m, gap=BERTH_POSE_GAP_M).pose
 
 
-def _moored(spec: Marina, berths: Sequence[Berth]) -> Iterator[Part]:
-    """Yield one vessel per occupied berth.
+def _moored(spec: Marina, berths: Sequence[Berth], problems: list[Problem]) -> Iterator[Part]:
+    """Yield one vessel per occupied berth, and add the berths that are too narrow to `problems`.
 
     A model is drawn for a free berth, too, so that freeing a berth does not change the other vessels.
     """
     rng = np.random.Generator(np.random.PCG64(spec.fleet.seed))
-    slots = [(row, at) for row in spec.rows for at in row.berths]
+    slots = [(i, j, row, at) for i, row in enumerate(spec.rows) for j, at in enumerate(row.berths)]
     pool: list[str] = []
-    for (row, at), berth in zip(slots, berths, strict=True):
+    for (i, j, row, at), berth in zip(slots, berths, strict=True):
         width = _berth_width(row, at, spec.basin) - SIDE_CLEARANCE_M
         model = _draw(pool, spec.fleet.models, width, rng)
         if not berth.occupied:
             continue
         if model is None:
             narrowest = min(moored_model(name).beam_m for name in spec.fleet.models)
-            raise DockctlError(
-                f"harbor '{spec.name}': the {berth.name} has space for a beam of {width:.2f} m, but the "
-                f"narrowest model of the fleet has {narrowest:.2f} m; make the berth wider or free",
-                code="mismatch",
+            message = (
+                f"the {berth.name} has space for a beam of {width:.2f} m, but the narrowest model of the"
+                f" fleet has {narrowest:.2f} m; make the berth wider or free"
             )
+            problems.append(_problem(spec, f"harbor.rows.{i}.berth_{row.axis}_m.{j}", message, "mismatch"))
+            continue
         frame = QuayFrame.at_quay(row.side, spec.basin, at, gap=spec.fleet.stern_gap_m)
         name = f"moored {model.vessel_class}, {berth.name}"
         yield Part(name, "vessel", tuple(map(frame.to_world, model.solids)))

@@ -8,9 +8,9 @@ the order of their numbers, and the kinds are those of `dockctl.drawing.palette.
 
 from __future__ import annotations
 
-import math
 from dataclasses import dataclass
 from functools import cache, cached_property
+from io import BytesIO
 from itertools import pairwise
 from pathlib import Path
 
@@ -19,23 +19,39 @@ import trimesh
 from scipy.sparse import coo_array
 from scipy.sparse.csgraph import connected_components
 
-from dockctl.errors import Code, InputError, Problem
+from dockctl.errors import Code, DockctlError, InputError, Problem
+from dockctl.reading import read_limited
+from dockctl.scenarios.base import MAX_COORDINATE_M
 from dockctl.scenarios.harbor import VESSEL_MODELS, MeshFile, is_model_file
+from dockctl.sim.harbor.mesh_size import MAX_FILE_BYTES, MAX_TRIANGLES, declared_triangles
 from dockctl.sim.harbor.solids import Solid, joined
 
 SUFFIXES = (".glb", ".obj", ".stl", ".ply")
+MAX_BODIES = 100_000
+"""Connected bodies of a mesh file, at 5 kB each."""
+MAX_MODEL_BYTES = 10_000_000
+"""Size of the file of a vessel model; the packaged ones have up to 0.2 MB."""
 
 
 def load_bodies(file: MeshFile, base_dir: Path, field: str) -> list[trimesh.Trimesh]:
     """Read a mesh file into the world frame, z up [m], and split it into connected bodies.
 
+    No other file is opened: materials and textures are not used.
+
     Raises:
-        InputError: the file is missing, unreadable, empty or damaged, as a problem of `field`.
+        InputError: the file is missing, unreadable, empty, damaged or too large, as a problem of `field`.
     """
     path = base_dir / file.path
-    _check_file(path, field)
+    suffix = path.suffix.lower()
+    if suffix not in SUFFIXES:
+        raise _error(path, field, f"unknown type of mesh file; known are {', '.join(SUFFIXES)}")
+    data = _read(path, MAX_FILE_BYTES, field)
     try:
-        mesh = trimesh.load_mesh(path, process=False)
+        _require_few(declared_triangles(data, suffix), path, field)
+        # A stream instead of a path: the reader cannot open files that this one refers to.
+        mesh = trimesh.load_mesh(BytesIO(data), suffix[1:], process=False, skip_materials=True)
+    except InputError:
+        raise
     except Exception as error:  # the readers of trimesh raise many types
         reason = f" ({error})" if isinstance(error, ValueError) else ""  # others mean nothing to the user
         raise _error(path, field, f"damaged, or not a {path.suffix[1:].upper()} file{reason}") from error
@@ -44,11 +60,30 @@ def load_bodies(file: MeshFile, base_dir: Path, field: str) -> list[trimesh.Trim
     if file.up == "y":
         vertices = np.stack((vertices[:, 0], -vertices[:, 2], vertices[:, 1]), axis=1)
     merged = trimesh.Trimesh(vertices * file.scale + file.shift_m, mesh.faces, process=False)
+    if not np.abs(merged.vertices).max() <= MAX_COORDINATE_M:
+        message = f"extends beyond {MAX_COORDINATE_M:,.0f} m after scale and shift_m"
+        raise _error(path, field, message, "out_of_range")
     merged.merge_vertices(merge_tex=True, merge_norm=True)
-    return _bodies(merged)
+    return _bodies(merged, path, field)
 
 
-def _bodies(mesh: trimesh.Trimesh) -> list[trimesh.Trimesh]:
+def _read(path: Path, max_bytes: int, field: str) -> bytes:
+    try:
+        data = read_limited(path, max_bytes)
+    except DockctlError as error:
+        raise _error(path, field, error.message, error.code) from None
+    if not data:
+        raise _error(path, field, "the file is empty")
+    return data
+
+
+def _require_few(triangles: int, path: Path, field: str) -> None:
+    if triangles > MAX_TRIANGLES:
+        message = f"has {triangles:,} triangles, at most {MAX_TRIANGLES:,} fit into memory; simplify it"
+        raise _error(path, field, message, "out_of_range")
+
+
+def _bodies(mesh: trimesh.Trimesh, path: Path, field: str) -> list[trimesh.Trimesh]:
     """Split a mesh into sets of faces that are connected by shared vertices."""
     faces = np.asarray(mesh.faces)
     edges = faces[:, [0, 1, 1, 2]].reshape(-1, 2)
@@ -57,32 +92,21 @@ def _bodies(mesh: trimesh.Trimesh) -> list[trimesh.Trimesh]:
     _, label = connected_components(graph, directed=False)
     body = label[faces[:, 0]]
     order = np.argsort(body, kind="stable")
-    groups = np.split(faces[order], np.flatnonzero(np.diff(body[order])) + 1)
+    ends = np.flatnonzero(np.diff(body[order])) + 1
+    if len(ends) >= MAX_BODIES:
+        message = f"has {len(ends) + 1:,} bodies that share no vertices, at most {MAX_BODIES:,}; merge them"
+        raise _error(path, field, message, "out_of_range")
+    groups = np.split(faces[order], ends)
     corners = [np.unique(group, return_inverse=True) for group in groups]
     return [
         trimesh.Trimesh(mesh.vertices[used], index.reshape(-1, 3), process=False) for used, index in corners
     ]
 
 
-def _check_file(path: Path, field: str) -> None:
-    if path.suffix.lower() not in SUFFIXES:
-        raise _error(path, field, f"unknown type of mesh file; known are {', '.join(SUFFIXES)}")
-    if not path.exists():
-        raise _error(path, field, "mesh file not found", "not_found")
-    if not path.is_file():
-        raise _error(path, field, "a folder, not a mesh file")
-    try:
-        with path.open("rb") as stream:
-            empty = not stream.read(1)
-    except OSError as error:
-        raise _error(path, field, f"cannot be opened: {error.strerror}") from None
-    if empty:
-        raise _error(path, field, "the file is empty")
-
-
 def _check_mesh(mesh: trimesh.Trimesh, path: Path, field: str) -> None:
     if len(mesh.faces) == 0:
         raise _error(path, field, "contains no triangles")
+    _require_few(len(mesh.faces), path, field)
     if mesh.faces.min() < 0 or mesh.faces.max() >= len(mesh.vertices):
         raise _error(path, field, f"contains a triangle with a vertex beyond the last, {len(mesh.vertices)}")
     if not np.isfinite(mesh.vertices).all():
@@ -132,11 +156,9 @@ def read_model(path: Path) -> MooredModel:
         InputError: the file cannot be read, a line is not valid, or there is no object with triangles.
     """
     try:
-        lines = path.read_text(encoding="utf-8").splitlines()
-    except (OSError, UnicodeDecodeError) as error:
-        reason = f"cannot be read: {getattr(error, 'strerror', None) or error}"
-        code: Code = "not_found" if isinstance(error, FileNotFoundError) else "not_readable"
-        raise _error(path, "", reason, code) from None
+        lines = _read(path, MAX_MODEL_BYTES, "").decode().splitlines()
+    except UnicodeDecodeError as error:
+        raise _error(path, "", f"is not UTF-8 text: {error}") from None
     vertices: list[list[float]] = []
     objects: dict[str, list[list[int]]] = {}
     faces: list[list[int]] = []
@@ -147,7 +169,7 @@ def read_model(path: Path) -> MooredModel:
                 faces = objects[words[0]] = []
             elif keyword == "v":
                 x, y, z = map(float, words[:3])
-                if not math.isfinite(x + y + z):
+                if not all(abs(number) <= MAX_COORDINATE_M for number in (x, y, z)):
                     raise ValueError(line)
                 vertices.append([x, y, z])
             elif keyword == "f":

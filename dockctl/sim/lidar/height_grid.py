@@ -14,6 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dockctl.compute import compiled
+from dockctl.errors import DockctlError
 from dockctl.geometry import Floats
 from dockctl.sim.lidar.raycast import MISS, compiled_bare, corner_and_edges, hit_triangle
 
@@ -25,6 +26,8 @@ Line = tuple[float, float, float, float, float, float]
 
 FINEST_CELL_M = 0.1
 MAX_CELLS = 4_000_000
+MAX_MEMBERS = 100_000_000
+"""Triangles of all cells, at 6 bytes each."""
 # Radii of the levels, in cells: these, then 4, 5, 6 times 2, 4, 8 ... on cells as much larger.
 FINE_REACHES = (1, 2, 3, 4, 5, 6)
 COARSE_REACHES = (4, 5, 6)
@@ -86,6 +89,13 @@ class HeightGrid(NamedTuple):
         low, high = corners.min(axis=0) - margin, corners.max(axis=0) + margin
         cell = max(FINEST_CELL_M, math.sqrt(float(np.prod(high - low)) / MAX_CELLS))
         nx, ny = (math.ceil(side / cell) for side in high - low)
+        touched = (np.ptp(above[:, :, :2], axis=1) // cell + 2).prod(axis=1).sum()
+        if touched > MAX_MEMBERS:
+            raise DockctlError(
+                f"harbor: its triangles overlap in plan view: they cover {touched:,.0f} cells of {cell:.2g} m"
+                f" of the LiDAR's grid, at most {MAX_MEMBERS:,}; simplify its meshes",
+                code="out_of_range",
+            )
         frame = np.array([low[0], low[1], cell])
         counts = np.zeros(nx * ny + 1, np.int32)
         bands = np.zeros((ny, nx), np.int64)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from functools import cached_property
-from typing import TYPE_CHECKING, Literal
+from typing import TYPE_CHECKING, Annotated, Literal
 
 import numpy as np
 from numpy.typing import NDArray
@@ -14,6 +14,7 @@ from dockctl.geometry import Floats, sector_index
 from dockctl.plugins import RANGE_SENSORS
 from dockctl.scenarios.base import Count, NonNegative
 from dockctl.scenarios.extensions import RangeSensor, RangeSensorSpec, register
+from dockctl.sim.lidar.spinning import MAX_ARM_M
 
 if TYPE_CHECKING:
     from dockctl.sim.lidar.raycast import BoundingVolumes
@@ -26,7 +27,7 @@ class PlanarScanner(RangeSensorSpec):
     """One horizontal circle of rays at height `z_m`; ray 0 points ahead, then counterclockwise."""
 
     kind: Literal["planar"] = "planar"
-    z_m: NonNegative = 1.0
+    z_m: Annotated[NonNegative, Field(le=MAX_ARM_M)] = 1.0
     rays: Count = Field(default=720, le=50_000)
 
     def build(self, triangles: Floats) -> RangeSensor:

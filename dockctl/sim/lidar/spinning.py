@@ -2,14 +2,20 @@
 
 from __future__ import annotations
 
-from typing import Literal
+from typing import Annotated, Literal, Self
 
-from pydantic import Field
+from pydantic import Field, model_validator
 
 from dockctl.geometry import Floats
 from dockctl.plugins import RANGE_SENSORS
-from dockctl.scenarios.base import Count, Model, NonNegative, Number
+from dockctl.scenarios.base import Count, FieldError, Model, NonNegative, Number
 from dockctl.scenarios.extensions import RangeSensor, RangeSensorSpec, register
+
+MAX_ARM_M = 20.0
+"""A LiDAR is on the boat; the tables of a scan grow with the square of its distance from the origin."""
+MAX_RAYS = 2_000_000
+"""Rays of a scan: 0.6 GB while their tables are built."""
+Arm = Annotated[Number, Field(ge=-MAX_ARM_M, le=MAX_ARM_M)]
 
 
 class LidarMount(Model):
@@ -21,9 +27,9 @@ class LidarMount(Model):
     roll_deg: Number = 0.0
     pitch_deg: Number
     yaw_deg: Number
-    x_m: Number
-    y_m: Number
-    z_m: NonNegative
+    x_m: Arm
+    y_m: Arm
+    z_m: Annotated[NonNegative, Field(le=MAX_ARM_M)]
 
 
 THESIS_MOUNTS = (
@@ -46,6 +52,18 @@ class SpinningLidars(RangeSensorSpec):
         default=1800, le=50_000, description="firings per revolution; 1800: every 0.2°"
     )
     mounts: tuple[LidarMount, ...] = Field(default=THESIS_MOUNTS, min_length=1, max_length=64)
+
+    @model_validator(mode="after")
+    def _few_rays(self) -> Self:
+        if self.rays > MAX_RAYS:
+            message = f"{self.rays:,} rays of mounts x channels x azimuth_steps, at most {MAX_RAYS:,}"
+            raise FieldError("azimuth_steps", message, "out_of_range")
+        return self
+
+    @property
+    def rays(self) -> int:
+        """Rays of a scan."""
+        return len(self.mounts) * self.channels * self.azimuth_steps
 
     def build(self, triangles: Floats) -> RangeSensor:
         from dockctl.sim.lidar.spinning_sensor import (

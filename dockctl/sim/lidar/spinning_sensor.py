@@ -109,8 +109,7 @@ class SpinningSensor:
         """Memory of the tables [bytes], from the number of rays and the extent of the harbor."""
         extent = np.ptp(self.triangles[:, :, :2], axis=(0, 1))
         cells = min(np.prod(extent + GRID_MARGIN_M) / FINEST_CELL_M**2, MAX_CELLS)
-        rays = len(self.spec.mounts) * self.spec.channels * self.spec.azimuth_steps
-        return RAY_BYTES * rays + CELL_BYTES * int(cells)
+        return RAY_BYTES * self.spec.rays + CELL_BYTES * int(cells)
 
     @property
     def _tables(self) -> Tables:

@@ -17,14 +17,15 @@ from pydantic import TypeAdapter, ValidationError
 
 from dockctl.drawing.palette import SOLIDS
 from dockctl.drawing.scene import Scene
-from dockctl.errors import DockctlError, InputError
+from dockctl.errors import InputError
 from dockctl.scenarios.base import Pose
 from dockctl.scenarios.harbor import HarborSpec, Marina, MeshFile, MeshHarbor
 from dockctl.scenarios.vessel import Hull
 from dockctl.sim.collision import CollisionChecker
+from dockctl.sim.harbor import build
 from dockctl.sim.harbor.build import Harbor, Part, assemble, build_harbor, build_scene
 from dockctl.sim.harbor.solids import Solid, box, hull_outline
-from dockctl.sim.world import PoseCheck
+from dockctl.sim.world import PoseCheck, load_checked
 from tests.sim.harbor.harbors import reference_harbor, reference_spec
 
 HULL = Hull()
@@ -219,13 +220,39 @@ def test_a_narrow_berth_gets_a_narrow_vessel() -> None:
     assert vessel.mesh.extents[1] <= 2.2 - 0.3
 
 
-def test_berth_too_narrow_for_every_vessel_is_rejected() -> None:
-    rows = [{"side": "east", "finger_y_m": (-1.0, 1.0), "berth_y_m": (0.0,)}]
-    with pytest.raises(DockctlError, match="east berth y=0") as error:
-        build_harbor(marina(rows=rows), Path())
-    assert error.value.code == "mismatch"
-    freed = build_harbor(marina(rows=[{**rows[0], "free_y_m": (0.0,)}]), Path())
-    assert parts(freed, "vessel") == []
+def test_berths_too_narrow_for_every_vessel_are_rejected(tmp_path: Path) -> None:
+    """Each in its place, together with a mesh that does not exist."""
+    file = tmp_path / "x.yaml"
+    file.write_text(
+        "extends: s1\n"
+        "harbor:\n"
+        "  meshes: [{path: gone.stl}]\n"
+        "  rows:\n"
+        "    - {side: east, finger_y_m: [-1, 1, 9, 11], berth_y_m: [0, 5, 10]}\n"
+    )
+    with pytest.raises(InputError) as caught:
+        load_checked(file)
+    found = sorted((p.line, p.column, p.field, p.code) for p in caught.value.problems)
+    assert found == [
+        (3, 19, "harbor.meshes.0.path", "not_found"),
+        (5, 60, "harbor.rows.0.berth_y_m.0", "mismatch"),
+        (5, 66, "harbor.rows.0.berth_y_m.2", "mismatch"),
+    ]
+    rows = [{"side": "east", "finger_y_m": (-1.0, 1.0), "berth_y_m": (0.0,), "free_y_m": (0.0,)}]
+    assert parts(build_harbor(marina(rows=rows), Path()), "vessel") == []
+
+
+def test_a_harbor_fits_into_memory(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    triangles = len(build_harbor(reference_spec(), Path()).triangles)
+    file = tmp_path / "x.yaml"
+    file.write_text("extends: s1\n\nharbor: {name: small}\n")
+    monkeypatch.setattr(build, "MAX_TRIANGLES", triangles)
+    load_checked(file)
+    monkeypatch.setattr(build, "MAX_TRIANGLES", triangles - 1)
+    file.write_text("extends: s1\n\nharbor: {name: large}\n")
+    with pytest.raises(InputError) as caught:
+        load_checked(file)
+    assert [(p.line, p.field, p.code) for p in caught.value.problems] == [(3, "harbor", "out_of_range")]
 
 
 def test_an_unknown_free_berth_is_rejected() -> None:

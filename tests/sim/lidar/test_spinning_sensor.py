@@ -10,7 +10,9 @@ import trimesh
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from dockctl.errors import DockctlError
 from dockctl.scenarios.loader import load
+from dockctl.sim.lidar import height_grid
 from dockctl.sim.lidar import spinning_sensor as lidar_module
 from dockctl.sim.lidar.height_grid import HeightGrid, band_at, bands_near, bits, distance_at
 from dockctl.sim.lidar.raycast import BoundingVolumes, closest_hits
@@ -253,3 +255,12 @@ def test_bands_are_contiguous_bits_that_grow_with_the_interval(low: float, size:
     assert bits(first, band_at(low + 2 * size)) & bands == bands
     lowest_bit = bands & -bands
     assert (bands + lowest_bit) & bands == 0  # no gap
+
+
+def test_a_grid_of_many_overlapping_triangles_is_refused(monkeypatch: pytest.MonkeyPatch) -> None:
+    """One square meter is in 10 x 10 cells, and on the edges of more."""
+    square = np.array([[(0, 0, 1), (1, 0, 1), (0, 1, 1)]], float)
+    monkeypatch.setattr(height_grid, "MAX_MEMBERS", 1000)
+    HeightGrid.build(np.repeat(square, 5, axis=0), 1.0)
+    with pytest.raises(DockctlError, check=lambda error: error.code == "out_of_range"):
+        HeightGrid.build(np.repeat(square, 11, axis=0), 1.0)
