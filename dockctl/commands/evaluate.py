@@ -72,6 +72,7 @@ def evaluate(
     Example: dockctl evaluate --ckpt runs/s3/20250101-120000-seed0 --episodes 200 --min-success 0.9
     """
     from dockctl.evaluation import evaluate as run
+    from dockctl.sim.starts import UNREACHABLE
 
     given = select_policy(ckpt, policy, plugin, trust)
     for path, suffix in ((json_, ".json"), (csv, ".csv")):
@@ -97,6 +98,11 @@ def evaluate(
     if "pose" in result.groups:
         console.print(_episode_table(result))
     console.print(_summary_table(result))
+    if result.rejected_draws:
+        note = (
+            f"{result.rejected_draws} poses drawn for the random starts {UNREACHABLE}, and were drawn again"
+        )
+        print_text(Console(stderr=True), f"note: {note}")
     if min_success is not None and result.lowest_success < min_success:
         typer.secho(
             f"success {result.lowest_success:.0%} is below the required {min_success:.0%}", fg="red", err=True

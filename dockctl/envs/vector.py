@@ -107,9 +107,9 @@ class DockingVectorEnv(VectorEnv[Observations, NDArray[Any], NDArray[Any]]):
         self._trails: list[list[Floats]] = [[] for _ in range(num_envs)]
 
     def _make_sampler(self) -> StartSampler:
-        blocked = [world.obstacles.blocked for world in self.worlds]
-        trained = [site for site in free_sites(self.scenario, blocked) if site.kind != "held_out"]
-        return StartSampler(self.scenario, trained, blocked, exploring=self._exploring)
+        unreachable = [world.obstacles.unreachable for world in self.worlds]
+        trained = [site for site in free_sites(self.scenario, unreachable) if site.kind != "held_out"]
+        return StartSampler(self.scenario, trained, unreachable, exploring=self._exploring)
 
     def __getstate__(self) -> dict[str, Any]:
         return {name: value for name, value in vars(self).items() if name != "_sampler"}
@@ -133,8 +133,8 @@ class DockingVectorEnv(VectorEnv[Observations, NDArray[Any], NDArray[Any]]):
             observations (n, k) float32 and `info`, arrays of n rows.
 
         Raises:
-            DockctlError: a pose is not finite or is in an obstacle, or an option is unknown or of the wrong
-                shape.
+            DockctlError: a pose is not finite, is in an obstacle or is not connected by water with the final
+                pose; no start can be drawn; or an option is unknown or of the wrong shape.
         """
         options = options or {}
         for name in options:
@@ -147,13 +147,9 @@ class DockingVectorEnv(VectorEnv[Observations, NDArray[Any], NDArray[Any]]):
             message = f"options['reset_mask'] must be {self.num_envs} booleans, at least one of them true"
             raise DockctlError(message, code="mismatch")
         rows = np.flatnonzero(mask)
-        if "starts" in options:
-            if len(options["starts"]) != self.num_envs:
-                message = f"options['starts'] must be {self.num_envs} starts, one per boat"
-                raise DockctlError(message, code="mismatch")
-            starts = [options["starts"][row] for row in rows]
-        elif "poses" in options:
-            starts = self._given(rows, np.asarray(options["poses"], float))
+        if "starts" in options or "poses" in options:
+            starts = self._given(rows, options)
+            self._require_reachable(starts)
         else:
             starts = self._draw(rows)
         self._begin(rows, starts)
@@ -270,14 +266,26 @@ class DockingVectorEnv(VectorEnv[Observations, NDArray[Any], NDArray[Any]]):
     def _draw(self, rows: Ints) -> list[Start]:
         return [self._sampler.draw(self._rngs[row]) for row in rows]
 
-    def _given(self, rows: Ints, poses: Floats) -> list[Start]:
+    def _given(self, rows: Ints, options: dict[str, Any]) -> list[Start]:
+        """Return the starts of these rows that the options give."""
+        if "starts" in options:
+            if len(options["starts"]) != self.num_envs:
+                message = f"options['starts'] must be {self.num_envs} starts, one per boat"
+                raise DockctlError(message, code="mismatch")
+            return [options["starts"][row] for row in rows]
+        poses = np.asarray(options["poses"], float)
         if poses.shape != (self.num_envs, 3) or not np.isfinite(poses).all():
             message = f"options['poses'] must be finite numbers of shape ({self.num_envs}, 3)"
             raise DockctlError(message, code="mismatch")
-        blocked = self.worlds[self._own.harbor].obstacles.blocked
-        for x, y, heading in poses[rows][blocked(poses[rows])]:
-            raise DockctlError(f"the start pose ({x:g}, {y:g}, {np.degrees(heading):g}°) is in an obstacle")
         return [given_start(self._own, self.scenario.task, poses[row], int(row)) for row in rows]
+
+    def _require_reachable(self, starts: Sequence[Start]) -> None:
+        for start in starts:
+            obstacles, (x, y, heading) = self.worlds[start.harbor].obstacles, start.eta
+            if obstacles.unreachable(start.eta[None], start.goals[1])[0]:
+                blocked = obstacles.blocked(start.eta[None])[0]
+                reason = "in an obstacle" if blocked else "not connected by water with the final pose"
+                raise DockctlError(f"the start pose ({x:g}, {y:g}, {np.degrees(heading):g}°) is {reason}")
 
     def _begin(self, rows: Ints, starts: Sequence[Start]) -> None:
         self.simulator.reset(rows, starts, [self._rngs[row] for row in rows])

@@ -31,6 +31,7 @@ class Evaluation:
         is_transfer: whether the scenario differs from the policy's own.
         overrides: changed values of the scenario, ``key=value``.
         seed: of the random starts.
+        rejected_draws: unreachable poses that were drawn for the random starts, and drawn again.
         groups: episodes by kind of start, keys of `START_KEYS`.
     """
 
@@ -39,6 +40,7 @@ class Evaluation:
     is_transfer: bool
     overrides: tuple[str, ...]
     seed: int
+    rejected_draws: int
     groups: dict[str, list[Episode]]
 
     @property
@@ -94,6 +96,7 @@ class Evaluation:
             "scenario": self.scenario.name,
             "set": list(self.overrides),
             "random_seed": self.seed,
+            "rejected_draws": self.rejected_draws,
             **{START_KEYS[kind]: summary for kind, summary in self.summaries.items()},
             "episodes": self.rows(),
         }
@@ -138,5 +141,6 @@ def evaluate(
         is_transfer=scenario is not None and loaded_policy.is_transfer(loaded.scenario),
         overrides=tuple(overrides),
         seed=seed,
+        rejected_draws=sum(start.rejected for start in starts),
         groups={kind: [episode for episode in results if episode.start.kind == kind] for kind in kinds},
     )

@@ -137,7 +137,7 @@ def random_starts(
 ) -> list[Start]:
     """Draw free starts around the initial poses of the sites, within `evaluation.random_starts`.
 
-    Start i does not depend on the number of starts. If no draw is free, the start is the initial pose.
+    Start i does not depend on the number of starts.
 
     Args:
         scenario: the scenario.
@@ -147,6 +147,9 @@ def random_starts(
         seed: of the draws.
         kind: `Start.kind` of the starts.
         spread: also draw the intermediate pose, as in training.
+
+    Raises:
+        DockctlError: no pose around an initial pose is reachable.
     """
     around, task = scenario.evaluation.random_starts, scenario.task
     offsets = offset_limits(around.position_m, around.heading_deg)
@@ -154,12 +157,12 @@ def random_starts(
     for child in np.random.SeedSequence(seed).spawn(episodes):
         rng = np.random.default_rng(child)
         site = sites[int(rng.integers(len(sites)))]
-        blocked = worlds[site.harbor].obstacles.blocked
+        unreachable = worlds[site.harbor].obstacles.unreachable
         if spread:
-            site = draw_intermediate(site, task, rng, blocked)
+            site = draw_intermediate(site, task, rng, unreachable)
         index = int(rng.integers(len(site.initial)))
         start = given_start(site, task, site.initial[index], index, kind)
-        starts.append(with_offset(start, offsets, rng, blocked))
+        starts.append(with_offset(start, offsets, rng, unreachable, "evaluation.random_starts"))
     return starts
 
 
@@ -168,4 +171,4 @@ def _trained(scenario: Scenario, worlds: Sequence[World]) -> list[Site]:
 
 
 def _sites(scenario: Scenario, worlds: Sequence[World]) -> list[Site]:
-    return free_sites(scenario, [world.obstacles.blocked for world in worlds])
+    return free_sites(scenario, [world.obstacles.unreachable for world in worlds])

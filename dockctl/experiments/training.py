@@ -51,7 +51,7 @@ from dockctl.scenarios.content import mesh_files, with_paths
 from dockctl.scenarios.loader import LoadedScenario, dump
 from dockctl.scenarios.schema import PolicyInterface
 from dockctl.sim.starts import own_site
-from dockctl.sim.world import World, build_worlds, load_checked
+from dockctl.sim.world import World, build_worlds, load_checked, start_notes
 from dockctl.trust import file_digest, remember, text_digest
 
 
@@ -212,6 +212,8 @@ def _run(session: _Session, run: RunDirectory, console: Console, *, resumed: boo
     title = f"{scenario.name}, seed {training.seed}"
     print_text(console, f"{title}: {count(training.boats, 'boat')}; memory: {session.memory}")
     print_text(console, f"run folder: {run.path}")
+    for note in start_notes(loaded):
+        print_text(console, f"note: {note}", "yellow")
     card = PolicyCard.for_spaces(
         Spaces.from_env(session.environment),
         scenario=scenario.name,

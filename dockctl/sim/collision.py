@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Iterator, Sequence
-from functools import cache
+from functools import cache, cached_property
 
 import fcl
 import numpy as np
@@ -15,6 +15,7 @@ from dockctl.geometry import Bools, Floats, Ints, wrap
 from dockctl.scenarios.vessel import Hull
 from dockctl.sim.harbor.build import Harbor
 from dockctl.sim.harbor.solids import hull_mesh
+from dockctl.sim.harbor.waters import Waters, cross_section
 
 SIZE_BY_TRIANGLES = 8
 """Memory of a checker, relative to the array of the harbor's triangles; measured on the reference marina."""
@@ -28,7 +29,7 @@ class CollisionChecker:
     """
 
     def __init__(self, harbor: Harbor, hull: Hull) -> None:
-        self.harbor = harbor
+        self.harbor, self.hull = harbor, hull
         boat = hull_mesh(hull)
         self._hull = _bvh([boat])
         self._solids = fcl.CollisionObject(_bvh([part.mesh for part in harbor.parts]))
@@ -49,6 +50,15 @@ class CollisionChecker:
         poses = np.atleast_2d(eta)
         contained = np.maximum(self._interior.part_at(poses), self._inside_hull.part_in(poses))
         return self.collides(poses) | (contained >= 0)
+
+    def unreachable(self, eta: Floats, goal: Floats) -> Bools:
+        """Return whether poses are blocked or not connected by water with the goal (3,), (n, 3) to (n,)."""
+        region = self._waters.region(np.vstack([goal, eta]))
+        return np.asarray((region[1:] != region[0]) | self.blocked(eta))
+
+    @cached_property
+    def _waters(self) -> Waters:
+        return Waters(self.harbor.triangles, self.hull)
 
     def collided_part(self, eta: Floats) -> str | None:
         """Return the name of the part that blocks the pose (3,), or None."""
@@ -145,7 +155,7 @@ class _Interior:
     """Finds the part that contains a point at the height `z`, by winding numbers in a cross-section."""
 
     def __init__(self, bodies: Sequence[Body], z: float) -> None:
-        cuts = [_cut(mesh.triangles, z) for _, mesh in bodies]
+        cuts = [cross_section(mesh.triangles, z) for _, mesh in bodies]
         self._segments = np.concatenate([np.empty((0, 2, 2)), *cuts])
         self._body = np.repeat(np.arange(len(cuts)), [len(cut) for cut in cuts])
         self._part_of_body = np.array([*(part for part, _ in bodies), -1])
@@ -161,26 +171,6 @@ class _Interior:
         right = x0 + (y - y0) / (y1 - y0) * (x1 - x0) > x
         turns = np.bincount(self._body[crossed[right]], np.sign(y1 - y0)[right], minlength=1)
         return int(self._part_of_body[np.argmax(turns != 0) if turns.any() else -1])
-
-
-def _cut(triangles: Floats, z: float) -> Floats:
-    """Return the directed segments (k, 2, 2) in which (m, 3, 3) triangles intersect the plane at `z`.
-
-    A corner at `z` counts as above it, and both triangles of an edge interpolate from its lower to its upper
-    end: the segments of a closed mesh form closed chains, exactly.
-    """
-    above = triangles[:, :, 2] >= z
-    mixed = above.any(axis=1) & ~above.all(axis=1)
-    corners, above = triangles[mixed], above[mixed]
-    following, above_next = np.roll(corners, -1, axis=1), np.roll(above, -1, axis=1)
-    ends: list[Floats] = []
-    for rises in (above_next & ~above, above & ~above_next):
-        edge = rises.argmax(axis=1)
-        rows = np.arange(len(edge))
-        a, b = corners[rows, edge], following[rows, edge]
-        low, high = (a, b) if len(ends) == 0 else (b, a)
-        ends.append(low[:, :2] + ((z - low[:, 2]) / (high[:, 2] - low[:, 2]))[:, None] * (high - low)[:, :2])
-    return np.stack(ends, axis=1)
 
 
 class _InsideHull:

@@ -8,7 +8,7 @@ from typing import get_args
 
 import numpy as np
 
-from dockctl.errors import InputError, Problem
+from dockctl.errors import DockctlError, InputError, Problem
 from dockctl.geometry import Bools, Floats, pose_array, relocate_poses, wrap
 from dockctl.scenarios.harbor import BerthKind, BerthPlace, Marina, layouts
 from dockctl.scenarios.schema import Scenario, Task
@@ -16,11 +16,13 @@ from dockctl.scenarios.training import ExploringStarts
 from dockctl.sim.goal import TO_FINAL, TO_INTERMEDIATE, measure
 from dockctl.sim.harbor.build import berth_pose
 
-MAX_DRAWS = 100
+MAX_DRAWS = 1000
+TRIAL_DRAWS = 200
+UNREACHABLE = "are in an obstacle or not connected by water with the final pose"
 SAME_POSE = 1e-3
 """Poses that differ by less [m, rad] are equal."""
-Blocked = Callable[[Floats], Bools]
-"""Whether the boat at poses (n, 3) touches or is inside an obstacle, (n,)."""
+Unreachable = Callable[[Floats, Floats], Bools]
+"""Whether poses (n, 3) are blocked by an obstacle, or not connected by water with a goal (3,), (n,)."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -59,6 +61,7 @@ class Start:
         harbor: index of the harbor that the boat is in.
         berth: name of the berth; empty if the task is not relocated to berths.
         seed: of the random values of the conditions in this episode; None uses the generator of the boat.
+        rejected: unreachable poses that were drawn before this one.
     """
 
     eta: Floats
@@ -71,6 +74,7 @@ class Start:
     harbor: int = 0
     berth: str = ""
     seed: int | None = None
+    rejected: int = 0
 
 
 def own_site(scenario: Scenario) -> Site:
@@ -106,12 +110,12 @@ def sites(scenario: Scenario) -> list[Site]:
     ]
 
 
-def free_sites(scenario: Scenario, blocked: Sequence[Blocked]) -> list[Site]:
+def free_sites(scenario: Scenario, unreachable: Sequence[Unreachable]) -> list[Site]:
     """Return the sites whose poses are free: near the end of a quay, one side of a berth may be too narrow.
 
     Args:
         scenario: the scenario.
-        blocked: for each harbor, whether the boat is blocked.
+        unreachable: for each harbor.
 
     Raises:
         InputError: none of the trained berths, or none of the held-out berths, is free.
@@ -120,7 +124,9 @@ def free_sites(scenario: Scenario, blocked: Sequence[Blocked]) -> list[Site]:
     if berths is None:
         return every
     free = [
-        site for site in every if not blocked[site.harbor](np.concatenate([site.initial, site.goals])).any()
+        site
+        for site in every
+        if not unreachable[site.harbor](np.concatenate([site.initial, site.goals]), site.goals[1]).any()
     ]
     for kind in get_args(BerthKind):
         if berths.places(kind) and not any(site.kind == kind for site in free):
@@ -157,55 +163,58 @@ def given_start(site: Site, task: Task, pose: Floats, index: int, kind: str = "p
     )
 
 
-def initial_start(site: Site, task: Task, rng: np.random.Generator, blocked: Blocked) -> Start:
-    """Draw one of the initial poses and its offset; a blocked offset is drawn again."""
+def initial_start(site: Site, task: Task, rng: np.random.Generator, unreachable: Unreachable) -> Start:
+    """Draw one of the initial poses and its offset; an unreachable one is drawn again."""
     index = int(rng.integers(len(site.initial)))
     initial = task.initial[index]
     start = given_start(site, task, site.initial[index], index)
-    return with_offset(
-        start, offset_limits(initial.position_offset_m, initial.heading_offset_deg), rng, blocked
-    )
+    limits = offset_limits(initial.position_offset_m, initial.heading_offset_deg)
+    return with_offset(start, limits, rng, unreachable, f"task.initial.{index}")
 
 
 def exploring_start(
-    site: Site, task: Task, exploring: ExploringStarts, rng: np.random.Generator, blocked: Blocked
+    site: Site, task: Task, exploring: ExploringStarts, rng: np.random.Generator, unreachable: Unreachable
 ) -> Start:
-    """Draw an exploring start: a random point on a random leg of the task, with noise of a random size.
+    """Draw an exploring start; an unreachable one is drawn again."""
+    return _first_reachable(
+        lambda: _exploring_draw(site, task, exploring, rng), unreachable, "training.exploring_starts"
+    )
 
-    The heading turns along the leg by the smaller angle. If no draw is free, an initial pose is drawn.
+
+def _exploring_draw(site: Site, task: Task, exploring: ExploringStarts, rng: np.random.Generator) -> Start:
+    """Draw a random point on a random leg of the task, with noise of a random size.
+
+    The heading turns along the leg by the smaller angle.
     """
-
-    def draw() -> Start:
-        index = int(rng.integers(len(site.initial)))
-        intermediate, final = site.goals
-        begin, end, phase = site.initial[index], final, TO_FINAL
-        if site.first_phase == TO_INTERMEDIATE:
-            if rng.random() < 0.5:
-                begin = intermediate
-            else:
-                end, phase = intermediate, TO_INTERMEDIATE
-        leg = end - begin
-        leg[2] = wrap(leg[2])
-        eta = begin + rng.random() * leg
-        size = rng.random()  # one draw for both: near misses are near in position and in heading
-        offsets = offset_limits(
-            _interpolate(exploring.position_noise_m, size), _interpolate(exploring.heading_noise_deg, size)
-        )
-        surge = rng.uniform(-exploring.max_surge_mps, exploring.max_surge_mps)
-        start = given_start(site, task, eta + rng.uniform(-offsets, offsets), index, "exploring")
-        return replace(start, nu=np.array([surge, 0.0, 0.0]), phase=phase, max_steps=exploring.steps)
-
-    return _first_free(draw, blocked) or initial_start(site, task, rng, blocked)
+    index = int(rng.integers(len(site.initial)))
+    intermediate, final = site.goals
+    begin, end, phase = site.initial[index], final, TO_FINAL
+    if site.first_phase == TO_INTERMEDIATE:
+        if rng.random() < 0.5:
+            begin = intermediate
+        else:
+            end, phase = intermediate, TO_INTERMEDIATE
+    leg = end - begin
+    leg[2] = wrap(leg[2])
+    eta = begin + rng.random() * leg
+    size = rng.random()  # one draw for both: near misses are near in position and in heading
+    offsets = offset_limits(
+        _interpolate(exploring.position_noise_m, size), _interpolate(exploring.heading_noise_deg, size)
+    )
+    surge = rng.uniform(-exploring.max_surge_mps, exploring.max_surge_mps)
+    start = given_start(site, task, eta + rng.uniform(-offsets, offsets), index, "exploring")
+    return replace(start, nu=np.array([surge, 0.0, 0.0]), phase=phase, max_steps=exploring.steps)
 
 
-def draw_intermediate(site: Site, task: Task, rng: np.random.Generator, blocked: Blocked) -> Site:
+def draw_intermediate(site: Site, task: Task, rng: np.random.Generator, unreachable: Unreachable) -> Site:
     """Return the site with its intermediate pose drawn within the offsets that the task gives it."""
     pose = task.intermediate
     if pose is None or not (offsets := offset_limits(pose.position_offset_m, pose.heading_offset_deg)).any():
         return site
     intermediate, final = site.goals
     nominal = given_start(site, task, intermediate, 0)
-    return replace(site, goals=np.stack([with_offset(nominal, offsets, rng, blocked).eta, final]))
+    drawn = with_offset(nominal, offsets, rng, unreachable, "task.intermediate")
+    return replace(site, goals=np.stack([drawn.eta, final]))
 
 
 class StartSampler:
@@ -214,7 +223,7 @@ class StartSampler:
     Args:
         scenario: the scenario.
         sites: the sites; one is drawn per episode.
-        blocked: for each harbor, whether the boat is blocked.
+        unreachable: for each harbor.
         exploring: also draw `training.exploring_starts`, as in training; otherwise only initial poses.
     """
 
@@ -222,21 +231,25 @@ class StartSampler:
         self,
         scenario: Scenario,
         sites: Sequence[Site],
-        blocked: Sequence[Blocked],
+        unreachable: Sequence[Unreachable],
         *,
         exploring: bool = False,
     ) -> None:
-        self._task, self._sites, self._blocked = scenario.task, sites, blocked
+        self._task, self._sites, self._unreachable = scenario.task, sites, unreachable
         self._exploring = scenario.training.exploring_starts if exploring else None
 
     def draw(self, rng: np.random.Generator) -> Start:
-        """Draw the start of one episode."""
+        """Draw the start of one episode.
+
+        Raises:
+            DockctlError: none is reachable.
+        """
         site = self._sites[int(rng.integers(len(self._sites)))]
-        blocked = self._blocked[site.harbor]
-        site = draw_intermediate(site, self._task, rng, blocked)
+        unreachable = self._unreachable[site.harbor]
+        site = draw_intermediate(site, self._task, rng, unreachable)
         if self._exploring is not None and rng.random() < self._exploring.fraction:
-            return exploring_start(site, self._task, self._exploring, rng, blocked)
-        return initial_start(site, self._task, rng, blocked)
+            return exploring_start(site, self._task, self._exploring, rng, unreachable)
+        return initial_start(site, self._task, rng, unreachable)
 
 
 def offset_limits(position_m: float, heading_deg: float) -> Floats:
@@ -248,19 +261,62 @@ def _interpolate(bounds: Sequence[float], fraction: float) -> float:
     return bounds[0] + fraction * (bounds[1] - bounds[0])
 
 
-def with_offset(start: Start, offsets: Floats, rng: np.random.Generator, blocked: Blocked) -> Start:
-    """Return `start` moved to a free pose within `offsets`, or unchanged if none is found."""
+def with_offset(
+    start: Start, offsets: Floats, rng: np.random.Generator, unreachable: Unreachable, field: str
+) -> Start:
+    """Return `start` moved within `offsets` to a reachable pose; `field` of the scenario gives them.
+
+    Raises:
+        DockctlError: none is reachable.
+    """
     if not offsets.any():
         return start
-    return (
-        _first_free(lambda: replace(start, eta=start.eta + rng.uniform(-offsets, offsets)), blocked) or start
+    return _first_reachable(
+        lambda: replace(start, eta=start.eta + rng.uniform(-offsets, offsets)), unreachable, field
     )
 
 
-def _first_free(draw: Callable[[], Start], blocked: Blocked) -> Start | None:
-    """Return the first drawn start that is not blocked, or None after `MAX_DRAWS`."""
-    for _ in range(MAX_DRAWS):
+def _first_reachable(draw: Callable[[], Start], unreachable: Unreachable, field: str) -> Start:
+    for rejected in range(MAX_DRAWS):
         start = draw()
-        if not blocked(start.eta[None])[0]:
-            return start
-    return None
+        if not unreachable(start.eta[None], start.goals[1])[0]:
+            return replace(start, rejected=rejected) if rejected else start
+    where = f" at the berth {start.berth}" if start.berth else ""
+    raise DockctlError(f"{field}: all of {MAX_DRAWS} poses drawn{where} {UNREACHABLE}; reduce the offsets")
+
+
+def rejected_shares(scenario: Scenario, unreachable: Sequence[Unreachable]) -> dict[str, float]:
+    """Return the shares of trial draws that are unreachable, by the field that gives their offsets.
+
+    Raises:
+        InputError: see `free_sites`.
+    """
+    task, random, rng = scenario.task, scenario.evaluation.random_starts, np.random.default_rng(0)
+    every = free_sites(scenario, unreachable)
+    draws: dict[str, Callable[[Site], Start]] = {}
+
+    def add(field: str, poses: slice, position_m: float, heading_deg: float) -> None:
+        """Add the draws around initial poses and goals of a site, in this order."""
+        limits = offset_limits(position_m, heading_deg)
+
+        def draw(site: Site) -> Start:
+            nominal = rng.choice(np.concatenate([site.initial, site.goals])[poses])
+            return given_start(site, task, nominal + rng.uniform(-limits, limits), 0)
+
+        if limits.any():
+            draws[field] = draw
+
+    count = len(task.initial)
+    for index, pose in enumerate([*task.initial, *filter(None, [task.intermediate])]):
+        field = f"task.initial.{index}" if index < count else "task.intermediate"
+        add(field, slice(index, index + 1), pose.position_offset_m, pose.heading_offset_deg)
+    if random.episodes:
+        add("evaluation.random_starts", slice(count), random.position_m, random.heading_deg)
+    if (exploring := scenario.training.exploring_starts) is not None:
+        draws["training.exploring_starts"] = lambda site: _exploring_draw(site, task, exploring, rng)
+
+    def share(draw: Callable[[Site], Start]) -> float:
+        starts = [draw(every[i % len(every)]) for i in range(max(TRIAL_DRAWS, len(every)))]
+        return float(np.mean([unreachable[s.harbor](s.eta[None], s.goals[1])[0] for s in starts]))
+
+    return {field: share(draw) for field, draw in draws.items()}

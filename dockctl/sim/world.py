@@ -25,8 +25,10 @@ from dockctl.scenarios.vessel import Hull
 from dockctl.sim.collision import CollisionChecker, collision_checker
 from dockctl.sim.harbor.build import Harbor, build_harbor, build_scene
 from dockctl.sim.harbor.solids import hull_outline
-from dockctl.sim.starts import free_sites, own_site
+from dockctl.sim.starts import UNREACHABLE, own_site, rejected_shares
 
+MAX_REJECTED, NOTED_REJECTED = 0.95, 0.3
+"""Shares of random starts: more are an error, or are noted."""
 SEARCH_RADII_M = np.arange(1, 41) * 0.25
 SEARCH_DIRECTIONS = np.array([(math.cos(a), math.sin(a), 0.0) for a in np.arange(16) * (math.pi / 8)])
 
@@ -40,6 +42,10 @@ class Obstacles(Protocol):
 
     def blocked(self, eta: Floats) -> Bools:
         """Return whether the hull touches something or is inside of it, (n,)."""
+        ...
+
+    def unreachable(self, eta: Floats, goal: Floats) -> Bools:
+        """Return whether poses are blocked or not connected by water with the goal (3,), (n,)."""
         ...
 
     def collided_part(self, eta: Floats) -> str | None:
@@ -114,6 +120,9 @@ class _NoObstacles:
 
     blocked = collides
 
+    def unreachable(self, eta: Floats, goal: Floats) -> Bools:
+        return self.blocked(eta)
+
     def collided_part(self, eta: Floats) -> str | None:
         return None
 
@@ -155,25 +164,49 @@ def load_checked(
 def check_poses(scenario: Scenario, base_dir: Path) -> list[tuple[str, str]]:
     """Return (field path, message) for every start, goal and test pose that is not free.
 
-    The final pose of a task that is relocated to berths must be the pose of one of them, and some berths of
-    each kind must be free.
+    The final pose of a task that is relocated to berths must be the pose of one of them, some berths of each
+    kind must be free, and so must a share of the random starts.
 
     Raises:
         InputError: a mesh file of the harbor is missing or damaged.
         DockctlError: the harbor cannot be built.
     """
-    harbors = [
-        build_harbor(layout.harbor, base_dir) for layout in layouts(scenario.harbor, scenario.task.berths)
-    ]
+    every = layouts(scenario.harbor, scenario.task.berths)
+    harbors = [build_harbor(layout.harbor, base_dir) for layout in every]
     try:
         check = PoseCheck.build(scenario, harbors[own_site(scenario).harbor])
         if found := [(field, reason) for field, pose in _poses(scenario) if (reason := check.problem(pose))]:
             return found
-        hull = scenario.vessel.hull
-        free_sites(scenario, [collision_checker(harbor, hull).blocked for harbor in harbors])
+        shares = rejected_starts(scenario, base_dir)
     except InputError as error:  # the task does not match its berths
         return [(problem.field, problem.message) for problem in error.problems]
-    return []
+    return [
+        (field, f"{share:.0%} of the poses drawn here {UNREACHABLE}; reduce the offsets, or move the pose")
+        for field, share in shares.items()
+        if share > MAX_REJECTED
+    ]
+
+
+def start_notes(loaded: LoadedScenario) -> list[str]:
+    """Return a note for each kind of random starts many of which are rejected and drawn again."""
+    return [
+        f"{field}: {share:.0%} of the poses drawn here {UNREACHABLE}, and are drawn again"
+        for field, share in rejected_starts(loaded.scenario, loaded.base_dir).items()
+        if share > NOTED_REJECTED
+    ]
+
+
+def rejected_starts(scenario: Scenario, base_dir: Path) -> dict[str, float]:
+    """Return the shares of trial draws of random starts that are rejected, by the field with their offsets.
+
+    Raises:
+        InputError: see `dockctl.sim.starts.free_sites`.
+    """
+    hull = scenario.vessel.hull
+    harbors = (
+        build_harbor(layout.harbor, base_dir) for layout in layouts(scenario.harbor, scenario.task.berths)
+    )
+    return rejected_shares(scenario, [collision_checker(harbor, hull).unreachable for harbor in harbors])
 
 
 def _poses(scenario: Scenario) -> Iterator[tuple[str, Pose]]:
@@ -189,9 +222,13 @@ class PoseCheck:
     """Checks poses of one vessel in one harbor, and describes why a pose is not free."""
 
     def __init__(
-        self, checker: CollisionChecker, basin: tuple[float, float, float, float] | None, outline: Floats
+        self,
+        checker: CollisionChecker,
+        basin: tuple[float, float, float, float] | None,
+        outline: Floats,
+        final: Floats,
     ) -> None:
-        self._checker = checker
+        self._checker, self._final = checker, final
         self._basin = basin
         self._outline = outline
 
@@ -199,10 +236,11 @@ class PoseCheck:
     def build(cls, scenario: Scenario, harbor: Harbor) -> PoseCheck:
         """Return the check for the vessel of a scenario in one of its harbors."""
         hull = scenario.vessel.hull
-        return cls(collision_checker(harbor, hull), harbor.basin, hull_outline(hull))
+        final = pose_array(scenario.task.final)
+        return cls(collision_checker(harbor, hull), harbor.basin, hull_outline(hull), final)
 
     def free(self, eta: Floats) -> bool:
-        """Return whether the boat at a pose (3,) [m, m, rad] touches nothing and is in the basin."""
+        """Return whether the boat can be at a pose (3,) [m, m, rad] and move from there to the final pose."""
         return not self._obstruction(eta)
 
     def problem(self, pose: Pose) -> str:
@@ -211,13 +249,18 @@ class PoseCheck:
         if not (obstruction := self._obstruction(eta)):
             return ""
         boat = f"the boat at ({pose.x_m:g}, {pose.y_m:g}, {pose.heading_deg:g}°)"
-        return f"{boat} {obstruction}; {self._nearest_free(eta)}"
+        return f"{boat} {obstruction}"
 
     def _obstruction(self, eta: Floats) -> str:
         """Return why the pose (3,) is not free, or an empty string."""
         if part := self._checker.collided_part(eta):
-            return f"is blocked by the {part}"
-        return "" if self._in_basin(eta) else "is outside the basin"
+            return f"is blocked by the {part}; {self._nearest_free(eta)}"
+        if not self._in_basin(eta):
+            return f"is outside the basin; {self._nearest_free(eta)}"
+        if self._in_basin(self._final) and not self._checker.blocked(self._final)[0]:
+            separated = self._checker.unreachable(eta[None], self._final)[0]
+            return "is not connected by water with the final pose" if separated else ""
+        return ""
 
     def _in_basin(self, eta: Floats) -> bool:
         """Return whether the whole outline is in the basin; a harbor of mesh files has no basin."""

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -127,6 +128,19 @@ def test_wrong_options_are_rejected(options: dict[str, Any], code: str) -> None:
         env(2).reset(seed=0, options=options)
     assert caught.value.code == code
     assert caught.value.suggestion == ("poses" if "pose" in options else "")
+
+
+@pytest.mark.parametrize("place", [(60, 0), (20, -50), (-30, 0), (1000, 1000), (45, 0)])
+def test_starts_behind_and_in_the_quays_are_refused(place: tuple[float, float]) -> None:
+    """The basin is x 4.5 to 38.5 m, y -40 to 40 m; the quays are 12 m wide."""
+    vector = DockingVectorEnv(load("s3", overrides=["sensors={lidar: {kind: planar, rays: 4}}"]), 1)
+    good, _ = vector.reset(seed=0)
+    with pytest.raises(DockctlError):
+        vector.reset(options={"poses": np.array([[*place, 0.0]])})
+    start = replace(vector._draw(np.array([0]))[0], eta=np.array([*place, 0.0]))
+    with pytest.raises(DockctlError):
+        vector.reset(options={"starts": [start]})
+    assert np.array_equal(vector.reset(options={"poses": np.array([[23.0, -10.0, math.pi / 2]])})[0], good)
 
 
 def test_a_scenario_whose_boat_starts_in_a_quay_is_rejected(tmp_path: Path) -> None:

@@ -16,7 +16,7 @@ from dockctl.sim.world import check_poses
 from tests.sim.worlds import Wall
 
 S3, MARINA = load("s3").scenario, load("marina").scenario
-OPEN = [Wall(math.inf).blocked] * 5
+OPEN = [Wall(math.inf).unreachable] * 5
 coordinate, angle = st.floats(-50, 50), st.floats(-math.pi, math.pi)
 poses = st.tuples(coordinate, coordinate, angle).map(np.array)
 
@@ -63,17 +63,17 @@ def test_held_out_berths_are_never_a_goal_of_training() -> None:
 
 def test_blocked_sites_are_skipped() -> None:
     """An obstacle north of y = 24 m leaves space only south of the berth at 18 m."""
-    free = {site.berth for site in free_sites(MARINA, [lambda eta: eta[:, 1] > 24] * 5)}
+    free = {site.berth for site in free_sites(MARINA, [lambda eta, goal: eta[:, 1] > 24] * 5)}
     assert {"east 13", "east 13 mirrored", "east 18"} <= free
     assert not {"east 18 mirrored", "east 27", "east 27 mirrored"} & free
     assert len(free_sites(MARINA, OPEN)) == len(sites(MARINA))
-    assert free_sites(S3, [Wall(-1e9).blocked])[0].berth == ""
+    assert free_sites(S3, [Wall(-1e9).unreachable])[0].berth == ""
 
 
 @pytest.mark.parametrize("kind", ["trained", "held_out"])
 def test_at_least_one_berth_of_each_kind_must_be_free(kind: str) -> None:
     harbors = [layout.kind for layout in layouts(MARINA.harbor, MARINA.task.berths)]
-    blocked = [Wall(-1e9 if of == kind else math.inf).blocked for of in harbors]
+    blocked = [Wall(-1e9 if of == kind else math.inf).unreachable for of in harbors]
     with pytest.raises(InputError) as refusal:
         free_sites(MARINA, blocked)
     assert [problem.field for problem in refusal.value.problems] == [f"task.berths.{kind}"]

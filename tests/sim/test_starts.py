@@ -3,16 +3,29 @@
 from __future__ import annotations
 
 import math
+from pathlib import Path
 
 import numpy as np
 import pytest
+import trimesh
 from hypothesis import given
 from hypothesis import strategies as st
 
+from dockctl.errors import DockctlError, InputError
 from dockctl.geometry import Floats
+from dockctl.scenarios.harbor import Marina
 from dockctl.scenarios.loader import load
 from dockctl.scenarios.schema import Scenario
-from dockctl.sim.starts import Start, StartSampler, exploring_start, given_start, own_site
+from dockctl.sim.starts import (
+    Start,
+    StartSampler,
+    exploring_start,
+    free_sites,
+    given_start,
+    own_site,
+    rejected_shares,
+)
+from dockctl.sim.world import build_worlds, load_checked, start_notes
 from tests.sim.worlds import Wall
 
 S1, S2, S3 = (load(name).scenario for name in ("s1", "s2", "s3"))
@@ -29,11 +42,11 @@ def draw_exploring(scenario: Scenario, seed: int, wall: float = math.inf) -> Sta
     exploring = scenario.training.exploring_starts
     assert exploring is not None
     site, rng = own_site(scenario), np.random.default_rng(seed)
-    return exploring_start(site, scenario.task, exploring, rng, Wall(wall).blocked)
+    return exploring_start(site, scenario.task, exploring, rng, Wall(wall).unreachable)
 
 
 def sampler_of(scenario: Scenario, wall: float = math.inf, *, exploring: bool = False) -> StartSampler:
-    return StartSampler(scenario, [own_site(scenario)], [Wall(wall).blocked], exploring=exploring)
+    return StartSampler(scenario, [own_site(scenario)], [Wall(wall).unreachable], exploring=exploring)
 
 
 def test_poses_without_offset_are_exact_and_all_are_drawn() -> None:
@@ -66,13 +79,80 @@ def test_offsets_are_within_their_bounds_and_free(seed: int) -> None:
     assert start.eta[0] <= 21
 
 
-def test_if_everything_is_blocked_the_start_is_the_initial_pose() -> None:
-    scenario = with_offsets(S1, 3.0, 15.0)
-    start = sampler_of(scenario, -1e9).draw(np.random.default_rng(0))
-    assert start.eta.tolist() == [20, 2, math.radians(160)]
-    blocked_everywhere = draw_exploring(S1, 0, wall=-1e9)
-    assert blocked_everywhere.kind == "pose"
-    assert blocked_everywhere.max_steps == S1.task.max_steps
+def test_if_everything_is_unreachable_there_is_an_error() -> None:
+    with pytest.raises(DockctlError):
+        sampler_of(with_offsets(S1, 3.0, 15.0), -1e9).draw(np.random.default_rng(0))
+    with pytest.raises(DockctlError):
+        draw_exploring(S1, 0, wall=-1e9)
+
+
+@pytest.mark.parametrize("name", ["s3", pytest.param("marina", marks=pytest.mark.slow)])
+def test_starts_with_a_wide_spread_are_all_in_the_basin(name: str) -> None:
+    """Half the square of +-40 m is behind the quays of the basin."""
+    scenario = with_offsets(load(name).scenario, 40.0, 180.0)
+    unreachable = [world.obstacles.unreachable for world in build_worlds(scenario, Path())]
+    every = free_sites(scenario, unreachable)
+    sampler, rng = StartSampler(scenario, every, unreachable), np.random.default_rng(0)
+    starts = [sampler.draw(rng) for _ in range(60)]
+    assert isinstance(scenario.harbor, Marina)
+    basin = scenario.harbor.basin
+    for start in starts:
+        assert basin.x_min_m < start.eta[0] < basin.x_max_m
+        assert basin.y_min_m < start.eta[1] < basin.y_max_m
+    share = sum(start.rejected for start in starts) / (60 + sum(start.rejected for start in starts))
+    assert rejected_shares(scenario, unreachable)["task.initial.0"] == pytest.approx(share, abs=0.12)
+    assert share > 0.5
+
+
+def test_rejected_draws_are_counted() -> None:
+    """The wall at 21 m leaves two thirds of the starts around x = 20 m."""
+    sampler, rng = sampler_of(with_offsets(S1, 3.0, 15.0), 21.0), np.random.default_rng(0)
+    rejected = sum(sampler.draw(rng).rejected for _ in range(600))
+    assert rejected / (600 + rejected) == pytest.approx(1 / 3, abs=0.05)
+    open_water, rng = sampler_of(with_offsets(S1, 3.0, 15.0)), np.random.default_rng(0)
+    assert not any(open_water.draw(rng).rejected for _ in range(50))
+
+
+@pytest.mark.parametrize(
+    ("change", "line", "field"),
+    [
+        (
+            "task: {initial: [{x_m: 20, y_m: 2, heading_deg: 160, position_offset_m: 5000}]}",
+            2,
+            "task.initial.0",
+        ),
+        ("training: {exploring_starts: {position_noise_m: [900, 900]}}", 2, "training.exploring_starts"),
+        ("evaluation: {random_starts: {position_m: 900}}", 2, "evaluation.random_starts"),
+    ],
+)
+def test_a_spread_that_hardly_ever_hits_water_is_a_problem_of_the_scenario(
+    change: str, line: int, field: str, tmp_path: Path
+) -> None:
+    (tmp_path / "wide.yaml").write_text(f"extends: s1\n{change}\n")
+    with pytest.raises(InputError) as caught:
+        load_checked(tmp_path / "wide.yaml")
+    (problem,) = caught.value.problems
+    assert (problem.line, problem.field) == (line, field)
+
+
+def test_poses_in_separate_waters_are_a_problem_of_the_scenario(tmp_path: Path) -> None:
+    """A wall from quay to quay, between the start at x = 20 m and the berth at 36 m."""
+    wall = trimesh.creation.box(bounds=[(27.0, -45.0, -1.0), (27.2, 45.0, 1.0)])
+    wall.export(tmp_path / "wall.obj")
+    (tmp_path / "divided.yaml").write_text(
+        "extends: s1\nharbor:\n  meshes: [{path: wall.obj}]\n"
+        "task: {initial: [{x_m: 20, y_m: 2, heading_deg: 160}]}\n"
+    )
+    with pytest.raises(InputError) as caught:
+        load_checked(tmp_path / "divided.yaml")
+    assert ("task.initial.0", 4) in {(problem.field, problem.line) for problem in caught.value.problems}
+
+
+def test_a_wide_spread_is_noted(tmp_path: Path) -> None:
+    (tmp_path / "wide.yaml").write_text("extends: s1\nevaluation: {random_starts: {position_m: 40}}\n")
+    (note,) = start_notes(load_checked(tmp_path / "wide.yaml"))
+    assert note.startswith("evaluation.random_starts")
+    assert not start_notes(load_checked("marina"))
 
 
 @given(seed=seeds)

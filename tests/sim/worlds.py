@@ -21,6 +21,9 @@ class Wall:
 
     blocked = collides
 
+    def unreachable(self, eta: Floats, goal: Floats) -> NDArray[np.bool_]:
+        return self.blocked(eta)
+
     def collided_part(self, eta: Floats) -> str | None:
         return "wall" if eta[0] > self.x_m else None
 

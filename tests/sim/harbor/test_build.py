@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import math
 import re
 import subprocess
 import sys
@@ -28,6 +29,7 @@ from dockctl.sim.harbor.solids import Solid, box, hull_outline
 from dockctl.sim.world import PoseCheck, load_checked
 from tests.sim.harbor.harbors import reference_harbor, reference_spec
 
+FINAL = np.array([36.0, 0.0, math.pi])
 HULL = Hull()
 EAST_FINGERS = [-2.5 + 9 * k for k in range(-3, 4)]
 WEST_FINGERS = [0.5 + 9 * k for k in range(-3, 4)]
@@ -131,7 +133,7 @@ POSES = [  # Table 3.6, section 4.1, Tables 4.2-4.4
 
 @pytest.mark.parametrize("pose", POSES)
 def test_poses_of_the_thesis_are_free(harbor: Harbor, pose: tuple[float, float, float]) -> None:
-    check = PoseCheck(CollisionChecker(harbor, HULL), harbor.basin, hull_outline(HULL))
+    check = PoseCheck(CollisionChecker(harbor, HULL), harbor.basin, hull_outline(HULL), FINAL)
     assert check.problem(Pose(x_m=pose[0], y_m=pose[1], heading_deg=pose[2])) == ""
 
 
@@ -278,7 +280,7 @@ def test_basin_without_water_is_rejected() -> None:
 def test_a_blocked_pose_is_reported_with_a_free_one(
     harbor: Harbor, pose: tuple[float, float, float], part: str
 ) -> None:
-    check = PoseCheck(CollisionChecker(harbor, HULL), harbor.basin, hull_outline(HULL))
+    check = PoseCheck(CollisionChecker(harbor, HULL), harbor.basin, hull_outline(HULL), FINAL)
     message = check.problem(Pose(x_m=pose[0], y_m=pose[1], heading_deg=pose[2]))
     assert re.search(part, message)
     x, y = map(float, re.findall(r"\((-?[\d.]+), (-?[\d.]+)\)", message)[-1])
@@ -286,7 +288,7 @@ def test_a_blocked_pose_is_reported_with_a_free_one(
 
 
 def test_a_pose_far_outside_the_basin_is_reported(harbor: Harbor) -> None:
-    check = PoseCheck(CollisionChecker(harbor, HULL), harbor.basin, hull_outline(HULL))
+    check = PoseCheck(CollisionChecker(harbor, HULL), harbor.basin, hull_outline(HULL), FINAL)
     assert check.problem(Pose(x_m=200.0, y_m=0.0, heading_deg=0.0))
     assert not check.free(np.array([200.0, 0.0, 0.0]))
 

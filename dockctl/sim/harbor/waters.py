@@ -1,0 +1,88 @@
+"""Which places of a harbor are connected by water, on a grid in plan."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from dockctl.geometry import Floats, Ints
+from dockctl.scenarios.vessel import Hull
+from dockctl.sim.harbor.solids import hull_outline
+
+SECTIONS = 5
+"""Heights between keel and deck at which obstacles are cut."""
+CELLS_PER_RADIUS = 3
+"""The boat's origin is farther from obstacles than the radius of the largest circle in its outline. Cells
+smaller than 1 / (2 sqrt(2)) of it therefore separate no two poses between which the boat can move."""
+MAX_CELLS = 20_000_000
+
+
+def cross_section(triangles: Floats, z: float) -> Floats:
+    """Return the directed segments (k, 2, 2) in which (m, 3, 3) triangles intersect the plane at `z`.
+
+    A corner at `z` counts as above it, and both triangles of an edge interpolate from its lower to its upper
+    end: the segments of a closed mesh form closed chains, exactly.
+    """
+    above = triangles[:, :, 2] >= z
+    mixed = above.any(axis=1) & ~above.all(axis=1)
+    corners, above = triangles[mixed], above[mixed]
+    following, above_next = np.roll(corners, -1, axis=1), np.roll(above, -1, axis=1)
+    ends: list[Floats] = []
+    for rises in (above_next & ~above, above & ~above_next):
+        edge = rises.argmax(axis=1)
+        rows = np.arange(len(edge))
+        a, b = corners[rows, edge], following[rows, edge]
+        low, high = (a, b) if len(ends) == 0 else (b, a)
+        ends.append(low[:, :2] + ((z - low[:, 2]) / (high[:, 2] - low[:, 2]))[:, None] * (high - low)[:, :2])
+    return np.stack(ends, axis=1)
+
+
+class Waters:
+    """Regions of water that are separated for a boat.
+
+    It cannot move between poses in two regions. In one region a gap may still be too narrow for it.
+
+    Args:
+        triangles: (m, 3, 3) surface of the harbor [m]; open surfaces separate as closed ones do.
+        hull: of the boat.
+    """
+
+    def __init__(self, triangles: Floats, hull: Hull) -> None:
+        from scipy.ndimage import label  # slow to import
+
+        heights = np.linspace(-hull.draft_m, hull.freeboard_m, SECTIONS)
+        segments = np.concatenate([cross_section(triangles, z) for z in heights])
+        self._cell = _inner_radius(hull_outline(hull)) / CELLS_PER_RADIUS
+        corners = segments.reshape(-1, 2) if len(segments) else np.zeros((1, 2))
+        self._low = corners.min(axis=0) - 2 * self._cell
+        shape = np.ceil((corners.max(axis=0) - self._low) / self._cell) + 2
+        if np.prod(shape) > MAX_CELLS:  # a harbor of square kilometers: nothing is known to be separated
+            self._regions = np.ones((1, 1), np.int32)
+            return
+        open_water = np.ones(shape.astype(int), bool)
+        cells = (_points_along(segments, self._cell / 2) - self._low) / self._cell
+        open_water[tuple(cells.astype(int).T)] = False
+        self._regions, _ = label(open_water)
+
+    def region(self, eta: Floats) -> Ints:
+        """Return the region of the origin of each pose, 0 on the edge of an obstacle, (n, 3) to (n,)."""
+        cells = np.floor((eta[:, :2] - self._low) / self._cell)
+        x, y = np.clip(cells, 0, np.array(self._regions.shape) - 1).astype(int).T
+        return np.asarray(self._regions[x, y], np.int64)
+
+
+def _points_along(segments: Floats, spacing: float) -> Floats:
+    """Return points (k, 2) on segments (m, 2, 2), both ends and at most `spacing` apart."""
+    begin, along = segments[:, 0], segments[:, 1] - segments[:, 0]
+    counts = np.ceil(np.hypot(*along.T) / spacing).astype(int) + 1
+    of = np.repeat(np.arange(len(segments)), counts)
+    number = np.arange(len(of)) - np.repeat(np.cumsum(counts) - counts, counts)
+    fraction = number / np.maximum(counts[of] - 1, 1)
+    return np.asarray(begin[of] + fraction[:, None] * along[of])
+
+
+def _inner_radius(outline: Floats) -> float:
+    """Return the distance from the body's origin to the nearest side of an outline (k, 2) [m]."""
+    along = np.roll(outline, -1, axis=0) - outline
+    return float(
+        np.min(np.abs(along[:, 0] * outline[:, 1] - along[:, 1] * outline[:, 0]) / np.hypot(*along.T))
+    )
