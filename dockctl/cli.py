@@ -30,6 +30,7 @@ COMMANDS = {
     "latency": "latency",
     "show": "show",
     "validate": "validate",
+    "verify": "verify",
     "list": "list_registered",
 }
 """Function of every command, in the module ``dockctl.commands.<command>``."""

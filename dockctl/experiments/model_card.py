@@ -23,6 +23,7 @@ from dockctl.analysis.success_map import (
     within_heading,
 )
 from dockctl.errors import DockctlError
+from dockctl.reading import reading
 from dockctl.runs.directory import EVALUATION, LATENCY, MAP, PROVENANCE, RunDirectory
 from dockctl.runs.reader import read_table
 from dockctl.runs.results import policy_hash, read_results
@@ -191,17 +192,18 @@ def _latency(run: RunDirectory, card: PolicyCard) -> dict[str, str] | None:
     if not is_of_policy(card, run, LATENCY):
         return None
     timing = run.read_json(f"{LATENCY}.json")
-    times: dict[str, Any] = timing.get("milliseconds", {})
-    forward, decision = times.get("Forward pass"), times.get("Whole decision")
-    if not forward or not decision:
-        return None
-    return {
-        "median": f"{decision['p50']:.2g}",
-        "most": f"{decision['max']:.2g}",
-        "forward": f"{forward['p50']:.2g}",
-        "period": f"{timing['control_period_ms']:g}",
-        "processor": timing["hardware"]["processor"],
-    }
+    with reading(run.path / f"{LATENCY}.json"):
+        times: dict[str, Any] = timing.get("milliseconds") or {}
+        if not {"Forward pass", "Whole decision"} <= {*times}:
+            return None
+        decision = times["Whole decision"]
+        return {
+            "median": f"{decision['p50']:.2g}",
+            "most": f"{decision['max']:.2g}",
+            "forward": f"{times['Forward pass']['p50']:.2g}",
+            "period": f"{timing['control_period_ms']:g}",
+            "processor": str(timing["hardware"]["processor"]),
+        }
 
 
 def _failures(groups: Sequence[tuple[str, str, pd.DataFrame]]) -> Iterator[dict[str, str]]:

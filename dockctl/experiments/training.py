@@ -114,6 +114,7 @@ def train(
         run.write_text(SCENARIO, dump(with_paths(loaded.scenario, facts["plugins"], facts["meshes"])))
         run.write_json(SCENE, session.worlds[own_site(loaded.scenario).harbor].scene().to_json())
         run.write_json(PROVENANCE, facts)
+        _remember(session)
         return _run(session, run, console or Console(), resumed=False)
 
 
@@ -153,7 +154,26 @@ def resume(
         again = {"at": provenance.now(), "env_steps": card["env_steps"], "command": sys.argv}
         facts |= {"finished": None, "stop_reason": None, "resumed": [*facts.get("resumed", []), again]}
         run.write_json(PROVENANCE, facts)
+        _remember(session)
         return _run(session, run, console or Console(), resumed=True)
+
+
+def replay(
+    run: RunDirectory, steps: int, out: Path, *, plugin_files: Sequence[Path] = (), trust: bool = False
+) -> RunDirectory:
+    """Repeat the first steps of a run in a new run folder under `out`, and return it.
+
+    Raises:
+        DockctlError: the scenario of the run is damaged, or its plugins may not run.
+    """
+    loaded = load_checked(run.path / SCENARIO, plugin_files=plugin_files, received=True, trust=trust)
+    if isinstance(loaded.scenario.training.algorithm, AlgorithmSpec):
+        require_imports(loaded.scenario.training.algorithm, trust=trust)
+    session = _prepare(loaded, "cpu")
+    repeated = RunDirectory.create(out, loaded.scenario.name, loaded.scenario.training.seed)
+    repeated.write_json(PROVENANCE, provenance.collect(loaded.scenario.training.seed, sys.argv))
+    _run(session, repeated, Console(quiet=True), resumed=False, until=steps)
+    return repeated
 
 
 def _extension(run: RunDirectory, facts: Mapping[str, Any], env_steps: int, steps: int | None) -> list[str]:
@@ -205,10 +225,21 @@ def _prepare(loaded: LoadedScenario, device: str) -> _Session:
     return _Session(loaded, worlds, memory, environment, training.algorithm, algorithm)
 
 
-def _run(session: _Session, run: RunDirectory, console: Console, *, resumed: bool) -> TrainedRun:
-    """Train, write the trajectories of the best policy, and report."""
+def _remember(session: _Session) -> None:
+    """Let the runs of this code be used on this machine without a question."""
+    modules = map(text_digest, session.spec.imports)
+    remember([*map(file_digest, session.loaded.plugin_files), *modules])
+
+
+def _run(
+    session: _Session, run: RunDirectory, console: Console, *, resumed: bool, until: int | None = None
+) -> TrainedRun:
+    """Train, write the trajectories of the best policy, and report.
+
+    Args:
+        until: stop as if interrupted when all rows of the first `until` environment steps are written.
+    """
     loaded, scenario, training = session.loaded, session.loaded.scenario, session.loaded.scenario.training
-    remember([*map(file_digest, loaded.plugin_files), *map(text_digest, session.spec.imports)])
     title = f"{scenario.name}, seed {training.seed}"
     print_text(console, f"{title}: {count(training.boats, 'boat')}; memory: {session.memory}")
     print_text(console, f"run folder: {run.path}")
@@ -232,10 +263,14 @@ def _run(session: _Session, run: RunDirectory, console: Console, *, resumed: boo
         return evaluation_rows(rollout.validate(policy, starts))
 
     with interruptible() as interrupted, TrainingDisplay(training, title, console) as display:
+
+        def stopped() -> bool:
+            return interrupted() or (until is not None and trainer.progress.env_steps > until)
+
         trainer = Trainer(
             session.algorithm, training, session.environment, run, card,
             validate, evaluate if poses else None,
-            on_progress=display, interrupted=interrupted,
+            on_progress=display, interrupted=stopped,
         )  # fmt: skip
         if resumed:
             lost = trainer.restore()

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import hashlib
 import os
 import platform
 import subprocess
@@ -9,14 +10,21 @@ import sys
 from collections.abc import Sequence
 from datetime import UTC, datetime
 from importlib import metadata
+from importlib.metadata import entry_points
+from importlib.util import find_spec
 from pathlib import Path
 from typing import Any
 
 import dockctl
+from dockctl.compute import usable_cores
+from dockctl.plugins import GROUPS
 
 LIBRARIES = (
     "torch", "numpy", "numba", "gymnasium", "pydantic", "trimesh", "python-fcl", "safetensors", "scipy",
 )  # fmt: skip
+
+CONDITIONS = ("dockctl", "git_commit", "python", "libraries", "packages", "plugins", "hardware")
+"""Keys of the provenance of what the results of a training may depend on, apart from its scenario."""
 
 
 def now() -> str:
@@ -34,6 +42,7 @@ def collect(seed: int, command: Sequence[str]) -> dict[str, Any]:
         "python": platform.python_version(),
         "libraries": {name: version for name in LIBRARIES if (version := _version(name))},
         "hardware": hardware(),
+        "packages": packages(),
         "started": now(),
         "finished": None,
         "stop_reason": None,
@@ -58,12 +67,40 @@ def git_commit() -> str | None:
     return commit.stdout.strip() + ("+" if changed.stdout.strip() else "")
 
 
+def packages() -> dict[str, dict[str, str]]:
+    """Return version and content hash of each installed package whose plugins are loaded."""
+    found: dict[str, dict[str, str]] = {}
+    for group, registry in GROUPS.items():
+        loaded = {entry.name for entry in registry}
+        for point in entry_points(group=group):
+            if point.dist is None or point.name not in loaded or point.dist.name in found:
+                continue
+            spec = find_spec(point.module.partition(".")[0])
+            if spec is None or spec.origin is None:
+                continue
+            file = Path(spec.origin)
+            digest = _tree_hash(file.parent if spec.submodule_search_locations else file)
+            found[point.dist.name] = {"version": point.dist.version, "sha256": digest}
+    return found
+
+
+def _tree_hash(path: Path) -> str:
+    """Return the SHA-256 of a file, or of the names and contents of all files of a package."""
+    digest, files = hashlib.sha256(), sorted(path.rglob("*")) if path.is_dir() else [path]
+    for file in files:
+        if file.is_file() and file.suffix != ".pyc":
+            digest.update(f"{file.relative_to(path.parent).as_posix()}\0".encode())
+            digest.update(hashlib.sha256(file.read_bytes()).digest())
+    return digest.hexdigest()
+
+
 def hardware() -> dict[str, Any]:
-    """Return platform, processor, number of cores and byte order of the machine."""
+    """Return platform, processor, cores of the machine, cores that this process may use, and byte order."""
     return {
         "platform": platform.platform(),
         "processor": _processor(),
         "cores": os.cpu_count(),
+        "usable_cores": usable_cores(),
         "byte_order": sys.byteorder,
     }
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import io
+import math
 from collections.abc import Collection
 from dataclasses import dataclass
 from pathlib import Path
@@ -143,17 +144,21 @@ def read_table(path: Path, columns: Collection[str]) -> pd.DataFrame | None:
             table = pd.read_csv(io.BytesIO(content), keep_default_na=False, na_values=["", "nan"])
         except pd.errors.EmptyDataError:
             return None
+        if not isinstance(table.index, pd.RangeIndex):
+            raise ValueError("rows have more cells than the header")
     if missing := [column for column in columns if column not in table]:
         raise DockctlError(
             f"{path}: not a table of a run: missing columns {', '.join(missing)}", code="missing_key"
         )
     for column in (name for name in table if name not in TEXT):
         numbers = pd.to_numeric(table[column], errors="coerce")
-        wrong = table[column][numbers.isna() & table[column].notna()]
+        infinite = numbers.abs() == math.inf
+        wrong = table[column][(numbers.isna() & table[column].notna()) | (infinite & (column in columns))]
         if len(wrong):
             line = int(wrong.index[0]) + 2
             raise DockctlError(
-                f"{path}:{line}: {column}: expected a number, found '{wrong.iloc[0]}'", code="wrong_type"
+                f"{path}:{line}: {column}: expected a finite number, found '{wrong.iloc[0]}'",
+                code="wrong_type",
             )
     return table if len(table) else None
 

@@ -43,6 +43,7 @@ COMMANDS = {
     "show": ("show", "RUN/scenario.yaml", "--out", "OUT"),
     "validate": ("validate", "RUN/scenario.yaml"),
     "train": ("train", "RUN/scenario.yaml", "--out", "OUT", "--steps", 10),
+    "verify": ("verify", "RUN", "--steps", 50),
     "resume": ("train", "--resume", "RUN", "--steps", 400),
     "validate a scenario that extends it": ("validate", "mine.yaml"),
 }

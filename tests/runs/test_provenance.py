@@ -4,12 +4,14 @@ from __future__ import annotations
 
 import json
 import subprocess
+import sys
 from pathlib import Path
 
 import numpy as np
 import pytest
 
 import dockctl
+from dockctl import plugins
 from dockctl.runs import provenance
 
 
@@ -37,3 +39,27 @@ def test_the_commit_of_a_checkout(tmp_path: Path, monkeypatch: pytest.MonkeyPatc
     assert len(commit) == 40
     (tmp_path / "file").write_text("2")
     assert provenance.git_commit() == commit + "+"
+
+
+def test_packages_whose_plugins_are_loaded(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    package, facts = tmp_path / "calm_terms", tmp_path / "calm_terms-1.2.dist-info"
+    for folder in (package, facts):
+        folder.mkdir()
+    (facts / "METADATA").write_text("Metadata-Version: 2.1\nName: calm-terms\nVersion: 1.2\n")
+    (facts / "entry_points.txt").write_text("[dockctl.rewards]\ncalm = calm_terms.terms:calm\n")
+    (package / "__init__.py").touch()
+    (package / "terms.py").write_text(
+        "from dockctl.rewards.terms import reward_term\n"
+        "@reward_term('calm', kind='dense')\ndef calm(status): return status.nu[:, 2]\n"
+    )
+    monkeypatch.syspath_prepend(tmp_path)
+    plugins.discover.__wrapped__()
+    assert "calm-terms" not in provenance.packages()  # installed, but not used
+    plugins.REWARD_TERMS.get("calm")
+    before = provenance.packages()["calm-terms"]
+    assert (before["version"], len(before["sha256"])) == ("1.2", 64)
+    (package / "terms.py").write_text("changed")
+    after = provenance.packages()["calm-terms"]
+    assert (after["version"], after["sha256"] != before["sha256"]) == ("1.2", True)
+    for module in ("calm_terms", "calm_terms.terms"):
+        monkeypatch.delitem(sys.modules, module)
