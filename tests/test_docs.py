@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import ast
 import re
 import shlex
 import shutil
@@ -129,3 +130,21 @@ def test_the_examples_run(
     shorter = example.replace("learn(100_000)", "learn(100)")
     exec(compile(shorter, "<example>", "exec"), {})
     assert ("print(" in example) <= bool(capsys.readouterr().out.strip())
+
+
+def test_every_test_that_holds_a_promise_exists() -> None:
+    page = (ROOT / "docs" / "reliability.md").read_text(encoding="utf-8")
+    rows = [line for line in page.splitlines() if line.startswith("| ")]
+    promises = [row for row in rows if row not in ("| promise | test |", "| --- | --- |")]
+    assert promises
+    for row in promises:
+        found = re.findall(r"`(tests/[\w/]+\.py|(?=::))((?:::\w+)*)`", row)
+        assert found, row
+        file = ""
+        for place, names in found:
+            file = place or file  # a name alone is in the file before it
+            node: ast.AST = ast.parse((ROOT / file).read_text(encoding="utf-8"))
+            for name in names.split("::")[1:]:
+                inside = {getattr(child, "name", ""): child for child in ast.iter_child_nodes(node)}
+                assert name in inside, f"{file}{names}"
+                node = inside[name]
