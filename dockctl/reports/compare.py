@@ -10,13 +10,13 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 from matplotlib.patches import Patch
-from matplotlib.ticker import MaxNLocator, PercentFormatter
+from matplotlib.ticker import MaxNLocator
 
 from dockctl.analysis.contrast import MEASURES, SUCCESS, Contrast, Measure, contrasts
 from dockctl.analysis.statistics import wilson_interval
 from dockctl.console import count
 from dockctl.drawing import palette
-from dockctl.reports.style import label, make_figure
+from dockctl.reports.style import label, make_figure, panel_title, percent
 
 ROW_IN = 0.46
 """Height per policy [inches]."""
@@ -81,11 +81,10 @@ def draw_outcomes(ax: Axes, table: pd.DataFrame, policies: Sequence[str], title:
         )
     ax.set_yticks(range(len(policies)), list(policies))
     ax.tick_params(axis="y", labelcolor=palette.INK, labelsize=9)
-    ax.set_ylim(len(policies) - 0.5, -0.5)
-    ax.set_xlim(0, 1)
-    ax.xaxis.set_major_formatter(PercentFormatter(1, symbol=" %"))
+    ax.set(ylim=(len(policies) - 0.5, -0.5), xlim=(0, 1))
+    percent(ax.xaxis)
     ax.grid(False)
-    ax.set_title(title, loc="left", fontsize=9, fontweight="bold", pad=6)
+    panel_title(ax, title, pad=6)
 
 
 def draw_differences(ax: Axes, measure: Measure, found: Sequence[Contrast], policies: int) -> None:
@@ -107,7 +106,7 @@ def draw_differences(ax: Axes, measure: Measure, found: Sequence[Contrast], poli
     margin = max(0.16 * np.ptp(ends), 5 * 10.0**-measure.decimals)
     ax.set_xlim(min(ends) - margin, max(ends) + margin)
     ax.xaxis.set_major_locator(MaxNLocator(3))
-    ax.set_title(f"Δ {measure.name}", loc="left", fontsize=9, fontweight="bold", pad=6)
+    panel_title(ax, f"Δ {measure.name}", pad=6)
     ax.set_xlabel(f"[{measure.unit}]", fontsize=8.5, labelpad=2)
     ax.spines["left"].set_visible(False)
     ax.tick_params(axis="y", labelleft=False)

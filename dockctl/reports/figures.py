@@ -14,7 +14,7 @@ from dockctl.console import count
 from dockctl.drawing.scene import Scene
 from dockctl.reports import learning, plan_view, trajectory
 from dockctl.reports.plan_view import Track, split_tracks
-from dockctl.reports.style import make_axes, make_figure
+from dockctl.reports.style import make_axes, make_figure, panel_title, panels
 from dockctl.runs.reader import Run
 from dockctl.runs.tables import RECENT
 from dockctl.scenarios.schema import Task
@@ -75,12 +75,8 @@ def training_figures(run: Run, episodes: pd.DataFrame) -> Iterator[tuple[str, Fi
 
 def updates_figure(run: Run, updates: pd.DataFrame, columns: Sequence[str]) -> Figure:
     """Loss, TD error, Q and gradient norm of the updates, one panel each."""
-    rows = -(-len(columns) // 2)
-    figure = make_figure("Network updates", run.caption, (10.0, 0.9 + 2.4 * rows))
-    axes = figure.subplots(rows, 2, sharex=True, squeeze=False).ravel()
-    learning.draw_updates(axes[: len(columns)], updates, columns)
-    for ax in axes[len(columns) :]:
-        ax.set_visible(False)
+    figure = make_figure("Network updates", run.caption, (10.0, 0.9 + 2.4 * -(-len(columns) // 2)))
+    learning.draw_updates(panels(figure, len(columns), 2, sharex=True), updates, columns)
     figure.supxlabel("Environment steps", fontsize=9.5)
     return figure
 
@@ -124,13 +120,13 @@ def _command_figure(run: Run, tracks: Sequence[Track], title: str, draw: DrawTra
     """One row of axes per track."""
     size = (7.6, 4.3) if len(tracks) == 1 else (7.6, 1.2 + 1.25 * len(tracks))
     figure = make_figure(f"{title} while docking", run.caption, size)
-    axes = np.atleast_1d(figure.subplots(len(tracks), sharex=True, sharey=True))
+    axes = panels(figure, len(tracks), 1, sharex=True, sharey=True)
     axes[0].set_xlim(0, 1.015 * max(track.table["time_s"].iloc[-1] for track in tracks))
     for ax, track in zip(axes, tracks, strict=True):
         draw(ax, [track], run.task)
         trajectory.mark_phases(ax, [track], names=len(tracks) == 1)
         if len(tracks) > 1:
-            ax.set_title(track.label, loc="left", fontsize=8.5, color=track.color, fontweight="bold", pad=3)
+            panel_title(ax, track.label, fontsize=8.5, color=track.color, pad=3)
             label = ax.get_ylabel()
             ax.set_ylabel("")
             ax.label_outer()

@@ -10,7 +10,7 @@ from matplotlib.ticker import FuncFormatter, NullFormatter
 
 from dockctl.analysis.latency import PARTS, STATISTICS, THESIS_FORWARD_MS, summarize
 from dockctl.drawing import palette
-from dockctl.reports.style import label, make_figure
+from dockctl.reports.style import label, make_figure, panel_title
 
 COLORS = {
     "scan_ms": palette.BLUE,
@@ -40,8 +40,7 @@ def latency_figure(samples: pd.DataFrame, subtitle: str, control_period_ms: floa
             ax.axvline(THESIS_FORWARD_MS, color=palette.YELLOW, lw=1.6)
             _label_line(ax, THESIS_FORWARD_MS, f"thesis {THESIS_FORWARD_MS:g} ms", palette.YELLOW)
     _label_line(axes[0], control_period_ms, f"control period {control_period_ms:g} ms", palette.GOAL)
-    axes[-1].set_xscale("log")
-    axes[-1].set_xlim(edges[0], edges[-1])
+    axes[-1].set(xscale="log", xlim=(edges[0], edges[-1]))
     axes[-1].xaxis.set_major_formatter(FuncFormatter(lambda value, _: f"{value:g}"))
     axes[-1].xaxis.set_minor_formatter(NullFormatter())
     axes[-1].set_xlabel("Time [ms], logarithmic")
@@ -53,7 +52,7 @@ def _draw_part(
     ax: Axes, values: pd.Series, edges: np.ndarray, name: str, color: str, summary: dict[str, float]
 ) -> None:
     ax.hist(values, bins=edges.tolist(), color=color, alpha=0.8, lw=0)
-    ax.set_title(name, loc="left", fontsize=9, fontweight="bold", color=color, pad=3)
+    panel_title(ax, name, color=color, pad=3)
     numbers = "   ".join(f"{statistic} {summary[statistic]:.3g}" for statistic in STATISTICS)
     ax.set_title(f"{numbers} ms", loc="right", fontsize=8, color=palette.INK_SOFT, pad=3)
     ax.set_yticks([])

@@ -9,11 +9,11 @@ import numpy as np
 import pandas as pd
 from matplotlib.axes import Axes
 from matplotlib.colors import to_rgba
-from matplotlib.ticker import MaxNLocator, PercentFormatter
+from matplotlib.ticker import MaxNLocator
 
 from dockctl.analysis.episodes import from_initial_poses, moving_average, smoothing_window, term_columns
 from dockctl.drawing import palette
-from dockctl.reports.style import legend_above, thousands
+from dockctl.reports.style import legend_above, panel_title, percent, thousands
 
 TERM_COLORS = {
     "collision": palette.COLLISION,
@@ -45,8 +45,7 @@ def draw_reward(ax: Axes, episodes: pd.DataFrame) -> None:
 def draw_duration(ax: Axes, episodes: pd.DataFrame) -> None:
     """Draw the number of control steps of each episode and its moving average (Fig. 4.2)."""
     _draw_episodes(ax, episodes, "steps")
-    ax.set_ylabel("Duration [control steps]")
-    ax.set_ylim(bottom=0)
+    ax.set(ylabel="Duration [control steps]", ylim=(0, None))
 
 
 def draw_epsilon(ax: Axes, episodes: pd.DataFrame) -> None:
@@ -58,8 +57,7 @@ def draw_epsilon(ax: Axes, episodes: pd.DataFrame) -> None:
         f"{last['epsilon']:.2g}", (last["episode"], last["epsilon"]), xytext=(-2, 6),
         textcoords="offset points", ha="right", color=palette.MEAN,
     )  # fmt: skip
-    ax.set_ylabel("ε, probability of a random action")
-    ax.set_ylim(0, 1.03)
+    ax.set(ylabel="ε, probability of a random action", ylim=(0, 1.03))
     _label_episodes(ax, episodes)
 
 
@@ -75,8 +73,7 @@ def draw_phase(ax: Axes, episodes: pd.DataFrame) -> None:
     share = moving_average(selected["phase"], window)
     ax.plot(selected["episode"], share, color=palette.MEAN, label=f"mean of {window} episodes")
     ax.set_yticks([0, 0.25, 0.5, 0.75, 1], ["no", "25 %", "50 %", "75 %", "yes"])
-    ax.set_ylim(-0.08, 1.08)
-    ax.set_ylabel("Intermediate pose reached")
+    ax.set(ylim=(-0.08, 1.08), ylabel="Intermediate pose reached")
     legend_above(ax, [("episode", palette.RAW), (f"share of {window} episodes", palette.MEAN)])
     _label_episodes(ax, episodes)
 
@@ -89,7 +86,7 @@ def draw_outcomes(ax: Axes, episodes: pd.DataFrame) -> None:
     colors = [to_rgba(color, 0.85) for color in palette.OUTCOMES.values()]
     ax.stackplot(episodes["episode"], *shares, colors=colors, edgecolor="white", lw=0.6)
     ax.set_ylim(0, 1)
-    ax.yaxis.set_major_formatter(PercentFormatter(1, symbol=" %"))
+    percent(ax.yaxis)
     ax.set_ylabel(f"Share of the last {window} episodes")
     ax.grid(False)
     legend_above(ax, list(palette.OUTCOMES.items()))
@@ -176,7 +173,7 @@ def draw_updates(axes: Iterable[Axes], updates: pd.DataFrame, columns: Sequence[
         if column != "q_mean" and (updates[column].dropna() > 0).all():
             ax.set_yscale("log")
         ax.set_xlim(0, max(updates["env_steps"].max(), 1))
-        ax.set_title(UPDATE_COLUMNS[column], loc="left", fontsize=9, fontweight="bold")
+        panel_title(ax, UPDATE_COLUMNS[column])
         ax.xaxis.set_major_locator(MaxNLocator(5))
         thousands(ax)
 
@@ -207,6 +204,5 @@ def _draw_episodes(ax: Axes, episodes: pd.DataFrame, column: str) -> None:
 
 def _label_episodes(ax: Axes, episodes: pd.DataFrame) -> None:
     first, last = episodes["episode"].min(), episodes["episode"].max()
-    ax.set_xlim(first, max(last, first + 1))
-    ax.set_xlabel("Episode")
+    ax.set(xlim=(first, max(last, first + 1)), xlabel="Episode")
     thousands(ax)

@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
 import pandas as pd
@@ -59,21 +60,16 @@ def split_tracks(trajectories: pd.DataFrame) -> list[Track]:
 def draw_harbor(ax: Axes, scene: Scene, view: Bounds) -> None:
     """Draw the harbor within `view`, (x_min, y_min, x_max, y_max) [m]."""
     drawn = [stroke for stroke in strokes(scene) if _overlaps(stroke.xy, view)]
-    ax.add_collection(
-        PolyCollection(
-            [stroke.xy for stroke in drawn],
-            facecolors=[stroke.fill or "none" for stroke in drawn],
-            edgecolors=[stroke.edge or "none" for stroke in drawn],
-            linewidths=0.35,
-            zorder=1,
-        )
+    shapes = PolyCollection(
+        [stroke.xy for stroke in drawn],
+        fc=[stroke.fill or "none" for stroke in drawn],
+        ec=[stroke.edge or "none" for stroke in drawn],
+        lw=0.35,
+        zorder=1,
     )
+    ax.add_collection(shapes)
+    ax.set(xlim=view[::2], ylim=view[1::2], xlabel="x [m]", ylabel="y [m]", aspect="equal")
     ax.set_facecolor(palette.WATER)
-    ax.set_aspect("equal")
-    ax.set_xlim(view[0], view[2])
-    ax.set_ylim(view[1], view[3])
-    ax.set_xlabel("x [m]")
-    ax.set_ylabel("y [m]")
     ax.grid(False)
     ax.spines[:].set_visible(True)
     ax.tick_params(length=3.0)
@@ -86,35 +82,17 @@ def draw_compass(ax: Axes, view: Bounds) -> None:
     unit = 0.01 * max(width, height)  # scales the arrow and the height of the bar with the view
     right, bottom = view[2] - 2.5 * unit, view[1] + 2.5 * unit
     left = right - length
-    plate = FancyBboxPatch(
-        (left - 5.5 * unit, bottom - 0.5 * unit),
-        length + 6 * unit,
-        5 * unit,
-        boxstyle=f"round,pad={unit},rounding_size={unit}",
-        fc="white",
-        ec="none",
-        alpha=0.8,
-        zorder=8,
-    )
-    ax.add_patch(plate)
-    for part, color in ((0, palette.INK), (1, "white")):
-        half = Rectangle(
-            (left + part * length / 2, bottom), length / 2, 0.8 * unit, fc=color, ec=palette.INK, lw=0.6
-        )
-        half.set_zorder(9)
+    corner, rounding = (left - 5.5 * unit, bottom - 0.5 * unit), f"round,pad={unit},rounding_size={unit}"
+    plate = FancyBboxPatch(corner, length + 6 * unit, 5 * unit, boxstyle=rounding, fc="white", ec="none")
+    ax.add_patch(plate).set(alpha=0.8, zorder=8)
+    for x, color in ((left, palette.INK), (left + length / 2, "white")):
+        half = Rectangle((x, bottom), length / 2, 0.8 * unit, fc=color, ec=palette.INK, lw=0.6, zorder=9)
         ax.add_patch(half)
-    ax.text(
-        (left + right) / 2,
-        bottom + 1.6 * unit,
-        f"{length:g} m",
-        ha="center",
-        va="bottom",
-        fontsize=7.5,
-        zorder=9,
-    )
     foot, tip = (left - 3.5 * unit, bottom), (left - 3.5 * unit, bottom + 3 * unit)
     ax.add_patch(_arrow(foot, tip, palette.INK, size=9.0, zorder=9))
-    ax.text(*tip, "N", ha="center", va="bottom", fontsize=7.5, zorder=9)
+    style: dict[str, Any] = {"ha": "center", "va": "bottom", "fontsize": 7.5, "zorder": 9}
+    ax.text((left + right) / 2, bottom + 1.6 * unit, f"{length:g} m", **style)
+    ax.text(*tip, "N", **style)
 
 
 def draw_boat(
@@ -131,17 +109,8 @@ def draw_boat(
     outline = place_outline(hull, pose)
     if fill:
         ax.add_patch(Polygon(outline, fc=color, ec="none", alpha=fill, zorder=4))
-    ax.add_patch(
-        Polygon(
-            outline,
-            fc="none",
-            ec=color,
-            lw=lw,
-            ls=(0, (2.2, 1.4)) if dashed else "-",
-            zorder=5,
-            joinstyle="round",
-        )
-    )
+    ls = (0, (2.2, 1.4)) if dashed else "-"
+    ax.add_patch(Polygon(outline, fc="none", ec=color, lw=lw, ls=ls, zorder=5, joinstyle="round"))
 
 
 def draw_heading(ax: Axes, hull: Floats, pose: Floats, color: str) -> None:
@@ -154,17 +123,8 @@ def draw_heading(ax: Axes, hull: Floats, pose: Floats, color: str) -> None:
 def _arrow(
     foot: tuple[float, float], head: tuple[float, float], color: str, size: float, zorder: float
 ) -> FancyArrowPatch:
-    return FancyArrowPatch(
-        foot,
-        head,
-        arrowstyle="-|>",
-        mutation_scale=size,
-        lw=1.2,
-        color=color,
-        zorder=zorder,
-        shrinkA=0,
-        shrinkB=0,
-    )
+    shape: dict[str, Any] = {"arrowstyle": "-|>", "mutation_scale": size, "shrinkA": 0, "shrinkB": 0}
+    return FancyArrowPatch(foot, head, color=color, lw=1.2, zorder=zorder, **shape)
 
 
 def draw_goals(ax: Axes, hull: Floats, task: Task, *, named: bool = True) -> None:
@@ -209,15 +169,8 @@ def draw_paths(ax: Axes, scene: Scene, tracks: Sequence[Track], task: Task) -> N
     for track in tracks:
         table = track.table
         poses = np.column_stack([table["x_m"], table["y_m"], np.radians(table["heading_deg"])])
-        ax.plot(
-            poses[:, 0],
-            poses[:, 1],
-            color=track.color,
-            lw=1.6,
-            zorder=6,
-            label=track.label,
-            path_effects=HALO,
-        )
+        path: dict[str, Any] = {"color": track.color, "lw": 1.6, "zorder": 6, "path_effects": HALO}
+        ax.plot(poses[:, 0], poses[:, 1], label=track.label, **path)
         time = table["time_s"].to_numpy(float) - table["time_s"].iloc[0]
         rows = np.searchsorted(time, np.arange(0, time[-1] + 1e-9, interval) - 1e-9)
         is_crowded = len(tracks) > 1  # outlines overlap and must not hide the paths

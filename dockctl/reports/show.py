@@ -229,14 +229,11 @@ def draw_sectors(ax: Axes, points: Floats, ranges_m: Floats, hull: Floats, range
         is_hit = nearest < range_m and len(inside) > 0
         _draw_nearest(ax, i, inside if is_hit else None, float(nearest), np.radians(edges[i : i + 2]), view)
     ax.add_patch(Polygon(np.transpose(on_page(hull)), fc=palette.OWN_HULL, ec="white", lw=0.8, zorder=6))
-    ax.set_aspect("equal")
-    ax.set_xlim(-view, view)
-    ax.set_ylim(-view, view)
+    ax.set(aspect="equal", xlim=(-view, view), ylim=(-view, view))
     ticks = [tick for tick in ax.get_xticks() if abs(tick) < view]
     ax.set_xticks(ticks, [f"{0 - tick:g}".replace("-", "−") for tick in ticks])  # y points to port, left
     ax.set_yticks(ticks)
-    ax.set_xlabel("y in the body frame, to port [m]")
-    ax.set_ylabel("x in the body frame, forward [m]")
+    ax.set(xlabel="y in the body frame, to port [m]", ylabel="x in the body frame, forward [m]")
     ax.grid(False)
     ax.spines[:].set_visible(True)
 

@@ -12,12 +12,13 @@ import matplotlib as mpl
 import numpy as np
 from cycler import cycler
 from matplotlib.axes import Axes
+from matplotlib.axis import Axis
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure, FigureBase
 from matplotlib.layout_engine import ConstrainedLayoutEngine
 from matplotlib.lines import Line2D
 from matplotlib.patheffects import withStroke
-from matplotlib.ticker import FuncFormatter
+from matplotlib.ticker import FuncFormatter, PercentFormatter
 
 from dockctl.drawing import palette
 from dockctl.runs.files import write_atomically, writing
@@ -118,6 +119,24 @@ def make_axes(title: str, subtitle: str, size_in: tuple[float, float] = (7.6, 4.
     """Return a titled figure with one pair of axes."""
     figure = make_figure(title, subtitle, size_in)
     return figure, figure.add_subplot()
+
+
+def panels(figure: FigureBase, count: int, columns: int, **subplots: Any) -> list[Axes]:
+    """Return `count` axes in rows of `columns`, without the rest of the last row."""
+    axes = figure.subplots(-(-count // columns), columns, squeeze=False, **subplots).ravel().tolist()
+    for ax in axes[count:]:
+        ax.set_visible(False)
+    return list(axes[:count])
+
+
+def panel_title(ax: Axes, text: str, **style: Any) -> None:
+    """Write a bold title above the axes, by default above their left corner."""
+    ax.set_title(text, **{"loc": "left", "fontsize": 9, "fontweight": "bold", **style})
+
+
+def percent(axis: Axis) -> None:
+    """Format the ticks of an axis of shares as percentages."""
+    axis.set_major_formatter(PercentFormatter(1, symbol=" %"))
 
 
 def legend_above(ax: Axes, entries: Sequence[Entry], columns: int = 5) -> None:

@@ -14,7 +14,7 @@ from matplotlib.axes import Axes
 from matplotlib.collections import PatchCollection
 from matplotlib.figure import Figure, FigureBase
 from matplotlib.patches import Circle, Patch, Rectangle
-from matplotlib.ticker import MultipleLocator, PercentFormatter
+from matplotlib.ticker import MultipleLocator
 
 from dockctl.analysis.statistics import wilson_interval
 from dockctl.analysis.success_map import (
@@ -32,7 +32,7 @@ from dockctl.drawing.scene import Scene
 from dockctl.geometry import Floats
 from dockctl.reports import plan_view
 from dockctl.reports.plan_view import pose_label
-from dockctl.reports.style import HALO, label, legend_above, make_figure
+from dockctl.reports.style import HALO, label, legend_above, make_figure, panel_title, panels, percent
 from dockctl.scenarios.schema import Task
 
 HEADING_LIMITS_DEG = (SMALL_OFFSET_DEG, 45.0, 180.0)
@@ -62,7 +62,7 @@ def map_figure(table: pd.DataFrame, plan: Scene, task: Task, caption: str) -> Fi
     goals = np.array([[p.x_m, p.y_m] for p in (task.final, task.intermediate) if p is not None])
     view = _view(plan, table, goals)
     width = 13.0
-    panels = rows * ((width - 0.4) / columns * (view[3] - view[1]) / (view[2] - view[0]) * 0.93 + 0.45)
+    height = rows * ((width - 0.4) / columns * (view[3] - view[1]) / (view[2] - view[0]) * 0.93 + 0.45)
     straight, small = (
         format_radius(success_radius(within_heading(free, degrees), limit))
         for degrees in (0, SMALL_OFFSET_DEG)
@@ -74,23 +74,19 @@ def map_figure(table: pd.DataFrame, plan: Scene, task: Task, caption: str) -> Fi
         f"{caption}; {len(free):,} free starts, {free['docked'].mean():.0%} dock. Success radius, up to which"
         f" every free start docks{dashed}: {straight} with the heading of the pose, {small} with heading"
         f" offsets up to {SMALL_OFFSET_DEG:g}°",
-        (width, panels + 4.2),
+        (width, height + 4.2),
     )
-    grid = figure.add_gridspec(2, 1, height_ratios=(panels + 0.4, 3.2))
+    grid = figure.add_gridspec(2, 1, height_ratios=(height + 0.4, 3.2))
     upper, lower = (figure.add_subfigure(grid[row, 0]) for row in range(2))
-    axes = np.atleast_1d(upper.subplots(rows, columns, sharex=True, sharey=True)).ravel()
-    for ax, heading, part in zip(axes, headings, parts, strict=False):
+    axes = panels(upper, len(headings), columns, sharex=True, sharey=True)
+    for ax, heading, part in zip(axes, headings, parts, strict=True):
         plan_view.draw_harbor(ax, plan, view)
         draw_cells(ax, part, plan.hull, limit)
         ax.plot(*goals[0], marker="P", ms=6, color=palette.GOAL, mec="white", mew=0.6, zorder=6)
         counted = free_starts(part)
-        ax.set_title(
-            f"{_offset_text(heading)}   {counted['docked'].sum()} of {len(counted)}",
-            loc="left", fontsize=8.5, fontweight="bold", color=palette.INK,
-        )  # fmt: skip
+        counts = f"{counted['docked'].sum()} of {len(counted)}"
+        panel_title(ax, f"{_offset_text(heading)}   {counts}", fontsize=8.5)
         ax.label_outer()
-    for ax in axes[len(headings) :]:
-        ax.set_visible(False)
     _add_outcome_legend(upper)
     left, right = lower.subplots(1, 2)
     draw_by_distance(left, free, limit)
@@ -166,7 +162,7 @@ def _draw_success(ax: Axes, groups: Sequence[tuple[str, pd.DataFrame]], column: 
         share = counts["sum"] / counts["size"]
         ax.plot(values, share, color=color, marker="o", ms=4, mec="white", mew=0.7, zorder=3)
     ax.set_ylim(0, 1.02)
-    ax.yaxis.set_major_formatter(PercentFormatter(1, symbol=" %"))
+    percent(ax.yaxis)
     ax.set_ylabel("Starts that dock, with 95 % interval")
     legend_above(ax, [(name, color) for (name, _), color in zip(groups, COLORS, strict=False)], columns=3)
 

@@ -21,8 +21,7 @@ MEAN_STEPS = 20
 def draw_distance(ax: Axes, tracks: Sequence[Track], task: Task) -> None:
     """Draw the distance to the goal of the current phase (Fig. 4.5)."""
     _draw_lines(ax, tracks, "distance_m", gap_at_switch=True)
-    ax.set_ylabel("Distance δd [m]")
-    ax.set_ylim(bottom=0)
+    ax.set(ylabel="Distance δd [m]", ylim=(0, None))
     for start, end, tolerance in _tolerance_spans(ax, tracks, task):
         width = tolerance.distance_m
         _draw_tolerance(ax, (start, end), (0.0, width), f"tolerance {width:g} m")
@@ -159,8 +158,7 @@ def _end_s(ax: Axes, tracks: Sequence[Track]) -> float:
 
 
 def _finish_axes(ax: Axes, tracks: Sequence[Track]) -> None:
-    ax.set_xlim(0, _end_s(ax, tracks))
-    ax.set_xlabel("Time [s]")
+    ax.set(xlim=(0, _end_s(ax, tracks)), xlabel="Time [s]")
     legend_above(ax, [(track.label, track.color) for track in tracks])
 
 

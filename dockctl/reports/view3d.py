@@ -139,10 +139,7 @@ def extent(camera: Camera, points: Floats, ratio: float | None = None) -> Floats
 def frame(ax: Axes, extent: Floats, background: str) -> None:
     """Show a rectangle of the image without axes."""
     (left, bottom), (right, top) = extent
-    ax.set_xlim(left, right)
-    ax.set_ylim(bottom, top)
-    ax.set_aspect("equal")
-    ax.set_facecolor(background)
+    ax.set(xlim=(left, right), ylim=(bottom, top), aspect="equal", facecolor=background)
     ax.set(xticks=[], yticks=[])
     ax.spines[:].set_visible(False)
 

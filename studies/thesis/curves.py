@@ -8,12 +8,12 @@ import numpy as np
 import pandas as pd
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
-from matplotlib.ticker import MaxNLocator, PercentFormatter
+from matplotlib.ticker import MaxNLocator
 
 from dockctl.analysis.episodes import from_initial_poses, moving_average
 from dockctl.drawing import palette
 from dockctl.reports import learning
-from dockctl.reports.style import legend_above, make_figure, thousands
+from dockctl.reports.style import legend_above, make_figure, panel_title, panels, percent, thousands
 from dockctl.runs.tables import RECENT
 from studies.thesis.data import ArchivedRun
 from studies.thesis.text import POINTS, interquartile_mean, interval, on_common_grid
@@ -89,8 +89,8 @@ def compared_figure(
     """
     rows = -(-len(groups) // columns)
     figure = make_figure(title, subtitle, (12.4, 0.8 + 3.1 * rows))
-    axes = np.atleast_1d(figure.subplots(rows, columns, sharey=True)).ravel()
-    for ax, (name, sets) in zip(axes, groups.items(), strict=False):
+    axes = panels(figure, len(groups), columns, sharey=True)
+    for ax, (name, sets) in zip(axes, groups.items(), strict=True):
         longest = 0.0
         colors = (palette.INK, palette.RED, palette.BLUE)
         for color, runs in zip(colors, sets.values(), strict=False):
@@ -103,9 +103,7 @@ def compared_figure(
         _frame(ax, DOCKED, longest, "Environment steps")
         ax.set_ylabel("")
         legend_above(ax, [(set_name, color) for set_name, color in zip(sets, colors, strict=False)])
-        ax.set_title(name, loc="right", fontsize=9, fontweight="bold", color=palette.INK)
-    for ax in axes[len(groups) :]:
-        ax.set_visible(False)
+        panel_title(ax, name, loc="right")
     figure.supylabel("Docked", fontsize=9.5, color=palette.INK_SOFT)
     return figure
 
@@ -117,8 +115,7 @@ def endings_figure(title: str, runs: Sequence[tuple[str, ArchivedRun]], columns:
         title, f"share of the last {RECENT} episodes by outcome; dark: share past the intermediate pose",
         (12.4, 0.8 + 2.6 * rows),
     )  # fmt: skip
-    axes = np.atleast_1d(figure.subplots(rows, columns)).ravel()
-    for ax, (name, run) in zip(axes, runs, strict=False):
+    for ax, (name, run) in zip(panels(figure, len(runs), columns), runs, strict=True):
         learning.draw_outcomes(ax, run.episodes)
         if run.run.task.intermediate is not None:
             ax.plot(
@@ -128,9 +125,7 @@ def endings_figure(title: str, runs: Sequence[tuple[str, ArchivedRun]], columns:
                 lw=1.3,
             )
         ax.set_ylabel("")
-        ax.set_title(name, loc="right", fontsize=9, fontweight="bold", color=palette.INK)
-    for ax in axes[len(runs) :]:
-        ax.set_visible(False)
+        panel_title(ax, name, loc="right")
     return figure
 
 
@@ -177,7 +172,7 @@ def _frame(ax: Axes, panel: Panel, longest: float, over: str = "Episode") -> Non
     thousands(ax)
     if panel in SHARES:
         ax.set_ylim(-0.02, 1.02)
-        ax.yaxis.set_major_formatter(PercentFormatter(1, symbol=" %"))
+        percent(ax.yaxis)
     elif panel is REWARD:
         thousands(ax, "y")
     else:

@@ -13,7 +13,7 @@ from dockctl.drawing import palette
 from dockctl.drawing.scene import Scene
 from dockctl.reports import plan_view, trajectory
 from dockctl.reports.plan_view import Track
-from dockctl.reports.style import legend_above, make_axes, make_figure
+from dockctl.reports.style import legend_above, make_axes, make_figure, panel_title, panels
 from dockctl.scenarios.schema import Task
 from dockctl.scenarios.vessel import Vessel
 from studies.thesis.data import ArchivedRun, Recording
@@ -75,24 +75,21 @@ def draw_trajectories(ax: Axes, plan: Scene, task: Task, tracks: Sequence[Track]
     _cite(ax, number)
 
 
-def trajectories_figure(title: str, subtitle: str, panels: Sequence[tuple[str, Recording]]) -> Figure:
+def trajectories_figure(title: str, subtitle: str, recordings: Sequence[tuple[str, Recording]]) -> Figure:
     """Trajectories of several policies side by side."""
-    columns = min(3, len(panels))
-    rows = -(-len(panels) // columns)
+    columns = min(3, len(recordings))
+    rows = -(-len(recordings) // columns)
     figure = make_figure(title, subtitle, (max(4.5 * columns, TITLED_IN), 0.8 + 4.5 * rows))
-    axes = np.atleast_1d(figure.subplots(rows, columns)).ravel()
     before: list[str] = []
-    for ax, (name, recording) in zip(axes, panels, strict=False):
+    for ax, (name, recording) in zip(panels(figure, len(recordings), columns), recordings, strict=True):
         draw_trajectories(ax, recording.scene, recording.task, recording.tracks, "")
         labels = [track.label for track in recording.tracks]
         space = "\n" + ax.get_title() if len(labels) > 1 else ""  # height of the key above the axes
         if (legend := ax.get_legend()) and labels == before:
             legend.remove()  # same colors as in the panel before
         ax.set_title("")
-        ax.set_title(name + space, loc="left", fontsize=9, fontweight="bold", linespacing=1.5)
+        panel_title(ax, name + space, linespacing=1.5)
         before = labels
-    for ax in axes[len(panels) :]:
-        ax.set_visible(False)
     return figure
 
 
@@ -107,14 +104,13 @@ def starts_figure(runs: Sequence[tuple[str, str, ArchivedRun]]) -> Figure:
         "blue: initial poses, violet: further evaluation poses, red: goals",
         (13.6, 5.6),
     )  # fmt: skip
-    axes = np.atleast_1d(figure.subplots(1, len(runs)))
-    for ax, (name, number, archived) in zip(axes, runs, strict=True):
+    for ax, (name, number, archived) in zip(panels(figure, len(runs), len(runs)), runs, strict=True):
         run = archived.run
         points = plan_view.task_points(run.task, run.tests)
         view = plan_view.close_view(run.scene, points, aspect=(1.0, 1.0))
         plan_view.draw_harbor(ax, run.scene, view)
         plan_view.draw_poses(ax, run.scene, run.task, run.tests)
-        ax.set_title(name, loc="left", fontsize=9, fontweight="bold", color=palette.INK)
+        panel_title(ax, name)
         _cite(ax, number)
     return figure
 
@@ -152,7 +148,7 @@ def _draw_controls(figure: SubFigure, tracks: Sequence[Track], task: Task, cited
             ax.set_xlim(0, 1.015 * end)
             ax.set_ylabel(label, fontsize=8.5)
             ax.set_xlabel("Time [s]" if track is tracks[-1] else "")
-        row[0].set_title(track.label, loc="left", fontsize=8.5, color=track.color, fontweight="bold", pad=2)
+        panel_title(row[0], track.label, fontsize=8.5, color=track.color, pad=2)
     for ax, number in zip(axes[0], cited, strict=True):
         _cite(ax, number)
 
