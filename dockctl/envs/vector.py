@@ -238,7 +238,8 @@ class DockingVectorEnv(VectorEnv[Observations, NDArray[Any], NDArray[Any]]):
 
     def clearance(self) -> Floats:
         """Return the clearance (n,) [m]: the least distance between each hull and its harbor."""
-        return self.simulator.in_harbors(lambda world, eta: world.obstacles.clearance(eta))
+        eta = self.simulator.eta
+        return self.simulator.in_harbors(lambda world, rows: world.obstacles.clearance(eta[rows]))
 
     def render(self) -> tuple[NDArray[np.uint8], ...] | None:
         """Return a plan view (height, width, 3) for each boat, or None without a render mode."""

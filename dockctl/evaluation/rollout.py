@@ -16,7 +16,7 @@ from dockctl.envs.vector import DockingVectorEnv
 from dockctl.geometry import Floats
 from dockctl.runs.tables import TRAJECTORIES, Value, all_columns, to_csv
 from dockctl.scenarios.loader import LoadedScenario
-from dockctl.sim.collision import hull_reach_m, least_clearance
+from dockctl.sim.collision import least_clearance
 from dockctl.sim.starts import Start
 from dockctl.sim.world import World, build_worlds
 
@@ -112,7 +112,7 @@ class Rollout:
     def __init__(self, loaded: LoadedScenario, worlds: Sequence[World] | None = None) -> None:
         self.loaded, self.scenario = loaded, loaded.scenario
         self.worlds = worlds or build_worlds(loaded.scenario, loaded.base_dir)
-        self._reach_m = hull_reach_m(loaded.scenario.vessel.hull)
+        self._reach_m = loaded.scenario.vessel.hull.reach_m
         self._environments: dict[int, DockingVectorEnv] = {}
 
     def env(self, boats: int = 1) -> DockingVectorEnv:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from itertools import product
-from typing import Self
+from typing import Annotated, Self
 
 import numpy as np
 from numpy.typing import NDArray
@@ -20,13 +20,21 @@ MAX_SPEED_MPS = 100.0
 """Limit of the speed that the propeller can sustain; vessels without damping have none."""
 
 
+Size = Annotated[Number, Field(ge=0.01, le=1000)]
+
+
 class Hull(Model):
     """Box-like hull with a pointed bow [m], used for collisions and drawings."""
 
-    length_m: Positive = 3.0
-    beam_m: Positive = 1.0
-    draft_m: Positive = 0.3
-    freeboard_m: Positive = 0.5
+    length_m: Size = 3.0
+    beam_m: Size = 1.0
+    draft_m: Size = 0.3
+    freeboard_m: Size = 0.5
+
+    @property
+    def reach_m(self) -> float:
+        """Horizontal distance of the corners of the stern from the body origin; no point is farther [m]."""
+        return math.hypot(self.length_m / 2, self.beam_m / 2)
 
 
 class Vessel(Model):

@@ -5,13 +5,14 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Iterator, Sequence
 from functools import cache, cached_property
+from typing import Any
 
 import fcl
 import numpy as np
 import trimesh
 
 from dockctl.compute import shared
-from dockctl.geometry import Bools, Floats, Ints, wrap
+from dockctl.geometry import Bools, Floats, Ints
 from dockctl.scenarios.vessel import Hull
 from dockctl.sim.harbor.build import Harbor
 from dockctl.sim.harbor.solids import hull_mesh
@@ -19,37 +20,50 @@ from dockctl.sim.harbor.waters import Waters, cross_section
 
 SIZE_BY_TRIANGLES = 8
 """Memory of a checker, relative to the array of the harbor's triangles; measured on the reference marina."""
+CONTACT_RESOLUTION_M = 0.002
+"""Motion of the hull between the poses at which contact is tested."""
+SLACK_M = 1e-3
+"""Greater than the rounding errors of fcl's distance between convex shapes."""
 
 
 class CollisionChecker:
     """The hull of one boat in one harbor; poses are rows x, y [m], heading [rad].
 
     fcl compares surfaces and reports no contact for a boat inside a quay or a buoy inside the boat; `blocked`
-    detects these cases, too.
+    detects these cases, too. An open mesh has no inside.
     """
 
     def __init__(self, harbor: Harbor, hull: Hull) -> None:
         self.harbor, self.hull = harbor, hull
         boat = hull_mesh(hull)
+        self._size, self._middle = boat.extents, (hull.freeboard_m - hull.draft_m) / 2
         self._hull = _bvh([boat])
         self._solids = fcl.CollisionObject(_bvh([part.mesh for part in harbor.parts]))
-        bodies = list(_closed_bodies(harbor))
-        self._interior = _Interior(bodies, (hull.freeboard_m - hull.draft_m) / 2)
+        bodies = [(index, solid.mesh) for index, part in enumerate(harbor.parts) for solid in part.solids]
+        self._interior = _Interior([body for body in bodies if body[1].is_watertight], self._middle)
         self._inside_hull = _InsideHull(bodies, boat)
+
+    def near(self, eta: Floats, within_m: Floats) -> Bools:
+        """Return whether the hull can touch a surface if each of its points moves at most this far.
+
+        Conservative: the hull's bounding box, enlarged by `within_m`, is tested. If the answer is no, nothing
+        gets into the hull and the hull does not get into or out of anything.
+
+        Args:
+            eta: (n, 3) poses.
+            within_m: (n,) greatest displacement of a point of the hull [m].
+        """
+        length, beam, height = self._size + 2 * SLACK_M
+        shapes = [fcl.Box(length + 2 * margin, beam + 2 * margin, height) for margin in within_m.tolist()]
+        return self._touching(shapes, eta, self._middle)
 
     def collides(self, eta: Floats) -> Bools:
         """Return whether the surface of the hull touches a surface of the harbor, (n, 3) to (n,)."""
-        request = fcl.CollisionRequest()
-        contacts = [
-            fcl.collide(hull, self._solids, request, fcl.CollisionResult()) for hull in self._placed(eta)
-        ]
-        return np.array(contacts, dtype=np.int64) > 0
+        return self._touching([self._hull] * len(eta), eta)
 
     def blocked(self, eta: Floats) -> Bools:
         """Return whether the hull touches the harbor or one is inside the other, (n, 3) to (n,)."""
-        poses = np.atleast_2d(eta)
-        contained = np.maximum(self._interior.part_at(poses), self._inside_hull.part_in(poses))
-        return self.collides(poses) | (contained >= 0)
+        return self.collides(eta) | (self._contained(eta) >= 0)
 
     def unreachable(self, eta: Floats, goal: Floats) -> Bools:
         """Return whether poses are blocked or not connected by water with the goal (3,), (n, 3) to (n,)."""
@@ -62,30 +76,41 @@ class CollisionChecker:
 
     def collided_part(self, eta: Floats) -> str | None:
         """Return the name of the part that blocks the pose (3,), or None."""
-        (hull,) = self._placed(eta)
+        pose = eta[None]
+        (hull,) = _placed([self._hull], pose)
         result = fcl.CollisionResult()
         if fcl.collide(hull, self._solids, fcl.CollisionRequest(enable_contact=True), result):
             part = int(self.harbor.part_of_triangle[result.contacts[0].b2])
         else:
-            pose = np.atleast_2d(eta)
-            part = int(max(self._interior.part_at(pose)[0], self._inside_hull.part_in(pose)[0]))
+            part = int(self._contained(pose)[0])
         return self.harbor.parts[part].name if part >= 0 else None
 
     def clearance(self, eta: Floats) -> Floats:
-        """Return the distance between the hull and the harbor, 0 in contact, (n, 3) to (n,) [m]."""
-        request = fcl.DistanceRequest()
-        gaps = [fcl.distance(hull, self._solids, request, fcl.DistanceResult()) for hull in self._placed(eta)]
-        return np.maximum(np.array(gaps, dtype=np.float64), 0.0)
+        """Return the distance between the hull and the harbor, 0 if it is blocked, (n, 3) to (n,) [m]."""
+        request, hulls = fcl.DistanceRequest(), _placed([self._hull] * len(eta), eta)
+        gaps = [fcl.distance(hull, self._solids, request, fcl.DistanceResult()) for hull in hulls]
+        return np.where(self._contained(eta) >= 0, 0.0, np.maximum(np.array(gaps, dtype=np.float64), 0.0))
 
-    def _placed(self, eta: Floats) -> Iterator[fcl.CollisionObject]:
-        """Yield a hull at each pose; each call has its own hull, so that threads can share the checker."""
-        hull = fcl.CollisionObject(self._hull)
-        rotation = np.eye(3)
-        for x, y, heading in np.atleast_2d(eta).tolist():
-            cosine, sine = math.cos(heading), math.sin(heading)
-            rotation[0, 0], rotation[0, 1], rotation[1, 0], rotation[1, 1] = cosine, -sine, sine, cosine
-            hull.setTransform(fcl.Transform(rotation, (x, y, 0.0)))
-            yield hull
+    def _contained(self, eta: Floats) -> Ints:
+        """Return the part that contains the hull or is inside it, -1 for none, (n, 3) to (n,)."""
+        return np.maximum(self._interior.part_at(eta), self._inside_hull.part_in(eta))
+
+    def _touching(self, shapes: Sequence[Any], eta: Floats, z: float = 0.0) -> Bools:
+        request = fcl.CollisionRequest()
+        contacts = [
+            fcl.collide(boat, self._solids, request, fcl.CollisionResult())
+            for boat in _placed(shapes, eta, z)
+        ]
+        return np.array(contacts, dtype=np.int64) > 0
+
+
+def _placed(shapes: Sequence[Any], eta: Floats, z: float = 0.0) -> Iterator[fcl.CollisionObject]:
+    """Yield each shape at its pose; nothing is shared between calls, so that threads can share a checker."""
+    rotation = np.eye(3)
+    for shape, (x, y, heading) in zip(shapes, eta.tolist(), strict=True):
+        cosine, sine = math.cos(heading), math.sin(heading)
+        rotation[0, 0], rotation[0, 1], rotation[1, 0], rotation[1, 1] = cosine, -sine, sine, cosine
+        yield fcl.CollisionObject(shape, fcl.Transform(rotation, (x, y, z)))
 
 
 @shared(lambda checker: SIZE_BY_TRIANGLES * checker.harbor.triangles.nbytes)
@@ -94,17 +119,43 @@ def collision_checker(harbor: Harbor, hull: Hull) -> CollisionChecker:
     return CollisionChecker(harbor, hull)
 
 
-def hull_reach_m(hull: Hull) -> float:
-    """Return the greatest horizontal distance of a point of the hull from the body origin [m]."""
-    return float(np.hypot(*hull_mesh(hull).vertices[:, :2].T).max())
+def first_contact(
+    path: Floats, near: Callable[[Floats, Floats], Bools], blocked: Callable[[Floats], Bools], hull: Hull
+) -> Floats | None:
+    """Return where the hull first touches something on its way along a path, or None.
+
+    A section of the path is skipped if nothing is near the hull at its middle; others are halved, down to
+    `CONTACT_RESOLUTION_M` or, for small hulls, a tenth of the beam or length. A hull therefore cannot cross a
+    surface, and only contact on a shorter way is missed.
+
+    Args:
+        path: (k, 3 + m) successive poses and any m other columns, linear in between; k >= 1.
+        near, blocked: as of a `CollisionChecker`.
+        hull: the hull.
+
+    Returns:
+        the row of `path`, interpolated, at the contact.
+    """
+    moved = _moved(path, hull.reach_m)
+    resolution = min(CONTACT_RESOLUTION_M, 0.1 * hull.beam_m, 0.1 * hull.length_m)
+    sections = [(0.0, float(moved[-1]))]
+    while sections:
+        begin, end = sections.pop()
+        middle = (begin + end) / 2
+        at = np.array([np.interp(middle, moved, column) for column in path.T])
+        if end - begin <= resolution:
+            if blocked(at[None, :3])[0]:
+                return at
+        elif near(at[None, :3], np.array([end - middle]))[0]:
+            sections += [(middle, end), (begin, middle)]
+    return None
 
 
 def least_clearance(eta: Floats, clearance: Callable[[Floats], Floats], reach_m: float) -> float:
     """Return the minimum clearance over the poses of a trajectory, computed at few of them.
 
-    No point of the hull moves farther than the body origin plus the heading change times `reach_m`, so the
-    clearance cannot change by more than that. A section of the trajectory is skipped if this bound shows that
-    its clearance is not below the minimum found so far.
+    The clearance cannot change by more than the hull moves. A section of the trajectory is skipped if this
+    bound shows that its clearance is not below the minimum found so far.
 
     Args:
         eta: (k, 3) successive poses, x, y [m] and heading [rad]; k >= 1.
@@ -116,8 +167,7 @@ def least_clearance(eta: Floats, clearance: Callable[[Floats], Floats], reach_m:
     def at(row: int) -> float:
         return float(clearance(eta[row : row + 1])[0])
 
-    moves = np.hypot(*np.diff(eta[:, :2], axis=0).T) + reach_m * np.abs(wrap(np.diff(eta[:, 2])))
-    moved = np.concatenate([[0.0], np.cumsum(moves)])
+    moved = _moved(eta, reach_m)
     least = min(at(0), at(len(eta) - 1))
     sections = [(0, len(eta) - 1)]
     while sections:
@@ -128,6 +178,15 @@ def least_clearance(eta: Floats, clearance: Callable[[Floats], Floats], reach_m:
             least = min(least, at(middle))
             sections += [(first, middle), (middle, last)]
     return least
+
+
+def _moved(path: Floats, reach_m: float) -> Floats:
+    """Return a bound of the way of any point of the hull up to each pose of a path, (k, 3 + m) to (k,) [m].
+
+    No point moves farther than the body origin plus the heading change times `reach_m`.
+    """
+    x, y, heading = np.diff(path[:, :3], axis=0).T
+    return np.concatenate([[0.0], np.cumsum(np.hypot(x, y) + reach_m * np.abs(heading))])
 
 
 def _bvh(meshes: Sequence[trimesh.Trimesh]) -> fcl.BVHModel:
@@ -141,14 +200,6 @@ def _bvh(meshes: Sequence[trimesh.Trimesh]) -> fcl.BVHModel:
 
 
 Body = tuple[int, trimesh.Trimesh]
-
-
-def _closed_bodies(harbor: Harbor) -> Iterator[Body]:
-    """Yield part index and mesh of every watertight solid."""
-    for index, part in enumerate(harbor.parts):
-        for solid in part.solids:
-            if solid.mesh.is_watertight:
-                yield index, solid.mesh
 
 
 class _Interior:
@@ -174,7 +225,7 @@ class _Interior:
 
 
 class _InsideHull:
-    """Finds the part inside the hull without contact: solids that are small enough, tested by one corner."""
+    """Finds the part inside the hull without contact: bodies that are small enough, tested by one corner."""
 
     def __init__(self, bodies: Sequence[Body], hull: trimesh.Trimesh) -> None:
         reach = np.linalg.norm(hull.extents[:2])

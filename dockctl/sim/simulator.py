@@ -9,9 +9,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dockctl.errors import DockctlError, require_shape
-from dockctl.geometry import Floats, Ints, rotate
+from dockctl.geometry import Bools, Floats, Ints, rotate
 from dockctl.plugins import CONDITIONS, RANGE_SENSORS, Guard
 from dockctl.scenarios.schema import Scenario
+from dockctl.sim.collision import first_contact
 from dockctl.sim.goal import TO_FINAL, StepStatus, measure, reached
 from dockctl.sim.starts import Start
 from dockctl.sim.vessel import VesselModel
@@ -23,6 +24,10 @@ STATE = (
     "heading_error_rad", "sector_ranges_m",
 )  # fmt: skip
 """Attributes with one row per boat."""
+
+
+STATE_LIMIT = 1e9
+"""Positions [m], headings [rad] and velocities above are those of an integration that diverged."""
 
 
 class Simulator:
@@ -108,9 +113,8 @@ class Simulator:
         """
         phase, distance, heading_error = self.phase.copy(), self.distance_m, self.heading_error_rad
         previous_command, self.command = self.command, command.astype(float)
-        self._move()
+        collided = self._move()
         self.steps += 1
-        collided = self.in_harbors(lambda world, eta: world.obstacles.collides(eta))
         self._measure()
         speed = np.hypot(self.nu[:, 0], self.nu[:, 1])
         intermediate, final = reached(self.task, phase, self.distance_m, self.heading_error_rad, speed)
@@ -166,38 +170,71 @@ class Simulator:
         """
         boats, sectors = self.sector_ranges_m.shape
         with self._sensor:
-            ranges = self.in_harbors(lambda world, eta: world.lidar.sector_ranges(eta), rows)
+            ranges = self.in_harbors(lambda world, rows: world.lidar.sector_ranges(self.eta[rows]), rows)
             require_shape("the range sensor", ranges.shape, (boats if rows is None else len(rows), sectors))
         return ranges
 
-    def in_harbors(self, query: Callable[[World, Floats], Answer], rows: Ints | None = None) -> Answer:
-        """Evaluate a function of world and pose for each boat, in the boat's own world.
+    def in_harbors(self, query: Callable[[World, Ints], Answer], rows: Ints | None = None) -> Answer:
+        """Evaluate a function of world and boats for each boat, in the boat's own world.
 
         Args:
-            query: takes a world and poses (m, 3), and returns m rows.
+            query: takes a world and boats (m,), and returns m rows.
             rows: (k,) which boats; all by default.
 
         Returns:
             the answers in the order of the boats.
         """
-        harbor, eta = (self.harbor, self.eta) if rows is None else (self.harbor[rows], self.eta[rows])
+        boats = np.arange(len(self.harbor)) if rows is None else rows
         if len(self.worlds) == 1:
-            return query(self.worlds[0], eta)
+            return query(self.worlds[0], boats)
+        harbor = self.harbor[boats]
         order = np.argsort(harbor, kind="stable")
         numbers, first = np.unique(harbor[order], return_index=True)
-        groups = np.split(order, first[1:])
-        answers = [query(self.worlds[i], eta[group]) for i, group in zip(numbers, groups, strict=True)]
+        groups = np.split(boats[order], first[1:])
+        answers = [query(self.worlds[i], group) for i, group in zip(numbers, groups, strict=True)]
         return cast(Answer, np.concatenate(answers)[np.argsort(order)])
 
-    def _move(self) -> None:
-        """Integrate the equations of motion over one control period.
+    def _move(self) -> Bools:
+        """Integrate the equations of motion over one control period; return which boats collided, (n,).
 
         In a constant current V_c they hold for the velocity relative to the water,
         nu_r = nu - R(psi)^T V_c, with eta' = R(psi) nu_r + V_c (Fossen 2012).
+
+        A boat that is free at the end of the period but touched something on the way stays where it did.
+
+        Raises:
+            DockctlError: the integration diverged.
         """
-        if not self.disturbances:
-            self.eta, self.nu = self.vessel.step(self.eta, self.nu, self.command)
-            return
+        period = self.vessel.vessel.control_period_s
+        before, nu_r, current = self.eta, self.nu, self._current()
+        if self.disturbances:
+            nu_r = nu_r - _in_body_frame(current, before[:, 2])
+        eta, nu, travel = self.vessel.step_and_travel(before, nu_r, self.command)
+        if self.disturbances:
+            eta[:, :2] += current * period
+            nu += _in_body_frame(current, eta[:, 2])
+            travel += np.hypot(*current.T) * period
+        self._check(eta, nu)
+        self.eta, self.nu = eta, nu
+        collided = self.in_harbors(lambda world, rows: world.obstacles.near(eta[rows], travel[rows]))
+        collided |= self.steps == 0  # a start may be inside something; later, nothing gets there unless near
+        for row in np.flatnonzero(collided):
+            obstacles = self.worlds[int(self.harbor[row])].obstacles
+            if obstacles.blocked(eta[[row]])[0]:
+                continue
+            path = self.vessel.path(before[[row]], nu_r[[row]], self.command[[row]])[0]
+            flow = np.tile(current[row], (len(path), 1))
+            path[:, :2] += flow * np.linspace(0, period, len(path))[:, None]
+            path[:, 3:] += _in_body_frame(flow, path[:, 2])
+            contact = first_contact(path, obstacles.near, obstacles.blocked, self.vessel.vessel.hull)
+            if contact is None:
+                collided[row] = False
+            else:
+                eta[row], nu[row] = contact[:3], contact[3:]
+        return collided
+
+    def _current(self) -> Floats:
+        """Return the velocity of the water (n, 2) in the world frame [m/s]."""
         current = np.zeros((len(self.eta), 2))
         for guard, disturbance in zip(self._conditions, self.disturbances, strict=True):
             with guard:
@@ -206,10 +243,23 @@ class Simulator:
                     who = f"{type(disturbance).__name__}.water_velocity"
                     require_shape(who, velocity.shape, current.shape)
                 current += velocity
-        nu_r = self.nu - _in_body_frame(current, self.eta[:, 2])
-        self.eta, nu_r = self.vessel.step(self.eta, nu_r, self.command)
-        self.eta[:, :2] += current * self.vessel.vessel.control_period_s
-        self.nu = nu_r + _in_body_frame(current, self.eta[:, 2])
+        return current
+
+    def _check(self, eta: Floats, nu: Floats) -> None:
+        """Check that the integration to these poses and velocities, (n, 3), did not diverge.
+
+        Raises:
+            DockctlError: a pose or velocity is not finite, or far beyond any harbor or vessel.
+        """
+        state = np.hstack([eta, nu])
+        for row in np.flatnonzero(~(np.abs(state) < STATE_LIMIT).all(axis=1)):
+            (x, y, heading, u, v, r), (force, angle) = state[row], self.command[row]
+            raise DockctlError(
+                f"boat {row}, step {self.steps[row] + 1}: the integration diverged at ({x:g}, {y:g}) m,"
+                f" {heading:g} rad, {u:g} m/s, {v:g} m/s, {r:g} rad/s at {force:g} N, {np.degrees(angle):g}°;"
+                " expected starts, currents and commands that the vessel is made for, or more substeps",
+                code="out_of_range",
+            )
 
     def _measure(self) -> None:
         self.distance_m, self.heading_error_rad = measure(self.eta, self.goal)

@@ -9,6 +9,7 @@ of 0.5 s would be unstable (the limit is 0.295 s), so the integration uses subst
 
 from __future__ import annotations
 
+import math
 from typing import Any
 
 import numpy as np
@@ -83,16 +84,33 @@ class VesselModel:
         return (rotation(eta[:, 2]) @ nu[:, :, None])[:, :, 0]
 
     def step(self, eta: Floats, nu: Floats, command: Floats) -> tuple[Floats, Floats]:
-        """Return pose and velocity one control period later, with a constant command.
+        """Return pose and velocity (n, 3) one control period later, with a constant command.
 
         Args:
             eta: (n, 3) x, y [m] and heading [rad].
             nu: (n, 3) u, v [m/s] and r [rad/s].
             command: (n, 2) propeller force [N] and rudder angle [rad].
         """
+        after, velocity, _ = self.step_and_travel(eta, nu, command)
+        return after, velocity
+
+    def step_and_travel(self, eta: Floats, nu: Floats, command: Floats) -> tuple[Floats, Floats, Floats]:
+        """Return the results of `step`, and a bound (n,) of the way of any point of the hull [m]."""
+        return self._integrate(eta, nu, command, np.empty((0, 0, 6)))
+
+    def path(self, eta: Floats, nu: Floats, command: Floats) -> Floats:
+        """Return pose and velocity, (n, substeps + 1, 6), at the ends of the substeps of `step`."""
+        states = np.empty((len(eta), self.vessel.substeps + 1, 6))
+        self._integrate(eta, nu, command, states)
+        return states
+
+    def _integrate(
+        self, eta: Floats, nu: Floats, command: Floats, states: Floats
+    ) -> tuple[Floats, Floats, Floats]:
         period, substeps = self.vessel.control_period_s, self.vessel.substeps
-        after: tuple[Floats, Floats] = _integrate(
-            eta, nu, self.tau(command), self._coefficients, period / substeps, substeps
+        tau, reach = self.tau(command), self.vessel.hull.reach_m
+        after: tuple[Floats, Floats, Floats] = _integrate(
+            eta, nu, tau, self._coefficients, period / substeps, substeps, reach, states
         )
         return after
 
@@ -138,15 +156,24 @@ def _rate(psi: float, u: float, v: float, r: float, tau: Any, coefficients: Any)
 
 
 @compiled()
-def _integrate(eta: Any, nu: Any, tau: Any, coefficients: Any, h: float, substeps: int) -> Any:
-    """Take `substeps` Runge-Kutta steps of h seconds for every row; returns new arrays."""
-    eta, nu = eta.copy(), nu.copy()
+def _integrate(
+    eta: Any, nu: Any, tau: Any, coefficients: Any, h: float, substeps: int, reach: float, states: Any
+) -> Any:
+    """Take `substeps` Runge-Kutta steps of h seconds for every row; returns new arrays.
+
+    The third one sums the motion of the outermost point, at `reach`. All states are written to `states`
+    (n, substeps + 1, 6), unless it is empty.
+    """
+    eta, nu, travel = eta.copy(), nu.copy(), np.zeros(len(eta))
     a, b = h / 2, h / 6
     for i in range(len(eta)):
         x, y, p = eta[i]
         u, v, r = nu[i]
         f = (tau[i, 0], tau[i, 1], tau[i, 2])
-        for _ in range(substeps):
+        for j in range(substeps):
+            if len(states):
+                states[i, j] = x, y, p, u, v, r
+            x0, y0, p0 = x, y, p
             x1, y1, p1, u1, v1, r1 = _rate(p, u, v, r, f, coefficients)
             x2, y2, p2, u2, v2, r2 = _rate(p + a * p1, u + a * u1, v + a * v1, r + a * r1, f, coefficients)
             x3, y3, p3, u3, v3, r3 = _rate(p + a * p2, u + a * u2, v + a * v2, r + a * r2, f, coefficients)
@@ -157,6 +184,9 @@ def _integrate(eta: Any, nu: Any, tau: Any, coefficients: Any, h: float, substep
             u += b * (u1 + 2 * u2 + 2 * u3 + u4)
             v += b * (v1 + 2 * v2 + 2 * v3 + v4)
             r += b * (r1 + 2 * r2 + 2 * r3 + r4)
+            travel[i] += math.hypot(x - x0, y - y0) + reach * abs(p - p0)
         eta[i, 0], eta[i, 1], eta[i, 2] = x, y, p
         nu[i, 0], nu[i, 1], nu[i, 2] = u, v, r
-    return eta, nu
+        if len(states):
+            states[i, substeps] = x, y, p, u, v, r
+    return eta, nu, travel

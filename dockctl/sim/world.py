@@ -36,8 +36,8 @@ SEARCH_DIRECTIONS = np.array([(math.cos(a), math.sin(a), 0.0) for a in np.arange
 class Obstacles(Protocol):
     """What a boat can collide with. Poses `eta` are (n, 3) x, y [m] and heading [rad]."""
 
-    def collides(self, eta: Floats) -> Bools:
-        """Return whether the hull touches something, (n,)."""
+    def near(self, eta: Floats, within_m: Floats) -> Bools:
+        """Return whether the hull can touch something if its points move at most (n,) [m]; conservative."""
         ...
 
     def blocked(self, eta: Floats) -> Bools:
@@ -115,10 +115,11 @@ def in_open_water(lidar: RangeSensor) -> World:
 
 
 class _NoObstacles:
-    def collides(self, eta: Floats) -> Bools:
+    def near(self, eta: Floats, within_m: Floats) -> Bools:
         return np.zeros(len(eta), bool)
 
-    blocked = collides
+    def blocked(self, eta: Floats) -> Bools:
+        return np.zeros(len(eta), bool)
 
     def unreachable(self, eta: Floats, goal: Floats) -> Bools:
         return self.blocked(eta)

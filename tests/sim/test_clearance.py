@@ -3,12 +3,14 @@
 from __future__ import annotations
 
 import numpy as np
+import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
 from dockctl.geometry import Floats
 from dockctl.scenarios.vessel import Hull
-from dockctl.sim.collision import hull_reach_m, least_clearance
+from dockctl.sim.collision import least_clearance
+from dockctl.sim.harbor.solids import hull_mesh
 
 PILES = np.array([[0.0, 0.0], [3.0, 1.0], [-2.0, 4.0]])
 KEEL = np.array([[-1.5, 0.0], [0.0, 0.3], [1.5, 0.0]])
@@ -43,4 +45,5 @@ def test_few_poses_are_evaluated() -> None:
 
 
 def test_reach_of_the_hull() -> None:
-    assert 1.5 <= hull_reach_m(Hull(length_m=3.0, beam_m=1.0)) <= np.hypot(1.5, 0.5)
+    for hull in (Hull(), Hull(length_m=1.0, beam_m=3.0)):
+        assert hull.reach_m == pytest.approx(np.hypot(*hull_mesh(hull).vertices[:, :2].T).max())

@@ -16,10 +16,11 @@ class Wall:
     def __init__(self, x_m: float) -> None:
         self.x_m = x_m
 
-    def collides(self, eta: Floats) -> NDArray[np.bool_]:
-        return eta[:, 0] > self.x_m
+    def near(self, eta: Floats, within_m: Floats) -> NDArray[np.bool_]:
+        return eta[:, 0] + within_m > self.x_m
 
-    blocked = collides
+    def blocked(self, eta: Floats) -> NDArray[np.bool_]:
+        return eta[:, 0] > self.x_m
 
     def unreachable(self, eta: Floats, goal: Floats) -> NDArray[np.bool_]:
         return self.blocked(eta)
