@@ -26,8 +26,10 @@ Written by the commands that measure the policy:
 ``returns.csv/json``      discounted returns of behaviors, of ``dockctl returns``
 ``transfer/``             recordings on other scenarios, of ``dockctl record``
 ``figures/``              figures, and ``latency.csv/json`` of ``dockctl latency``
+``last/``                 the same for the checkpoint ``last``, if that is the one that was measured
 ========================  =============================================================================
 
+The JSON files contain the hashes of the files that belong to them (`dockctl.runs.results`).
 On another scenario the name of that scenario is appended: ``evaluation-marina.csv``. Columns are described in
 `dockctl.runs.tables`.
 """
