@@ -115,8 +115,9 @@ class Vessel(Model):
             raise FieldError(
                 "substeps",
                 f"{self.substeps} in {self.control_period_s:g} s are unstable, since the vessel's velocity"
-                f" changes at up to {rate:.3g} 1/s; expected at least {needed // 1 + 1:.0f}",
+                f" changes at up to {rate:.3g} 1/s; expected more",
                 "out_of_range",
+                f"{needed // 1 + 1:.0f}",
             )
         return self
 
