@@ -28,6 +28,7 @@ Code = Literal[
     "busy",  # another process is using it
     "unavailable",  # this machine lacks a device, memory or package
     "plugin",  # a plugin failed or broke its contract
+    "diverged",  # a training that cannot succeed any more
     "untrusted",  # code of a received file that the user has not allowed to run
 ]
 

@@ -9,7 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any, NamedTuple, Protocol, Self
+from typing import TYPE_CHECKING, Any, NamedTuple, Protocol, Self, runtime_checkable
 
 import numpy as np
 from numpy.typing import NDArray
@@ -122,6 +122,28 @@ class Algorithm(Protocol):
 
         Raises:
             KeyError, TypeError, ValueError, RuntimeError: the state belongs to another network.
+        """
+        ...
+
+
+@runtime_checkable
+class Dueling(Protocol):
+    """An algorithm whose network has an advantage stream."""
+
+    def advantages(self, observation: NDArray[Any]) -> NDArray[Any]:
+        """Return the output of the stream, (n, actions), for observations (n, observation_size)."""
+        ...
+
+
+@runtime_checkable
+class Recoverable(Protocol):
+    """An algorithm that can try again from a saved state."""
+
+    def recover(self, attempt: int) -> None:
+        """Go on from the state that was just restored: new episodes, other random numbers, slower learning.
+
+        Args:
+            attempt: how many times the training was rolled back, from 1.
         """
         ...
 

@@ -18,6 +18,7 @@ REASONS = {
     "episodes": "The episode limit is reached",
     "steps": "The step limit is reached",
     "interrupted": "Interrupted",
+    "diverged": "The training diverged",
 }
 """Why a training ended."""
 
@@ -37,6 +38,7 @@ class Progress:
         validated_at: environment steps at the latest validation, 0 before the first.
         evaluated_at: environment steps at the latest evaluation, 0 before the first.
         evaluation_docked, evaluation_episodes: result of that evaluation.
+        rollbacks: how many times the training went back to a checkpoint because it diverged.
         wall_s: seconds of training.
         epsilon, loss: latest values, for display.
     """
@@ -51,6 +53,7 @@ class Progress:
     evaluated_at: int = 0
     evaluation_docked: int = 0
     evaluation_episodes: int = 0
+    rollbacks: int = 0
     wall_s: float = 0.0
     epsilon: float | None = None
     loss: float | None = None

@@ -22,9 +22,11 @@ from dockctl.agents.checkpoint import (
     save_pair,
     save_policy,
 )
-from dockctl.agents.interface import Algorithm, Policy, Step, final_info, final_observation
+from dockctl.agents.divergence import DivergenceError, Monitor
+from dockctl.agents.interface import Algorithm, Policy, Recoverable, Step, final_info, final_observation
 from dockctl.agents.progress import EpisodeRecorder, Progress, UpdateRecorder
 from dockctl.compute import workers
+from dockctl.plugins import PluginError, runtime_error
 from dockctl.runs.directory import (
     BEST,
     EPISODES_CSV,
@@ -40,6 +42,7 @@ from dockctl.scenarios.training import Training
 TABLES = {EPISODES_CSV: EPISODES, UPDATES_CSV: UPDATES, EVALUATIONS_CSV: EVALUATIONS, TIMING_CSV: TIMING}
 UPDATE_ROWS = 2000
 """Rows of ``updates.csv`` after ``training.total_steps``, about."""
+MAX_ROLLBACKS = 3
 
 
 Greedy = Callable[[Policy], Sequence[dict[str, Value]]]
@@ -59,6 +62,8 @@ class Trainer:
         evaluate: from the poses that the stop rule demands; by default the validation starts.
         on_progress: called after every step.
         interrupted: called after every step; True saves and stops the training.
+        warn: called with what a training that goes on has met.
+        step_limit: control steps after which the environment ends an episode, if it is known.
     """
 
     def __init__(
@@ -73,25 +78,50 @@ class Trainer:
         *,
         on_progress: Callable[[Progress], None] = lambda progress: None,
         interrupted: Callable[[], bool] = lambda: False,
+        warn: Callable[[str], None] = lambda text: None,
+        step_limit: int | None = None,
     ) -> None:
         self.algorithm, self.training, self.environment = algorithm, training, environment
         self.run_directory, self.card = run, card
         self.validate, self.evaluate = validate, evaluate
-        self.on_progress, self.interrupted = on_progress, interrupted
-        self.progress, self._stopping = Progress(), Event()
+        self.on_progress, self.interrupted, self.warn = on_progress, interrupted, warn
+        self._step_limit, self._warned, self._logged = step_limit, set[str](), False
+        self.progress = Progress()
         self.episode_recorder = EpisodeRecorder(training.boats)
         updates = training.updates_due(training.total_steps)
         self.update_recorder = UpdateRecorder(stride=max(1, updates // UPDATE_ROWS))
         self.tables = {name: run.table(name, columns) for name, columns in TABLES.items()}
 
     def run(self) -> str:
-        """Train until there is a reason to stop, save, and return the reason, a key of `REASONS`."""
-        progress, start = self.progress, time.monotonic() - self.progress.wall_s
-        seed = np.random.SeedSequence((self.training.seed, progress.env_steps)).generate_state(1)
-        observation, _ = self.environment.reset(seed=int(seed[0]))
+        """Train until there is a reason to stop, save, and return the reason, a key of `REASONS`.
+
+        Raises:
+            DivergenceError: the training diverged; the latest checkpoint is from before.
+            PluginError: a plugin failed; the state is saved.
+        """
+        self._started = time.monotonic() - self.progress.wall_s
+        while True:
+            try:
+                return self._train()
+            except DivergenceError as error:
+                self._roll_back(error)
+            except Exception as error:
+                if known := error if isinstance(error, PluginError) else runtime_error(error):
+                    self._save_last()
+                    raise known from error
+                raise
+
+    def _train(self) -> str:
+        seed = [self.training.seed, self.progress.env_steps]
+        if self.progress.rollbacks:
+            seed.append(self.progress.rollbacks)
+        observation, _ = self.environment.reset(seed=int(np.random.SeedSequence(seed).generate_state(1)[0]))
+        names = getattr(self.environment, "observation_names", ())
+        self._monitor, self._stopping = Monitor(self.training, names, self._step_limit), Event()
+        progress = self.progress
         while (reason := self._reason_to_stop()) is None:
             observation = self._step(observation)
-            progress.wall_s = time.monotonic() - start
+            progress.wall_s = time.monotonic() - self._started
             if progress.crossed(self.training.evaluate_every_steps, since=progress.evaluated_at):
                 self._evaluate()
             self.on_progress(progress)
@@ -99,6 +129,42 @@ class Trainer:
             self._evaluate(over=True)
         self._save_last()
         return reason
+
+    def _check(self, check: Callable[..., None], *arguments: Any) -> bool:
+        """Run a check of the monitor and return whether it holds.
+
+        Raises:
+            DivergenceError: it does not, and the training is not to go on nevertheless.
+        """
+        try:
+            check(*arguments, self.progress.env_steps)
+        except DivergenceError as error:
+            if self.training.on_divergence != "continue":
+                raise
+            if error.term not in self._warned:
+                self._warned.add(error.term)
+                self.warn(error.message)
+            return False
+        return True
+
+    def _roll_back(self, error: DivergenceError) -> None:
+        """Go back to the latest checkpoint, for new episodes with other random numbers.
+
+        Raises:
+            DivergenceError: there is no checkpoint, or no other attempt.
+        """
+        attempt = self.progress.rollbacks + 1
+        if self.training.on_divergence != "rollback" or attempt > MAX_ROLLBACKS:
+            raise error
+        try:
+            self.restore()
+        except CheckpointError:
+            raise error from None
+        self.progress.rollbacks = attempt
+        self.episode_recorder = EpisodeRecorder(self.training.boats)
+        if isinstance(self.algorithm, Recoverable):
+            self.algorithm.recover(attempt)
+        self.warn(f"{error.message}; back to step {self.progress.env_steps:,}, attempt {attempt}")
 
     def _reason_to_stop(self) -> str | None:
         return "interrupted" if self.interrupted() else self.progress.reason_to_stop(self.training)
@@ -117,10 +183,18 @@ class Trainer:
             raise
         done = terminated | truncated
         final = final_observation(next_observation, info, done)
-        self.algorithm.store(Step(observation, action, np.asarray(reward), final, terminated, truncated))
+        last, step = (
+            final_info(info, done),
+            Step(observation, action, np.asarray(reward), final, terminated, truncated),
+        )
+        self._check(self._monitor.check_step, step, last)
+        if self._logged:
+            self._logged = False
+            self._check(self._monitor.check_networks, self.algorithm)
+        self.algorithm.store(step)
         progress.env_steps += self.training.boats
         progress.epsilon = self.algorithm.epsilon
-        rows = self.episode_recorder.add(reward, final_info(info, done), done)
+        rows = self.episode_recorder.add(reward, last, done)
         window = max(RECENT, self.training.stop.episodes if self.training.stop else 0)
         for row in rows:
             progress.count_episode(str(row["outcome"]), row["start_kind"] == "pose", window)
@@ -139,9 +213,11 @@ class Trainer:
             return
         for metrics in self.algorithm.learn(progress.env_steps):
             progress.updates, progress.loss = self.algorithm.updates, metrics["loss"]
+            self._check(self._monitor.check_update, metrics)
             if row := self.update_recorder.add(metrics):
                 labels = {"update": progress.updates, "env_steps": progress.env_steps}
                 self.tables[UPDATES_CSV].append([{**labels, **row}])
+                self._logged = True
             if self._stopping.is_set():
                 return
 
@@ -173,23 +249,28 @@ class Trainer:
 
     def _select(self, validation: Sequence[dict[str, Value]]) -> bool:
         """Save the policy if it docks from as many starts as any before, and return whether it does."""
-        progress, docked = self.progress, _docked(validation)
+        progress, docked, tensors = self.progress, _docked(validation), self.algorithm.policy_tensors()
         progress.validated_at = progress.env_steps
         if progress.best is not None and docked < progress.best[0]:
             return False
+        if not self._check(self._monitor.check_parameters, tensors):
+            return False
         progress.best = [docked, len(validation), float(np.mean([row["return"] for row in validation]))]
         with self.run_directory.new_checkpoint(BEST) as folder:
-            save_policy(folder, self.algorithm.policy_tensors(), self._card())
+            save_policy(folder, tensors, self._card())
         return True
 
     def _card(self) -> PolicyCard:
         return self.card.model_copy(update={"env_steps": self.progress.env_steps})
 
     def _save_last(self) -> None:
-        """Save the policy and everything else that `restore` needs."""
+        """Save the policy and everything else that `restore` needs, unless a parameter is not finite."""
+        policy = self.algorithm.policy_tensors()
+        if not self._check(self._monitor.check_parameters, policy):
+            return
         tables = {name: table.save() for name, table in self.tables.items()}
         with self.run_directory.new_checkpoint(LAST) as folder:
-            save_policy(folder, self.algorithm.policy_tensors(), self._card())
+            save_policy(folder, policy, self._card())
             tensors, state = self.algorithm.state()
             facts = {"progress": asdict(self.progress), "algorithm": state, "tables": tables}
             save_pair(folder, LEARNER, tensors, facts)

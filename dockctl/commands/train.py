@@ -30,6 +30,10 @@ def train(
     steps: Annotated[
         int | None, typer.Option(min=1, help="Limit of environment steps, all boats together.")
     ] = None,
+    on_divergence: Annotated[
+        str | None,
+        typer.Option(metavar="stop|rollback|continue", help="When the training diverges; stop by default."),
+    ] = None,
     device: Annotated[str, typer.Option(help="Torch device of the networks: cpu, cuda, ...")] = "cpu",
     plugin: Plugins = None,
     trust: Trust = False,
@@ -45,6 +49,7 @@ def train(
             DEFAULT_SCENARIO if scenario is None else scenario,
             seed=seed,
             steps=steps,
+            on_divergence=on_divergence,
             overrides=set_ or (),
             plugin_files=plugin or (),
             out=RUNS if out is None else out,
@@ -55,6 +60,6 @@ def train(
         given = {"SCENARIO": scenario, "--seed": seed, "--out": out, "--set": set_, "--plugin": plugin}
         if extra := [name for name, value in given.items() if value not in (None, [])]:
             raise DockctlError(f"--resume continues the run with its own settings: omit {', '.join(extra)}")
-        run = experiments.resume(resume, steps=steps, device=device, trust=trust)
+        run = experiments.resume(resume, steps=steps, on_divergence=on_divergence, device=device, trust=trust)
     if run.reason == "interrupted":
         raise typer.Exit(INTERRUPTED)

@@ -21,6 +21,7 @@ from dockctl.agents.checkpoint import (
     require_imports,
     torch_device,
 )
+from dockctl.agents.divergence import DivergenceError
 from dockctl.agents.interface import Algorithm, Policy, Spaces
 from dockctl.agents.progress import REASONS, Progress
 from dockctl.agents.trainer import Trainer
@@ -75,6 +76,7 @@ def train(
     *,
     seed: int | None = None,
     steps: int | None = None,
+    on_divergence: str | None = None,
     overrides: Sequence[str] = (),
     plugin_files: Sequence[Path] = (),
     out: Path = Path("runs"),
@@ -88,6 +90,7 @@ def train(
         scenario: name or file of the scenario.
         seed: ``training.seed``.
         steps: ``training.total_steps``.
+        on_divergence: ``training.on_divergence``.
         overrides: values of the scenario to change, ``key=value``.
         plugin_files: local ``.py`` files to load.
         out: parent of ``<scenario>/<time>-seed<N>/``.
@@ -100,7 +103,11 @@ def train(
             nothing has been written then.
     """
     torch_device(device)
-    changes = {"training.seed": seed, "training.total_steps": steps}
+    changes = {
+        "training.seed": seed,
+        "training.total_steps": steps,
+        "training.on_divergence": on_divergence,
+    }
     given = [f"{key}={value}" for key, value in changes.items() if value is not None]
     loaded = load_checked(scenario, overrides=[*overrides, *given], plugin_files=plugin_files, trust=trust)
     require_writable(out)
@@ -122,6 +129,7 @@ def resume(
     path: Path,
     *,
     steps: int | None = None,
+    on_divergence: str | None = None,
     device: str = "cpu",
     trust: bool = False,
     console: Console | None = None,
@@ -143,6 +151,8 @@ def resume(
         _, card = load_pair(run.checkpoint(LAST) / f"{POLICY}.json")
         load_pair(run.checkpoint(LAST) / f"{LEARNER}.json")
         overrides = _extension(run, facts, card["env_steps"], steps)
+        if on_divergence is not None:
+            overrides.append(f"training.on_divergence={on_divergence}")
         loaded = load_checked(run.path / SCENARIO, overrides=overrides, received=True, trust=trust)
         assert isinstance(loaded.scenario.training.algorithm, AlgorithmSpec)
         require_imports(loaded.scenario.training.algorithm, trust=trust)
@@ -254,6 +264,7 @@ def _run(
         algorithm=training.algorithm.model_dump(mode="json"),
     )
     rollout = Rollout(loaded, session.worlds)
+    exploring = training.exploring_starts
     poses, starts = evaluation_poses(scenario), validation_starts(scenario, session.worlds)
 
     def evaluate(policy: Policy) -> list[dict[str, Value]]:
@@ -271,6 +282,8 @@ def _run(
             session.algorithm, training, session.environment, run, card,
             validate, evaluate if poses else None,
             on_progress=display, interrupted=stopped,
+            warn=lambda text: print_text(console, f"warning: {text}", "yellow"),
+            step_limit=max(scenario.task.max_steps, exploring.steps if exploring else 0),
         )  # fmt: skip
         if resumed:
             lost = trainer.restore()
@@ -278,7 +291,11 @@ def _run(
             print_text(console, f"resumed after {count(trainer.progress.env_steps, 'step')}{note}")
             for loss in lost:
                 print_text(console, f"warning: {loss}", "yellow")
-        reason = trainer.run()
+        try:
+            reason = trainer.run()
+        except DivergenceError:
+            run.write_json(PROVENANCE, run.read_json(PROVENANCE) | {"stop_reason": "diverged"})
+            raise
         display.show_evaluation(trainer.progress)
     facts = run.read_json(PROVENANCE)
     facts |= {"finished": None if reason == "interrupted" else provenance.now(), "stop_reason": reason}

@@ -121,6 +121,7 @@ class Training(Model):
     epsilon: Epsilon = Epsilon()
     exploring_starts: ExploringStarts | None = ExploringStarts()
     stop: StopRule | None = StopRule()
+    on_divergence: Literal["stop", "rollback", "continue"] = "stop"
     evaluate_every_steps: Count = 10_000
     validation: ValidationStarts = ValidationStarts()
 

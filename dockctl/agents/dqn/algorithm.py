@@ -36,7 +36,7 @@ class DQN:
     """
 
     def __init__(self, observation_size: int, actions: int, training: Training, device: torch.device) -> None:
-        self.training, self.actions = training, actions
+        self.training, self.actions, self.device = training, actions, device
         generator = torch.Generator().manual_seed(training.seed)
         network = DuelingQNetwork(observation_size, actions, training.hidden_sizes, generator).to(device)
         self.policy, self.learner = GreedyPolicy(network), DoubleDQN(network, training)
@@ -45,6 +45,7 @@ class DQN:
         sampling = np.random.default_rng((training.seed, 2))
         self.replay = Replay(training.replay_capacity, observation_size, sampling)
         self.epsilon: float | None = training.epsilon.start
+        self.slowdown = 1.0
 
     @property
     def updates(self) -> int:
@@ -63,7 +64,7 @@ class DQN:
 
     def learn(self, env_steps: int) -> Iterator[Metrics]:
         """Make the updates due after `env_steps`, one at a time; see `Algorithm`."""
-        learning_rate = self.training.learning_rate_at(env_steps)
+        learning_rate = self.slowdown * self.training.learning_rate_at(env_steps)
         # The moments of unused units decay to denormal numbers, which are about ten times slower. The mode is
         # the thread's, so it is set back for what the thread computes next.
         torch.set_flush_denormal(True)
@@ -74,6 +75,22 @@ class DQN:
                 yield {**metrics, "learning_rate": learning_rate}
         finally:
             torch.set_flush_denormal(False)
+
+    def advantages(self, observation: NDArray[Any]) -> NDArray[Any]:
+        """Return the output of the advantage stream; see `Dueling`."""
+        network = self.policy.network
+        with torch.inference_mode():
+            features = network.shared(torch.as_tensor(observation, dtype=torch.float32, device=self.device))
+            values: NDArray[Any] = network.advantage(features).cpu().numpy()
+        return values
+
+    def recover(self, attempt: int) -> None:
+        """Halve the learning rate, draw other random numbers, start new episodes; see `Recoverable`."""
+        self.slowdown = 0.5**attempt
+        training, size = self.training, self.policy.network.observation_size
+        self.n_step = NStep(training.boats, training.n_step, training.gamma, size)
+        self.exploration = np.random.default_rng((training.seed, 1, attempt))
+        self.replay.rng = np.random.default_rng((training.seed, 2, attempt))
 
     def policy_tensors(self) -> Tensors:
         """Return the parameters of the online network; see `Algorithm`."""
@@ -88,7 +105,7 @@ class DQN:
         }
         generators = {"exploration": self.exploration, "sampling": self.replay.rng}
         states = {name: generator.bit_generator.state for name, generator in generators.items()}
-        return flatten(tensors), {"updates": self.updates, **states}
+        return flatten(tensors), {"updates": self.updates, "slowdown": self.slowdown, **states}
 
     def restore(self, policy: Tensors, tensors: Tensors, facts: Mapping[str, Any]) -> None:
         """Continue from a saved state; the n-step windows start empty; see `Algorithm`."""
@@ -97,6 +114,6 @@ class DQN:
         load_parameters(self.learner.target, nested["target"])
         load_optimizer(self.learner.optimizer, nested["optimizer"])
         self.replay.load(nested["replay"])
-        self.learner.updates = facts["updates"]
+        self.learner.updates, self.slowdown = facts["updates"], facts["slowdown"]
         self.exploration.bit_generator.state = facts["exploration"]
         self.replay.rng.bit_generator.state = facts["sampling"]

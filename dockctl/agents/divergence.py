@@ -1,0 +1,157 @@
+"""Checks of a training: numbers that are not finite, exploding values, dead networks, a stuck environment."""
+
+from __future__ import annotations
+
+import math
+from collections import deque
+from collections.abc import Sequence
+
+import numpy as np
+from numpy.typing import NDArray
+
+from dockctl.agents.interface import Algorithm, Dueling, Info, Metrics, Step, Tensors
+from dockctl.errors import DockctlError
+from dockctl.scenarios.training import Training
+
+PROBES = 64
+"""Observations, of as many logging intervals, with which a dead advantage stream is looked for."""
+SAME = 1e-6
+"""Largest relative difference of advantages that counts as none."""
+DIFFERENT = 1e-3
+"""Least difference of observations that must make a difference to the networks."""
+SLACK = 2.0
+"""How far values may be above what rewards and discount allow."""
+LATE = 2.0
+"""Multiple of the step limit after which an episode should have ended."""
+
+
+class DivergenceError(DockctlError):
+    """A training that cannot succeed any more.
+
+    Attributes:
+        term: what was affected first, for example ``reward term 'speed'``.
+        env_steps: environment steps when it was found.
+    """
+
+    exit_code = 3
+    code = "diverged"
+
+    def __init__(self, term: str, flaw: str, env_steps: int) -> None:
+        super().__init__(f"training diverged after {env_steps:,} steps: {term} {flaw}")
+        self.term, self.env_steps = term, env_steps
+
+
+class Monitor:
+    """Checks the steps and updates of one training.
+
+    Args:
+        training: number of boats, discount, and the factor on rewards.
+        names: of the columns of an observation; numbered without.
+        step_limit: control steps after which the environment ends an episode, if it is known.
+    """
+
+    def __init__(self, training: Training, names: Sequence[str] = (), step_limit: int | None = None) -> None:
+        self._training, self._names, self._step_limit = training, names, step_limit
+        self._reward, self._last_reward = 0.0, 0.0  # largest so far: within episodes, at their ends
+        self._first_scale: float | None = None
+        self._lasted = np.zeros(training.boats, np.int64)
+        self._unchanged = 0
+        self._observation = np.empty((0, 0))
+        self._probes: deque[NDArray[np.float64]] = deque(maxlen=max(2, PROBES // training.boats))
+
+    def check_step(self, step: Step, info: Info, env_steps: int) -> None:
+        """Check what the environment returned.
+
+        Args:
+            step: of all boats.
+            info: after the step and before any reset.
+            env_steps: environment steps before it, all boats together.
+
+        Raises:
+            DivergenceError: an observation or a reward is not finite, or the environment is stuck.
+        """
+        if not np.isfinite(step.next_observation).all():
+            column = int(np.flatnonzero(~np.isfinite(step.next_observation).all(axis=0))[0])
+            name = self._names[column] if self._names else column
+            raise DivergenceError(f"observation '{name}'", "is not finite", env_steps)
+        if not np.isfinite(step.reward).all():
+            terms = (name for name, value in info.get("reward_terms", {}).items() if not _finite(value))
+            name = next(terms, "")
+            raise DivergenceError(
+                f"reward term '{name}'" if name else "the reward", "is not finite", env_steps
+            )
+        self._check_progress(step, env_steps)
+        sizes = np.abs(step.reward) * self._training.reward_scale
+        self._reward = max(self._reward, sizes[~step.terminated].max(initial=0.0))
+        self._last_reward = max(self._last_reward, sizes[step.terminated].max(initial=0.0))
+        self._observation = np.asarray(step.observation, float)
+
+    def _check_progress(self, step: Step, env_steps: int) -> None:
+        """Check that episodes end and that observations change."""
+        if self._step_limit is None:
+            return
+        self._lasted += 1
+        late = np.flatnonzero(self._lasted > LATE * self._step_limit)
+        if len(late):
+            flaw = f"has lasted {self._lasted[late[0]]:,} steps; they are limited to {self._step_limit:,}"
+            raise DivergenceError(f"the episode of boat {late[0]}", flaw, env_steps)
+        self._lasted[step.terminated | step.truncated] = 0
+        self._unchanged += 1
+        if not np.array_equal(step.next_observation, step.observation):
+            self._unchanged = 0
+        if self._unchanged > self._step_limit:
+            raise DivergenceError(
+                "the observation", f"has not changed for {self._unchanged:,} steps", env_steps
+            )
+
+    def check_update(self, metrics: Metrics, env_steps: int) -> None:
+        """Check the metrics of an update.
+
+        Raises:
+            DivergenceError: one is not finite, or the values exceed what rewards and discount allow.
+        """
+        for name, value in metrics.items():
+            if not math.isfinite(value):
+                raise DivergenceError(f"{name}", f"is {value}", env_steps)
+        scale = max(abs(metrics.get("q_mean", 0.0)), metrics.get("td_error", 0.0) / 2)
+        if self._first_scale is None:
+            self._first_scale = max(1.0, scale)
+        discount = self._training.gamma
+        sums = self._reward / (1 - discount) if discount < 1 else math.inf if self._reward else 0.0
+        limit = SLACK * max(self._first_scale, sums + self._last_reward)
+        if scale > limit:
+            flaw = f"are {scale:.3g}; rewards and discount allow at most {limit / SLACK:.3g}"
+            raise DivergenceError("the values Q", flaw, env_steps)
+
+    def check_parameters(self, tensors: Tensors, env_steps: int) -> None:
+        """Check the parameters of a policy.
+
+        Raises:
+            DivergenceError: one is not finite.
+        """
+        for name, values in tensors.items():
+            if not _finite(values):
+                raise DivergenceError(f"parameter '{name}'", "is not finite", env_steps)
+
+    def check_networks(self, algorithm: Algorithm, env_steps: int) -> None:
+        """Check the parameters of the policy, and the advantages if it has such a stream; once per interval.
+
+        Raises:
+            DivergenceError: a parameter is not finite, or the observations make no difference to the actions.
+        """
+        self.check_parameters(algorithm.policy_tensors(), env_steps)
+        self._probes.append(self._observation)
+        if len(self._probes) < (self._probes.maxlen or 0) or not isinstance(algorithm, Dueling):
+            return
+        observations = np.concatenate(self._probes)
+        if np.ptp(observations, axis=0).max() < DIFFERENT:
+            return
+        advantages = algorithm.advantages(observations)
+        centered = advantages - advantages.mean(axis=1, keepdims=True)
+        if np.ptp(centered, axis=0).max() <= SAME * np.abs(advantages).max():
+            flaw = f"prefers the same actions for {len(observations)} different observations: it is dead"
+            raise DivergenceError("the advantage stream", flaw, env_steps)
+
+
+def _finite(values: NDArray[np.float64]) -> bool:
+    return bool(np.isfinite(values).all())
