@@ -50,10 +50,10 @@ WRONG: dict[str, tuple[str, list[str]]] = {
             "3:19 training.gamma out_of_range",
         ],
     ),
-    "too few substeps to be stable": ("vessel: {substeps: 1}\n", ["2:20 vessel.substeps out_of_range"]),
+    "too few substeps to be stable": ("vessel: {substeps: 1}\n", ["2:20 vessel.substeps out_of_range 3"]),
     "too few substeps for turning at speed": (
         "vessel: {max_propeller_n: 1000, Y_r_kgmps: 0, N_r_kgm2ps: 100, N_rr_kgm2: 25, substeps: 1}\n",
-        ["2:89 vessel.substeps out_of_range"],
+        ["2:89 vessel.substeps out_of_range 4"],
     ),
     "damping that adds energy": ("vessel: {Y_r_kgmps: 1500.0}\n", ["2:21 vessel.Y_r_kgmps out_of_range"]),
     "damping that adds energy, in yaw": (
