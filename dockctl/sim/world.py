@@ -258,7 +258,7 @@ class PoseCheck:
             return f"is blocked by the {part}; {self._nearest_free(eta)}"
         if not self._in_basin(eta):
             return f"is outside the basin; {self._nearest_free(eta)}"
-        if self._in_basin(self._final) and not self._checker.blocked(self._final)[0]:
+        if self._in_basin(self._final) and not self._checker.blocked(self._final[None])[0]:
             separated = self._checker.unreachable(eta[None], self._final)[0]
             return "is not connected by water with the final pose" if separated else ""
         return ""
