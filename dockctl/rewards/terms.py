@@ -75,9 +75,19 @@ def orientation(status: StepStatus) -> Floats:
 
 
 @reward_term("speed", kind="dense", source="eqs. 3.10, 3.13")
-def speed(status: StepStatus, *, distance_unit_m: Positive = 1.0, floor: Positive = 0.02) -> Floats:
-    """Return sqrt(u^2 + v^2) / delta d [m/s], delta d in units of `distance_unit_m` and at least `floor`."""
-    return status.speed_mps / np.maximum(status.distance_m / distance_unit_m, floor)
+def speed(
+    status: StepStatus,
+    *,
+    distance_unit_m: Positive = 1.0,
+    floor_m: Positive = 0.4,
+    floor: Positive | None = None,
+) -> Floats:
+    """Return sqrt(u^2 + v^2) / delta d [m/s], delta d at least `floor_m` and in units of `distance_unit_m`.
+
+    `floor`, in these units, is read from runs of earlier versions instead.
+    """
+    least = floor_m / distance_unit_m if floor is None else floor
+    return status.speed_mps / np.maximum(status.distance_m / distance_unit_m, least)
 
 
 @reward_term("progress", kind="dense", source="potential difference; not in the thesis")

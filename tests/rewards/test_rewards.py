@@ -102,8 +102,18 @@ def test_the_speed_term_has_a_floor(distance: float, divisor: float) -> None:
     assert total(only(speed=-1), status(distance, u=0.3, v=0.4)) == pytest.approx(-0.5 / divisor)
 
 
-def test_the_floor_is_a_parameter() -> None:
-    reward = only(speed={"weight": -1, "params": {"floor": 0.5}})
+@pytest.mark.parametrize(("unit_m", "expected"), [(20.0, -25.0), (1.0, -1.25), (5.0, -6.25)])
+def test_the_floor_is_the_same_distance_in_every_unit(unit_m: float, expected: float) -> None:
+    """0.5 m/s at 0.4 m: at 0.3 m and at 0 m the term is the same, at 0.5 m it is less."""
+    reward = only(speed=-1).model_copy(update={"distance_unit_m": unit_m})
+    for distance in (0.0, 0.3, 0.4):
+        assert total(reward, status(distance, u=0.3, v=0.4)) == pytest.approx(expected)
+    assert total(reward, status(0.5, u=0.3, v=0.4)) == pytest.approx(0.8 * expected)
+
+
+@pytest.mark.parametrize("params", [{"floor_m": 10.0}, {"floor": 0.5}])
+def test_the_floor_is_a_parameter_in_runs_of_earlier_versions_in_units(params: dict[str, float]) -> None:
+    reward = only(speed={"weight": -1, "params": params})
     assert total(reward, status(1.0, u=0.3, v=0.4)) == pytest.approx(-1.0)
 
 

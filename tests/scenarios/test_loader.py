@@ -91,7 +91,7 @@ def test_scenario_3_has_two_phases() -> None:
         (36, 0, 180),
     ]
     assert weights(scenario) == {**weights(loader.load("s1").scenario), "intermediate": 30_000, "speed": -10}
-    assert [term.params for term in scenario.reward.terms if term.term == "speed"] == [{"floor": 0.02}]
+    assert [term.params for term in scenario.reward.terms if term.term == "speed"] == [{"floor_m": 0.4}]
     assert scenario.observation[0].part == "phase"
     opposite = loader.load("s3-opposite").scenario.task
     assert poses([*opposite.initial, opposite.intermediate, opposite.final]) == [
@@ -165,7 +165,7 @@ def test_a_number_on_a_term_keeps_its_parameters(tmp_path: Path) -> None:
         for t in load(tmp_path, "extends: s1\nreward: {terms: {speed: -3}}").reward.terms
         if t.term == "speed"
     )
-    assert (speed.weight, speed.params) == (-3, {"floor": 0.02})
+    assert (speed.weight, speed.params) == (-3, {"floor_m": 0.4})
 
 
 def test_the_distance_unit_can_be_meters(tmp_path: Path) -> None:
@@ -318,7 +318,7 @@ def test_an_override_of_many_levels(tmp_path: Path) -> None:
         ("training.learning_rate=1e-3", 1e-3),
         ("vessel.mass_kg=90", 90),
         ("reward.terms.speed=-3", -3),
-        ("reward.terms.speed.params.floor=0.1", 0.1),
+        ("reward.terms.speed.params.floor_m=0.1", 0.1),
     ],
 )
 def test_overrides(override: str, value: object) -> None:
@@ -333,7 +333,7 @@ def test_overrides(override: str, value: object) -> None:
         "training.learning_rate": scenario.training.learning_rate,
         "vessel.mass_kg": scenario.vessel.mass_kg,
         "reward.terms.speed": speed.weight,
-        "reward.terms.speed.params.floor": speed.params["floor"],
+        "reward.terms.speed.params.floor_m": speed.params["floor_m"],
     }
     assert found[override.partition("=")[0]] == value
     assert len(scenario.task.initial) == 3
@@ -431,7 +431,7 @@ def test_dump_gives_the_same_scenario_for_any_values(
     base["title"] = title
     base["task"]["final"]["x_m"] = x
     base["task"]["intermediate"] = base["task"]["intermediate"] if phases else None
-    base["reward"]["terms"] = [{"term": "speed", "weight": weight, "params": {"floor": floor}}]
+    base["reward"]["terms"] = [{"term": "speed", "weight": weight, "params": {"floor_m": floor}}]
     base["training"].update(learning_rate=rate, stop=None, huber_delta=None)
     scenario = Scenario.model_validate(base)
     assert load(tmp_path_factory.getbasetemp(), loader.dump(scenario)) == scenario
