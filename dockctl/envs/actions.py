@@ -25,7 +25,7 @@ if TYPE_CHECKING:
 
 @register(ACTIONS, source="Table 3.4, Fig. 3.11")
 class GridActions(ActionType):
-    """Every propeller force with every rudder angle.
+    """Every propeller force with every rudder angle, by default up to the limits of the vessel.
 
     Action ``i`` is force ``i // len(rudder_deg)`` with angle ``i % len(rudder_deg)``.
     """
@@ -33,6 +33,16 @@ class GridActions(ActionType):
     kind: Literal["grid"] = "grid"
     propeller_n: tuple[Number, ...] = Field(default=tuple(range(-50, 51, 10)), min_length=1, max_length=1000)
     rudder_deg: tuple[Number, ...] = Field(default=tuple(range(-30, 31, 10)), min_length=1, max_length=1000)
+
+    def fitted(self, vessel: Vessel) -> ActionType:
+        """Scale the default forces and angles to the limits of the vessel."""
+        limits = {"propeller_n": vessel.max_propeller_n, "rudder_deg": vessel.max_rudder_deg}
+        scaled = {
+            name: tuple(np.linspace(-limit, limit, len(getattr(self, name))).tolist())
+            for name, limit in limits.items()
+            if name not in self.model_fields_set and limit != max(getattr(self, name))
+        }
+        return self.model_copy(update=scaled)
 
     def describe(self) -> str:
         forces, angles = self.propeller_n, self.rudder_deg

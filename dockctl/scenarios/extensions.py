@@ -160,6 +160,10 @@ class ActionType(Kind, ABC):
     def commands(self, actions: NDArray[Any], vessel: Vessel) -> Floats:
         """Return propeller force [N] and rudder angle [rad], (n, 2), of n actions of the space."""
 
+    def fitted(self, vessel: Vessel) -> ActionType:
+        """Return the actions with keys that are not given chosen for the vessel; by default unchanged."""
+        return self
+
     def require_within_limits(self, vessel: Vessel) -> None:
         """Check that no command exceeds the limits of the vessel.
 

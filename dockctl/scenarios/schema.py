@@ -167,6 +167,7 @@ class Scenario(Model):
 
     @model_validator(mode="after")
     def _commands_within_limits(self) -> Self:
+        self.__dict__["actions"] = self.actions.fitted(self.vessel)  # the model is frozen only after this
         self.actions.require_within_limits(self.vessel)
         return self
 
@@ -202,7 +203,7 @@ class PolicyInterface(Model):
         lidar = scenario.sensors.lidar.model_copy(update={"sectors": self.lidar_sectors})
         changed = {
             "observation": self.observation,
-            "actions": self.actions,
+            "actions": self.actions.model_copy(update=dict(self.actions)),  # given, not to be fitted
             "sensors": scenario.sensors.model_copy(update={"lidar": lidar}),
         }
         try:

@@ -14,7 +14,7 @@ from gymnasium.vector import AutoresetMode, SyncVectorEnv
 from dockctl.envs.actions import ContinuousActions, GridActions
 from dockctl.envs.single import DockingEnv
 from dockctl.envs.vector import DockingVectorEnv
-from dockctl.errors import InputError
+from dockctl.errors import DockctlError, InputError
 from dockctl.scenarios.loader import dump, load
 from dockctl.scenarios.schema import PolicyInterface, Scenario
 from tests.sim.worlds import walled
@@ -32,6 +32,30 @@ def test_the_grid_is_that_of_the_thesis() -> None:
     assert table[38] == pytest.approx([0, 0])
     assert table[76] == pytest.approx([50, math.radians(30)])
     assert len(np.unique(table, axis=0)) == 77
+
+
+def test_the_default_grid_spans_the_limits_of_the_vessel() -> None:
+    strong = load("s1", overrides=["vessel.max_propeller_n=400", "vessel.max_rudder_deg=15"]).scenario
+    table = strong.actions.commands(np.arange(77), strong.vessel)
+    assert np.abs(table).max(axis=0) == pytest.approx([400, math.radians(15)])
+    assert np.unique(table[:, 0]) == pytest.approx(np.arange(-400, 401, 80))
+    assert np.unique(table[:, 1]) == pytest.approx(np.radians(np.arange(-15, 16, 5)))
+    given = load("s1", overrides=["vessel.max_propeller_n=400", "actions.propeller_n=[-50,0,50]"]).scenario
+    assert isinstance(given.actions, GridActions)
+    assert given.actions.propeller_n == (-50, 0, 50)
+    assert given.actions.rudder_deg == GridActions().rudder_deg
+
+
+def test_a_grid_is_the_same_after_a_dump_and_on_another_vessel(tmp_path: Any) -> None:
+    strong = load("s1", overrides=["vessel.max_propeller_n=400"]).scenario
+    (tmp_path / "strong.yaml").write_text(dump(strong))
+    assert load(tmp_path / "strong.yaml").scenario == strong
+    weak = load("s1").scenario
+    policy = PolicyInterface.of(weak)
+    for interface in (policy, PolicyInterface.model_validate(policy.model_dump(mode="json"))):
+        assert interface.on(strong).actions == weak.actions
+    with pytest.raises(DockctlError):
+        PolicyInterface.of(strong).on(weak)
 
 
 def test_continuous_actions_are_fractions_of_the_limits() -> None:
