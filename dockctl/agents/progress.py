@@ -3,11 +3,13 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, field
-from typing import Any
+from dataclasses import field
+from typing import Annotated, Any
 
 import numpy as np
+import pydantic.dataclasses
 from numpy.typing import NDArray
+from pydantic import Field
 
 from dockctl.agents.interface import Info, Metrics
 from dockctl.runs.tables import RECENT, Value
@@ -23,9 +25,9 @@ REASONS = {
 """Why a training ended."""
 
 
-@dataclass
+@pydantic.dataclasses.dataclass
 class Progress:
-    """Counters of a training; they are part of its last checkpoint.
+    """Counters of a training; they are part of its last checkpoint, from which their types are checked.
 
     Attributes:
         env_steps: environment steps, all boats together.
@@ -47,8 +49,8 @@ class Progress:
     updates: int = 0
     episodes: int = 0
     outcomes: dict[str, int] = field(default_factory=dict)
-    recent: list[list[bool]] = field(default_factory=list)
-    best: list[float] | None = None
+    recent: list[Annotated[list[bool], Field(min_length=2, max_length=2)]] = field(default_factory=list)
+    best: Annotated[list[float], Field(min_length=3, max_length=3)] | None = None
     validated_at: int = 0
     evaluated_at: int = 0
     evaluation_docked: int = 0
