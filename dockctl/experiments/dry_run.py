@@ -51,10 +51,17 @@ def dry_run(loaded: LoadedScenario) -> None:
     env.action_space.seed(0)
     env.reset(seed=0)
     for _ in range(STEPS):
-        observation, _, _, _, info = env.step(env.action_space.sample())
-        _require_finite(ACTIONS, scenario.actions.kind, env.simulator.command)
-        for name, disturbance in zip(scenario.conditions, env.simulator.disturbances, strict=True):
-            _require_finite(CONDITIONS, scenario.conditions[name].kind, disturbance.water_velocity())
+        actions = env.action_space.sample()
+        with Guard(ACTIONS, scenario.actions.kind):
+            commands = scenario.actions.commands(np.asarray(actions), scenario.vessel)
+        _require_finite(ACTIONS, scenario.actions.kind, commands)
+        for condition, disturbance in zip(
+            scenario.conditions.values(), env.simulator.disturbances, strict=True
+        ):
+            with Guard(CONDITIONS, condition.kind):
+                velocity = disturbance.water_velocity()
+            _require_finite(CONDITIONS, condition.kind, velocity)
+        observation, _, _, _, info = env.step(actions)
         _require_finite(RANGE_SENSORS, scenario.sensors.lidar.kind, env.simulator.sector_ranges_m)
         for part, values in zip(env.observation_parts, observation.T, strict=True):
             _require_finite(OBSERVATION_PARTS, part, values)
