@@ -31,7 +31,7 @@ def validate(
     from dockctl.experiments.dry_run import dry_run
     from dockctl.plugins import SCENARIOS
     from dockctl.scenarios import catalog
-    from dockctl.sim.world import load_checked, start_notes
+    from dockctl.sim.world import load_checked, notes
 
     catalog.fill()
     for path in plugin or ():
@@ -49,7 +49,7 @@ def validate(
         else:
             content = f"{phases(loaded.scenario)}, {summary(loaded.scenario)}"
             typer.echo(f"{typer.style('ok', fg='green')} {source}: {content}")
-            for note in start_notes(loaded):
+            for note in notes(loaded):
                 typer.secho(f"note: {note}", fg="yellow", err=True)
     if failures:
         raise typer.Exit(DockctlError.exit_code)

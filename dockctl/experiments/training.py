@@ -52,7 +52,7 @@ from dockctl.scenarios.content import mesh_files, with_paths
 from dockctl.scenarios.loader import LoadedScenario, dump
 from dockctl.scenarios.schema import PolicyInterface
 from dockctl.sim.starts import own_site
-from dockctl.sim.world import World, build_worlds, load_checked, start_notes
+from dockctl.sim.world import World, build_worlds, load_checked, notes
 from dockctl.trust import file_digest, remember, text_digest
 
 
@@ -253,7 +253,7 @@ def _run(
     title = f"{scenario.name}, seed {training.seed}"
     print_text(console, f"{title}: {count(training.boats, 'boat')}; memory: {session.memory}")
     print_text(console, f"run folder: {run.path}")
-    for note in start_notes(loaded):
+    for note in notes(loaded):
         print_text(console, f"note: {note}", "yellow")
     card = PolicyCard.for_spaces(
         Spaces.from_env(session.environment),

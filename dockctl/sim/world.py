@@ -23,7 +23,7 @@ from dockctl.scenarios.loader import LoadedScenario, load
 from dockctl.scenarios.schema import Scenario
 from dockctl.scenarios.vessel import Hull
 from dockctl.sim.collision import CollisionChecker, collision_checker
-from dockctl.sim.harbor.build import Harbor, build_harbor, build_scene
+from dockctl.sim.harbor.build import Harbor, build_harbor, build_scene, open_bodies
 from dockctl.sim.harbor.solids import hull_outline
 from dockctl.sim.starts import UNREACHABLE, own_site, rejected_shares
 
@@ -188,12 +188,22 @@ def check_poses(scenario: Scenario, base_dir: Path) -> list[tuple[str, str]]:
     ]
 
 
-def start_notes(loaded: LoadedScenario) -> list[str]:
-    """Return a note for each kind of random starts many of which are rejected and drawn again."""
+def notes(loaded: LoadedScenario) -> list[str]:
+    """Return what a user should know about a valid scenario: starts that are drawn again, open meshes."""
+    shares = rejected_starts(loaded.scenario, loaded.base_dir).items()
     return [
         f"{field}: {share:.0%} of the poses drawn here {UNREACHABLE}, and are drawn again"
-        for field, share in rejected_starts(loaded.scenario, loaded.base_dir).items()
+        for field, share in shares
         if share > NOTED_REJECTED
+    ] + [
+        str(
+            loaded.problem(
+                field,
+                f"{number} of its bodies are open, so that a boat inside them is not found;"
+                " contact with their surfaces is. Close the mesh to test for both",
+            )
+        )
+        for field, number in open_bodies(loaded.scenario.harbor, loaded.base_dir).items()
     ]
 
 

@@ -4,10 +4,12 @@ from __future__ import annotations
 
 from pathlib import Path
 
+import numpy as np
 import pytest
 from typer.testing import CliRunner
 
 from dockctl.cli import app
+from dockctl.sim.harbor.solids import box
 
 PLACES = ("2:19: task.max_steps", "3:1: titel")
 ROOT = Path(__file__).parent.parent.parent
@@ -91,3 +93,24 @@ def test_overrides_and_plugins(tmp_path: Path) -> None:
 @pytest.mark.parametrize("source", ["nothing", "nothing.yaml", "scenarios"])
 def test_a_missing_scenario(source: str) -> None:
     assert validate(source)[0] == 2
+
+
+def test_open_meshes_are_named(tmp_path: Path) -> None:
+    """A closed box, and two without a side: one of the harbor, one of the fleet."""
+    closed, opened = box((60, 60, -1), (61, 61, 1)), box((0, -1, -1), (5, 1, 1))
+    opened.update_faces(np.arange(len(opened.faces)) > 0)
+    closed.export(tmp_path / "closed.ply")
+    opened.export(tmp_path / "opened.ply")
+    corners = "".join(f"v {x} {y} {z}\n" for x, y, z in opened.vertices)
+    faces = "".join("f " + " ".join(str(i + 1) for i in face) + "\n" for face in opened.faces)
+    (tmp_path / "raft.obj").write_text(f"o 00-hull\n{corners}{faces}")
+    meshes = "[{path: closed.ply}, {path: opened.ply, shift_m: [50, 50, 0]}]"
+    fleet = f"{{models: [skiff, {tmp_path / 'raft.obj'}]}}"
+    path = tmp_path / "x.yaml"
+    path.write_text(f"extends: s1\nharbor:\n  meshes: {meshes}\n  fleet: {fleet}\n")
+    code, out, err = validate(path)
+    assert (code, len(out)) == (0, 1)
+    assert [line.split()[:3] for line in err] == [
+        ["note:", f"{path}:3:39:", "harbor.meshes.1.path:"],
+        ["note:", f"{path}:4:26:", "harbor.fleet.models.1:"],
+    ]

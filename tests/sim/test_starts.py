@@ -25,7 +25,7 @@ from dockctl.sim.starts import (
     own_site,
     rejected_shares,
 )
-from dockctl.sim.world import build_worlds, load_checked, start_notes
+from dockctl.sim.world import build_worlds, load_checked, notes
 from tests.sim.worlds import Wall
 
 S1, S2, S3 = (load(name).scenario for name in ("s1", "s2", "s3"))
@@ -150,9 +150,9 @@ def test_poses_in_separate_waters_are_a_problem_of_the_scenario(tmp_path: Path) 
 
 def test_a_wide_spread_is_noted(tmp_path: Path) -> None:
     (tmp_path / "wide.yaml").write_text("extends: s1\nevaluation: {random_starts: {position_m: 40}}\n")
-    (note,) = start_notes(load_checked(tmp_path / "wide.yaml"))
+    (note,) = notes(load_checked(tmp_path / "wide.yaml"))
     assert note.startswith("evaluation.random_starts")
-    assert not start_notes(load_checked("marina"))
+    assert not notes(load_checked("marina"))
 
 
 @given(seed=seeds)

@@ -115,6 +115,17 @@ def build_harbor(spec: HarborSpec, base_dir: Path) -> Harbor:
     return _build(spec, base_dir if spec.meshes else Path())
 
 
+def open_bodies(spec: HarborSpec, base_dir: Path) -> dict[str, int]:
+    """Return the number of bodies that are not closed, by the field of their mesh file; without zeros."""
+    parts = [part for part in build_harbor(spec, base_dir).parts if part.kind == "mesh"]
+    solids = {f"harbor.meshes.{index}.path": part.solids for index, part in enumerate(parts)}
+    if isinstance(spec, Marina):
+        for index, name in enumerate(spec.fleet.models):
+            solids[f"harbor.fleet.models.{index}"] = moored_model(name).solids
+    opened = {field: sum(not s.mesh.is_watertight for s in found) for field, found in solids.items()}
+    return {field: number for field, number in opened.items() if number}
+
+
 @shared(lambda harbor: 3 * harbor.triangles.nbytes)  # the triangles, and the meshes of the parts
 def _build(spec: HarborSpec, base_dir: Path) -> Harbor:
     basin = None
