@@ -1,18 +1,71 @@
-"""Policies of other libraries: Stable-Baselines3 archives and ONNX files."""
+"""Policies from the code of others: factories, Stable-Baselines3 archives and ONNX files."""
 
 from __future__ import annotations
 
+import importlib
 import inspect
+from collections.abc import Callable
 from pathlib import Path
-from typing import Any
+from types import ModuleType
+from typing import Any, cast
 
 import numpy as np
-from gymnasium.spaces import Discrete
+from gymnasium.spaces import Discrete, Space
 from numpy.typing import NDArray
 
 from dockctl.agents.interface import Info, Policy
 from dockctl.envs.vector import DockingVectorEnv
 from dockctl.errors import DockctlError, nearest
+from dockctl.plugins import plugin_errors
+from dockctl.scenarios.schema import Scenario
+
+
+class CheckedPolicy:
+    """Wraps a policy: locates its errors and checks its actions against the action space."""
+
+    def __init__(self, policy: Policy, name: str, file: Path | None, space: Space[Any]) -> None:
+        self._policy, self._name, self._file, self._space = policy, name, file, space
+
+    def reset(self, rows: NDArray[np.int64], info: Info) -> None:
+        with plugin_errors(f"policy {self._name}: reset fails", self._file):
+            self._policy.reset(rows, info)
+
+    def act(self, observation: NDArray[Any], info: Info) -> NDArray[Any]:
+        with plugin_errors(f"policy {self._name}: act fails", self._file):
+            actions = np.asarray(self._policy.act(observation, info))
+        shape, dtype = (len(observation), *(self._space.shape or ())), np.dtype(self._space.dtype)
+        if actions.shape == shape and np.can_cast(actions.dtype, dtype, "same_kind"):
+            actions = actions.astype(dtype)
+            if all(map(self._space.contains, actions)):
+                return actions
+        raise DockctlError(
+            f"policy {self._name}: act returned actions of shape {actions.shape} and type {actions.dtype}:"
+            f" {np.array2string(actions.ravel()[:4])}; expected shape {shape} with rows in {self._space}",
+            code="plugin",
+        )
+
+
+def imported(module: str, given: str) -> ModuleType:
+    with plugin_errors(f"policy {given}: module '{module}' cannot be imported"):
+        return importlib.import_module(module)
+
+
+def factory_of(module: ModuleType, name: str, given: str) -> Callable[[Scenario], Any]:
+    """Return the factory `name` of a module.
+
+    Raises:
+        DockctlError: there is none, or it cannot be called.
+    """
+    factory = getattr(module, name, None)
+    if callable(factory):
+        return cast("Callable[[Scenario], Any]", factory)
+    known = [
+        key for key, value in vars(module).items() if callable(value) and value.__module__ == module.__name__
+    ]
+    what = "is not callable" if hasattr(module, name) else "does not exist"
+    raise DockctlError(
+        f"{given}: the factory '{name}' {what}", code="unknown_name", suggestion=nearest(name, known)
+    )
 
 
 def sb3_policy(file: Path, algorithm: str, env: DockingVectorEnv) -> Policy:

@@ -11,7 +11,6 @@ Sources:
 from __future__ import annotations
 
 import hashlib
-import importlib
 import inspect
 import os
 import re
@@ -20,21 +19,18 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import partial
 from pathlib import Path
-from types import ModuleType
-from typing import Any, cast
+from typing import Any
 
-import numpy as np
-from gymnasium.spaces import Space, flatdim
-from numpy.typing import NDArray
+from gymnasium.spaces import flatdim
 
 from dockctl import plugins
 from dockctl.agents import checkpoint
 from dockctl.agents.checkpoint import PolicyCard, require_spaces
 from dockctl.agents.dqn.network import DuelingQNetwork, GreedyPolicy
-from dockctl.agents.interface import Info, Policy, Spaces
+from dockctl.agents.interface import Policy, Spaces
 from dockctl.envs.vector import DockingVectorEnv
 from dockctl.errors import DockctlError, nearest
-from dockctl.evaluation.libraries import onnx_policy, sb3_policy
+from dockctl.evaluation.libraries import CheckedPolicy, factory_of, imported, onnx_policy, sb3_policy
 from dockctl.plugins import OBSERVATION_PARTS, POLICIES, Entry, plugin_errors
 from dockctl.runs.directory import RUNS, SCENARIO, RunDirectory, shipped
 from dockctl.scenarios.content import first_difference
@@ -225,7 +221,7 @@ class BuiltPolicy(LoadedPolicy):
                     f" method '{method}'; a policy has reset(rows, info) and act(observation, info)",
                     code="plugin",
                 )
-        return _Checked(policy, self.long_name, self.file, env.single_action_space)
+        return CheckedPolicy(policy, self.long_name, self.file, env.single_action_space)
 
     def facts(self) -> dict[str, Any]:
         facts: dict[str, Any] = {"name": self.long_name}
@@ -233,31 +229,6 @@ class BuiltPolicy(LoadedPolicy):
             content = self.file.read_bytes()
             facts |= {"file": str(self.file), "sha256": hashlib.sha256(content).hexdigest()}
         return facts | ({"params": dict(self.params)} if self.params else {})
-
-
-class _Checked:
-    """Wraps a policy: locates its errors and checks its actions against the action space."""
-
-    def __init__(self, policy: Policy, name: str, file: Path | None, space: Space[Any]) -> None:
-        self._policy, self._name, self._file, self._space = policy, name, file, space
-
-    def reset(self, rows: NDArray[np.int64], info: Info) -> None:
-        with plugin_errors(f"policy {self._name}: reset fails", self._file):
-            self._policy.reset(rows, info)
-
-    def act(self, observation: NDArray[Any], info: Info) -> NDArray[Any]:
-        with plugin_errors(f"policy {self._name}: act fails", self._file):
-            actions = np.asarray(self._policy.act(observation, info))
-        shape, dtype = (len(observation), *(self._space.shape or ())), np.dtype(self._space.dtype)
-        if actions.shape == shape and np.can_cast(actions.dtype, dtype, "same_kind"):
-            actions = actions.astype(dtype)
-            if all(map(self._space.contains, actions)):
-                return actions
-        raise DockctlError(
-            f"policy {self._name}: act returned actions of shape {actions.shape} and type {actions.dtype}:"
-            f" {np.array2string(actions.ravel()[:4])}; expected shape {shape} with rows in {self._space}",
-            code="plugin",
-        )
 
 
 def load_policy(
@@ -308,11 +279,11 @@ def _from_code(given: str, params: Mapping[str, Any], *, trust: bool) -> BuiltPo
         require([(f"{file}, an archive with pickles", file_digest(file), "")], trust=trust)
         return _built(given, partial(sb3_policy, file, attribute), file)
     if suffix == ".py":
-        return _from_factory(given, _attribute(plugins.load_file(Path(source)), attribute, given), params)
+        return _from_factory(given, factory_of(plugins.load_file(Path(source)), attribute, given), params)
     if os.path.exists(given) or given in shipped():
         return None
     if colon:
-        return _from_factory(given, _attribute(_imported(source, given), attribute, given), params)
+        return _from_factory(given, factory_of(imported(source, given), attribute, given), params)
     plugins.discover()
     if given in POLICIES:
         return _from_factory(given, POLICIES.get(given).value, params)
@@ -386,29 +357,6 @@ def _existing(file: str) -> Path:
     if not os.path.isfile(file):
         raise DockctlError(f"{file}: no such file", code="not_found")
     return Path(file)
-
-
-def _imported(module: str, given: str) -> ModuleType:
-    with plugin_errors(f"policy {given}: module '{module}' cannot be imported"):
-        return importlib.import_module(module)
-
-
-def _attribute(module: ModuleType, name: str, given: str) -> Factory:
-    """Return the factory `name` of a module.
-
-    Raises:
-        DockctlError: there is none, or it cannot be called.
-    """
-    factory = getattr(module, name, None)
-    if callable(factory):
-        return cast("Factory", factory)
-    known = [
-        key for key, value in vars(module).items() if callable(value) and value.__module__ == module.__name__
-    ]
-    what = "is not callable" if hasattr(module, name) else "does not exist"
-    raise DockctlError(
-        f"{given}: the factory '{name}' {what}", code="unknown_name", suggestion=nearest(name, known)
-    )
 
 
 def _from_factory(given: str, factory: Factory, params: Mapping[str, Any]) -> BuiltPolicy:
