@@ -167,8 +167,8 @@ class JobRunner:
         """Run a stage and return its exit status."""
         package = Path(dockctl.__file__).parent.parent
         paths = os.pathsep.join(filter(None, [str(package), os.environ.get("PYTHONPATH")]))
-        log.write(f"$ {command_line(*stage.arguments)}\n".encode())
-        log.flush()
+        with writing(Path(log.name)):
+            log.write(f"$ {command_line(*stage.arguments)}\n".encode())
         with self._lock:
             if self._stopping:
                 return signal.SIGINT
@@ -201,7 +201,7 @@ def _open_log(job: Job) -> Iterator[IO[bytes]]:
     """Open the log of a job for appending, for one process at a time."""
     with writing(job.log):
         job.log.parent.mkdir(parents=True, exist_ok=True)
-        file = job.log.open("ab")
+        file = job.log.open("ab", buffering=0)
     with file, exclusive_lock(job.log):
         yield file
 

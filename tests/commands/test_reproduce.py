@@ -150,6 +150,17 @@ def test_a_run_without_a_finished_episode_is_plotted(out: Path) -> None:
     assert [stage.name for stage in job.measurements()] == ["evaluate"]
 
 
+def test_a_full_disk_behind_a_log_is_a_failure_of_its_job(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    (job,) = jobs(tmp_path, seeds=1)
+    job.folder.mkdir(parents=True)
+    job.log.symlink_to("/dev/full")
+    ended = work([job], {0: [Stage("good", ("--version",))]}, monkeypatch)[0]
+    assert ended.state == "failed"
+    assert str(job.log) in ended.reason
+
+
 def test_jobs_that_were_not_started_are_not_stopped(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     stage = Stage("good", ("--version",))
     monkeypatch.setattr(runner_module, "_stages", lambda job: iter([stage, stage]))
