@@ -49,7 +49,7 @@ class ValidationStarts(Model):
     """
 
     starts: Count = Field(default=100, le=100_000)
-    every_steps: Count = Field(default=50_000, description="environment steps between validations")
+    every_steps: Count = Field(default=100_000, description="environment steps between validations")
 
 
 class StopRule(Model):

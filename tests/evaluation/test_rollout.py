@@ -65,13 +65,13 @@ def test_the_rows_of_a_validation() -> None:
     ]
 
 
-@pytest.mark.parametrize(("docks", "played"), [(False, PARALLEL_BOATS), (True, 20)])
-def test_a_validation_ends_early_where_nothing_docks(docks: bool, played: int) -> None:
-    """The first boat starts in the berth, or all start 16 m away and stay there."""
+@pytest.mark.parametrize(("docks", "played"), [(0, PARALLEL_BOATS), (7, PARALLEL_BOATS), (8, 20)])
+def test_a_validation_ends_early_where_few_dock(docks: int, played: int) -> None:
+    """The first boats start in the berth, the others 16 m away, and all stay there."""
     loaded = load("s1", overrides=["task.max_steps=3"])
     task = Rollout(loaded, [walled()])
     site = own_site(loaded.scenario)
-    poses = [site.goals[1] if docks and i == 0 else site.initial[0] for i in range(20)]
+    poses = [site.goals[1] if i < docks else site.initial[0] for i in range(20)]
     starts = [given_start(site, loaded.scenario.task, pose, i) for i, pose in enumerate(poses)]
     episodes = task.validate(Rest(), starts)
     assert [episode.start.index for episode in episodes] == list(range(played))
