@@ -112,5 +112,5 @@ def test_open_meshes_are_named(tmp_path: Path) -> None:
     assert (code, len(out)) == (0, 1)
     assert [line.split()[:3] for line in err] == [
         ["note:", f"{path}:3:39:", "harbor.meshes.1.path:"],
-        ["note:", f"{path}:4:26:", "harbor.fleet.models.1:"],
+        ["note:", f"{path}:4:27:", "harbor.fleet.models.1:"],
     ]
