@@ -11,6 +11,7 @@ from typing import Any
 import pandas as pd
 from jinja2 import Environment, StrictUndefined
 
+import dockctl
 from dockctl.agents.checkpoint import PolicyCard
 from dockctl.analysis.episodes import ending
 from dockctl.analysis.statistics import describe_share
@@ -25,6 +26,7 @@ from dockctl.analysis.success_map import (
 from dockctl.errors import DockctlError
 from dockctl.reading import reading
 from dockctl.runs.directory import EVALUATION, LATENCY, MAP, PROVENANCE, RunDirectory
+from dockctl.runs.provenance import git_commit
 from dockctl.runs.reader import read_table
 from dockctl.runs.results import policy_hash, read_results
 from dockctl.runs.tables import START_KINDS
@@ -138,6 +140,7 @@ def _facts(
         f"dockctl {provenance.get('dockctl')}, commit `{provenance.get('git_commit')}`,"
         f" {provenance.get('started')}",
     )
+    yield "exported with", f"dockctl {dockctl.__version__}, commit `{git_commit()}`"
     yield "training data", "simulation only"
 
 

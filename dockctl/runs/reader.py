@@ -40,6 +40,10 @@ SOURCES = (SCENARIO, SCENE, EPISODES_CSV, UPDATES_CSV, EVALUATIONS_CSV, TRAJECTO
 """Files that `read_run` reads."""
 TEXT = ("start_kind", "outcome", "collided_with", "berth", "behavior")
 """Columns that contain text; all others contain numbers."""
+COMPLETE = ("env_steps", "pose", "time_s", "x_m", "y_m", "heading_deg")
+"""Columns without empty cells, where they are required."""
+WHOLE = ("pose",)
+"""Columns of whole numbers."""
 MAX_COLUMNS = 5_000
 
 
@@ -152,14 +156,20 @@ def read_table(path: Path, columns: Collection[str]) -> pd.DataFrame | None:
         )
     for column in (name for name in table if name not in TEXT):
         numbers = pd.to_numeric(table[column], errors="coerce")
-        infinite = numbers.abs() == math.inf
-        wrong = table[column][(numbers.isna() & table[column].notna()) | (infinite & (column in columns))]
-        if len(wrong):
-            line = int(wrong.index[0]) + 2
-            raise DockctlError(
-                f"{path}:{line}: {column}: expected a finite number, found '{wrong.iloc[0]}'",
-                code="wrong_type",
-            )
+        wrong = numbers.isna() & table[column].notna()
+        if column in columns:
+            wrong |= numbers.abs() == math.inf
+            if column in COMPLETE:
+                wrong |= numbers.isna()
+            if column in WHOLE:
+                wrong |= (numbers % 1 != 0) | (numbers.abs() > MAX_VALUES)
+        if wrong.any():
+            line, found = int(str(wrong.idxmax())) + 2, table[column][wrong].iloc[0]
+            kind = "whole" if column in WHOLE else "finite"
+            message = f"{path}:{line}: {column}: expected a {kind} number, found '{found}'"
+            raise DockctlError(message, code="wrong_type")
+        if column in WHOLE and column in columns:
+            table[column] = numbers.astype("int64")
     return table if len(table) else None
 
 
