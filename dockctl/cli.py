@@ -29,6 +29,7 @@ COMMANDS = {
     "ship": "ship",
     "latency": "latency",
     "show": "show",
+    "view": "view",
     "validate": "validate",
     "verify": "verify",
     "list": "list_registered",

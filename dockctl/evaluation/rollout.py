@@ -11,7 +11,7 @@ import numpy as np
 from gymnasium.vector import VectorEnv
 from numpy.typing import NDArray
 
-from dockctl.agents.interface import Info, Policy, final_info
+from dockctl.agents.interface import Info, Policy, final_info, final_observation
 from dockctl.envs.vector import DockingVectorEnv
 from dockctl.geometry import Floats
 from dockctl.runs.tables import TRAJECTORIES, Value, all_columns, to_csv
@@ -37,7 +37,7 @@ class HasPose(Protocol):
 Clearance = Callable[[Any, Floats], float]
 
 RECORDED = ("pose", "velocity", "command", "distance_m", "heading_error_rad", "phase", "sector_ranges_m")
-READ = (*RECORDED, "outcome", "collided_with")
+READ = (*RECORDED, "outcome", "collided_with", "reward_terms")
 
 
 @dataclass(frozen=True, eq=False)
@@ -49,7 +49,8 @@ class Episode:
         collided_with: name of the obstacle, or empty.
         phase: 0 or 1, the last phase.
         total_reward: undiscounted return.
-        trajectory: arrays of steps + 1 rows by info key, and ``reward``; row 0 is the start.
+        trajectory: arrays of steps + 1 rows by info key, ``observation``, ``reward`` and ``reward_<term>``;
+            row 0 is the start.
         clearance_m: least distance between hull and harbor; NaN if it was not measured.
     """
 
@@ -136,6 +137,12 @@ class Rollout:
         measure = self._clearance if clearance else None
         return run_episodes(self.env(min(PARALLEL_BOATS, len(starts))), policy, seeded, measure)
 
+    def at_start(self, start: Start) -> Episode:
+        """Return the episode from a start before its first step."""
+        env = self.env(1)
+        observation, info = env.reset(options={"starts": [start]})
+        return _Recorder(observation, info, 0).episode(info, 0, start, None)
+
     def validate(self, policy: Policy, starts: Sequence[Start]) -> list[Episode]:
         """Run one episode from each start, but only from the first 16 if fewer than half of these dock.
 
@@ -177,14 +184,15 @@ def run_episodes(
 
     observation, info = env.reset(seed=seed, options={"starts": next_starts()})
     policy.reset(np.arange(env.num_envs), info)
-    recorders = [_Recorder(info, boat) for boat in boats]
+    recorders = [_Recorder(observation, info, boat) for boat in boats]
     episodes: dict[int, Episode] = {}
     while len(episodes) < len(starts):
         observation, reward, terminated, truncated, info = env.step(policy.act(observation, info))
         done = terminated | truncated
-        last = {key: np.array(value) for key, value in final_info(info, done).items() if key in READ}
+        seen = final_observation(observation, info, done)
+        last = {key: _copy(value) for key, value in final_info(info, done).items() if key in READ}
         for boat in boats:
-            recorders[boat].add(last, boat, float(reward[boat]))
+            recorders[boat].add(seen, last, boat, float(reward[boat]))
         for boat in np.flatnonzero(done).tolist():
             if assigned[boat] < len(starts):
                 start = starts[assigned[boat]]
@@ -194,21 +202,27 @@ def run_episodes(
             observation, info = env.reset(options={"starts": next_starts(), "reset_mask": done})
             policy.reset(np.flatnonzero(done), info)
             for boat in np.flatnonzero(done).tolist():
-                recorders[boat] = _Recorder(info, boat)
+                recorders[boat] = _Recorder(observation, info, boat)
     return [episodes[index] for index in range(len(starts))]
+
+
+def _copy(value: Any) -> Any:
+    return {key: np.array(row) for key, row in value.items()} if isinstance(value, dict) else np.array(value)
 
 
 class _Recorder:
     """Records the trajectory of one boat."""
 
-    def __init__(self, info: Info, boat: int) -> None:
-        self._records = {key: [np.array(info[key][boat])] for key in RECORDED}
-        self._rewards = [0.0]
+    def __init__(self, observation: NDArray[Any], info: Info, boat: int) -> None:
+        self._records: dict[str, list[Any]] = {}
+        self.add(observation, info, boat, 0.0)
 
-    def add(self, info: Info, boat: int, reward: float) -> None:
-        for key, record in self._records.items():
-            record.append(info[key][boat])
-        self._rewards.append(reward)
+    def add(self, observation: NDArray[Any], info: Info, boat: int, reward: float) -> None:
+        terms = {f"reward_{name}": term for name, term in info.get("reward_terms", {}).items()}
+        rows = {"observation": observation, **{key: info[key] for key in RECORDED}, **terms}
+        for key, values in rows.items():
+            self._records.setdefault(key, []).append(np.array(values[boat]))
+        self._records.setdefault("reward", []).append(reward)
 
     def episode(self, info: Info, boat: int, start: HasPose, clearance: Clearance | None) -> Episode:
         trajectory = {key: np.stack(record) for key, record in self._records.items()}
@@ -217,8 +231,8 @@ class _Recorder:
             outcome=str(info["outcome"][boat]),
             collided_with=str(info["collided_with"][boat] or ""),
             phase=int(trajectory["phase"][-1]),
-            total_reward=sum(self._rewards),
-            trajectory={**trajectory, "reward": np.array(self._rewards)},
+            total_reward=sum(self._records["reward"]),
+            trajectory=trajectory,
             clearance_m=math.nan if clearance is None else clearance(start, trajectory["pose"]),
         )
 

@@ -72,9 +72,18 @@ class GreedyPolicy(Policy):
         self.network = network
         self._device = next(network.parameters()).device
 
-    @torch.inference_mode()
     def act(self, observation: NDArray[Any], info: Info) -> NDArray[np.int64]:
         """Return the action of the highest value for each boat; see `Policy`.
+
+        Raises:
+            ValueError: see `q_values`.
+        """
+        best: NDArray[np.int64] = self.q_values(observation).argmax(axis=1)
+        return best
+
+    @torch.inference_mode()
+    def q_values(self, observation: NDArray[Any]) -> NDArray[np.float32]:
+        """Return the values of all actions, (n, observation_size) -> (n, actions).
 
         Raises:
             ValueError: `observation` is not (n, observation_size).
@@ -83,5 +92,4 @@ class GreedyPolicy(Policy):
             expected = f"(n, {self.network.observation_size})"
             raise ValueError(f"the policy takes observations of shape {expected}, not {observation.shape}")
         values = self.network(torch.as_tensor(observation, dtype=torch.float32, device=self._device))
-        best: NDArray[np.int64] = values.argmax(dim=1).cpu().numpy()
-        return best
+        return np.asarray(values.cpu())

@@ -1,0 +1,54 @@
+"""``dockctl view``: a 3-D replay in one HTML page."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from dockctl.commands.options import Plugins, ScenarioOption, Trust, parse_pose
+
+
+def view(
+    source: Annotated[
+        str | None,
+        typer.Argument(help="Run folder, checkpoint, policy or scenario; the latest run by default."),
+    ] = None,
+    also: Annotated[
+        list[str] | None,
+        typer.Option(metavar="POLICY", help="Another policy from the same starts; can be repeated."),
+    ] = None,
+    scenario: ScenarioOption = None,
+    pose: Annotated[
+        list[str] | None,
+        typer.Option(
+            metavar="X,Y,HEADING",
+            help="Start pose [m, m, °]; can be repeated; the evaluation poses by default.",
+        ),
+    ] = None,
+    out: Annotated[Path | None, typer.Option(help="The page; view-<name>.html by default.")] = None,
+    plugin: Plugins = None,
+    trust: Trust = False,
+) -> None:
+    """Write a 3-D replay as one HTML page that opens without a network.
+
+    Example: dockctl view s3 --pose 25,0.5,175
+    """
+    from dockctl.evaluation.policies import load_policy
+    from dockctl.evaluation.replay import page_data, preview, replay
+    from dockctl.reports.replay import page
+    from dockctl.runs.files import require_writable_file, write_atomically
+    from dockctl.sim.world import load_checked
+
+    if out:
+        require_writable_file(out, ".html")
+    poses = [parse_pose(text) for text in pose or ()]
+    if source is not None and source.endswith((".yaml", ".yml")):
+        loaded = load_checked(source, plugin_files=plugin or (), trust=trust)
+        shown, name = preview(loaded, poses), loaded.scenario.name
+    else:
+        sources = (source, *(also or ()))
+        policies = [load_policy(policy, plugin_files=plugin or (), trust=trust) for policy in sources]
+        shown, name = replay(policies, scenario, poses), policies[0].file_name
+    typer.echo(write_atomically(out or Path(f"view-{name}.html"), page(page_data(shown)).encode()))

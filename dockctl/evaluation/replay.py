@@ -1,0 +1,291 @@
+"""Episodes with everything that the 3-D replay shows: harbor, trajectory, LiDAR points and Q-values."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from dockctl.agents.dqn.network import GreedyPolicy
+from dockctl.agents.interface import Policy
+from dockctl.analysis.episodes import ending
+from dockctl.compute import workers
+from dockctl.drawing import palette
+from dockctl.errors import DockctlError
+from dockctl.evaluation.policies import LoadedPolicy, load_policy
+from dockctl.evaluation.rollout import Episode, Rollout
+from dockctl.evaluation.starts import pose_check, trajectory_starts
+from dockctl.geometry import Floats, pose_array
+from dockctl.scenarios.base import Pose
+from dockctl.scenarios.harbor import layouts
+from dockctl.scenarios.loader import LoadedScenario
+from dockctl.scenarios.schema import Scenario, Task
+from dockctl.sim.harbor.build import Harbor, build_harbor
+from dockctl.sim.harbor.solids import hull_mesh, hull_outline
+from dockctl.sim.starts import Start, given_start, own_site
+
+MAX_SCANS, MAX_POINTS = 240, 360_000
+"""LiDAR scans and points of all episodes together, so that a page stays small."""
+MAX_TRIANGLES = 200_000
+"""Of a harbor in the page; of larger ones the smallest triangles are left out."""
+OPEN_WATER_M = 15.0
+REWARD = "reward_"
+FLOATS = ("pose", "velocity", "command", "distance_m", "heading_error_rad", "reward")
+
+
+@dataclass(frozen=True, eq=False)
+class Track:
+    """One episode of a policy.
+
+    Attributes:
+        policy, caption: name and description of the policy; empty for a boat at its start.
+        scans: points (k, 3) [m] in the body frame, by the step at which they were measured.
+        q_values: (steps + 1, actions), for policies that have them.
+    """
+
+    policy: str
+    caption: str
+    start: Start
+    episode: Episode
+    scans: dict[int, Floats]
+    q_values: NDArray[np.float32] | None
+
+
+@dataclass(frozen=True, eq=False)
+class Replay:
+    """Episodes in one harbor."""
+
+    scenario: Scenario
+    harbor: Harbor
+    tracks: list[Track]
+
+
+def replay(
+    policies: Sequence[str | Path | LoadedPolicy],
+    scenario: str | Path | None = None,
+    poses: Sequence[Pose] = (),
+) -> Replay:
+    """Run each policy from each pose; by default from the trajectory starts of the training.
+
+    Args:
+        policies: one or more; see `dockctl.evaluation.policies.load_policy`.
+        scenario: file or name; that of the first policy by default.
+
+    Raises:
+        DockctlError: there is no such policy or scenario, they do not fit, or a pose is not free.
+    """
+    first, *others = map(load_policy, policies)
+    loaded = first.scenario(scenario)
+    starts, runs = _starts(loaded, poses), []
+    for policy in (first, *others):
+        rollout = Rollout(loaded if policy is first else policy.scenario(scenario or first.own_scenario))
+        made = policy.make(rollout.env())
+        played = zip(starts, rollout.run(made, starts), strict=True)
+        runs += [
+            _Run(policy.name, policy.caption, made, start, episode, rollout) for start, episode in played
+        ]
+    return _replay(loaded, runs)
+
+
+def preview(loaded: LoadedScenario, poses: Sequence[Pose] = ()) -> Replay:
+    """Return the boat at each start, without a policy; the arguments are those of `replay`."""
+    rollout = Rollout(loaded)
+    starts = _starts(loaded, poses)
+    return _replay(loaded, [_Run("", "", None, start, rollout.at_start(start), rollout) for start in starts])
+
+
+class _Run(NamedTuple):
+    name: str
+    caption: str
+    policy: Policy | None
+    start: Start
+    episode: Episode
+    rollout: Rollout
+
+
+def _starts(loaded: LoadedScenario, poses: Sequence[Pose]) -> list[Start]:
+    """Return the starts, all in the harbor of the first one.
+
+    Raises:
+        DockctlError: a pose is not free.
+    """
+    scenario = loaded.scenario
+    if not poses:
+        starts = trajectory_starts(scenario, Rollout(loaded).worlds)
+        return [start for start in starts if start.harbor == starts[0].harbor]
+    check = pose_check(loaded)
+    if problems := [problem for pose in poses if (problem := check.problem(pose))]:
+        raise DockctlError("\n".join(f"--pose: {problem}" for problem in problems))
+    site = own_site(scenario)
+    return [given_start(site, scenario.task, pose_array(pose), i) for i, pose in enumerate(poses)]
+
+
+def _replay(loaded: LoadedScenario, runs: Sequence[_Run]) -> Replay:
+    scenario, tracks = loaded.scenario, []
+    rows = sum(run.episode.steps + 1 for run in runs)
+    stride = -(-rows // MAX_SCANS)
+    for run in runs:
+        measured = range(0, run.episode.steps + 1, stride)
+        lidar = run.rollout.worlds[run.start.harbor].lidar
+        clouds = workers().map(lidar.points, run.episode.trajectory["pose"][measured])
+        thinned = (_thinned(cloud, MAX_POINTS * stride // rows) for cloud in clouds)
+        scans = dict(zip(measured, thinned, strict=True))
+        tracks.append(
+            Track(run.name, run.caption, run.start, run.episode, scans, _q_values(run.policy, run.episode))
+        )
+    layout = layouts(scenario.harbor, scenario.task.berths)[runs[0].start.harbor]
+    return Replay(scenario, build_harbor(layout.harbor, loaded.base_dir), tracks)
+
+
+def _thinned(points: Floats, count: int) -> Floats:
+    """Return about `count` points, evenly spaced in the order in which they were measured."""
+    return points[:: max(1, -(-len(points) // max(count, 1)))]
+
+
+def _q_values(policy: Policy | None, episode: Episode) -> NDArray[np.float32] | None:
+    return policy.q_values(episode.trajectory["observation"]) if isinstance(policy, GreedyPolicy) else None
+
+
+def page_data(replay: Replay) -> dict[str, Any]:
+    """Return what `dockctl.reports.replay.page` shows, as plain data and arrays."""
+    scenario, titles = replay.scenario, _titles(replay)
+    captions = dict.fromkeys(track.caption for track in replay.tracks)
+    colors = palette.SERIES if len(replay.tracks) > 1 else (palette.OWN_HULL,)
+    return {
+        "title": f"Scenario {scenario.name}, harbor {replay.harbor.name}",
+        "subtitle": ", ".join(filter(None, captions)) or "the boat at its start",
+        "bounds": _bounds(replay.harbor),
+        "harbor": _harbor(replay.harbor),
+        "boat": _boat(scenario),
+        "limits": {name: getattr(scenario.vessel, f"max_{name}") for name in ("propeller_n", "rudder_deg")},
+        "grid": _grid(scenario),
+        "range_m": scenario.sensors.lidar.range_m,
+        "period_s": scenario.vessel.control_period_s,
+        "terms": _terms(replay.tracks[0]),
+        "episodes": [
+            _episode(scenario.task, track, label, colors[i % len(colors)])
+            for i, (track, label) in enumerate(zip(replay.tracks, titles, strict=True))
+        ],
+    }
+
+
+def _harbor(harbor: Harbor) -> dict[str, Any]:
+    """Triangles and their colors; corners as 16-bit integers, at a resolution of a few millimeters."""
+    solids = [(part.name, solid) for part in harbor.parts for solid in part.solids]
+    colors = [palette.solid_colors(solid.kind, name)[0] for name, solid in solids]
+    shades = list(dict.fromkeys(colors))
+    corners = [np.asarray(solid.mesh.triangles, float) for _, solid in solids]
+    triangles = np.concatenate(corners) if corners else np.zeros((0, 3, 3))
+    color = np.repeat([shades.index(name) for name in colors], [len(part) for part in corners])
+    if len(triangles) > MAX_TRIANGLES:
+        area = np.linalg.norm(
+            np.cross(triangles[:, 1] - triangles[:, 0], triangles[:, 2] - triangles[:, 0]), axis=1
+        )
+        largest = np.sort(np.argsort(area)[-MAX_TRIANGLES:])
+        triangles, color = triangles[largest], color[largest]
+    low, high = (
+        (triangles.min((0, 1)), triangles.max((0, 1))) if len(triangles) else (np.zeros(3), np.ones(3))
+    )
+    scale = float((high - low).max()) / 65_000
+    origin = (low + high) / 2
+    return {
+        "corners": np.round((triangles.reshape(-1, 9) - np.tile(origin, 3)) / scale).astype("<i2"),
+        "color": color[:, None].astype("u1"),
+        "palette": shades,
+        "scale": scale,
+        "origin": origin.tolist(),
+    }
+
+
+def _boat(scenario: Scenario) -> dict[str, Any]:
+    hull = scenario.vessel.hull
+    mounts = getattr(scenario.sensors.lidar, "mounts", ())
+    return {
+        "corners": np.asarray(hull_mesh(hull).triangles, "<f4").reshape(-1, 3),
+        "outline": np.round(hull_outline(hull), 3).tolist(),
+        "length": hull.length_m,
+        "stern": -hull.length_m / 2,
+        "freeboard": hull.freeboard_m,
+        "lidars": [(mount.x_m, mount.y_m, mount.z_m) for mount in mounts],
+    }
+
+
+def _bounds(harbor: Harbor) -> list[float]:
+    """Return x_min, y_min, x_max, y_max [m] of the water around everything."""
+    if harbor.basin:
+        return list(harbor.basin)
+    if not len(harbor.triangles):
+        return [-2 * OPEN_WATER_M, -2 * OPEN_WATER_M, 2 * OPEN_WATER_M, 2 * OPEN_WATER_M]
+    low, high = harbor.triangles.min((0, 1)), harbor.triangles.max((0, 1))
+    return [*(low[:2] - OPEN_WATER_M).tolist(), *(high[:2] + OPEN_WATER_M).tolist()]
+
+
+def _grid(scenario: Scenario) -> dict[str, list[float]] | None:
+    """Return forces and angles of the discrete actions, or None if there are none."""
+    actions = scenario.actions
+    if actions.kind != "grid":
+        return None
+    return {name: list(getattr(actions, name)) for name in ("propeller_n", "rudder_deg")}
+
+
+def _terms(track: Track) -> list[str]:
+    names = (key.removeprefix(REWARD) for key in track.episode.trajectory if key.startswith(REWARD))
+    return [name for name in names if not name.startswith("_")]
+
+
+def _titles(replay: Replay) -> list[str]:
+    """Return a label for each track: what distinguishes it from the others."""
+    policies = len({track.policy for track in replay.tracks}) > 1
+    starts = len({tuple(track.start.eta) for track in replay.tracks}) > 1
+    titles = []
+    for track in replay.tracks:
+        x, y, heading = track.start.eta
+        pose = f"({x:g}, {y:g}, {math.degrees(heading):.3g}°)"
+        titles.append(" ".join([track.policy] * policies + [pose] * (starts or not policies)))
+    return titles
+
+
+def _episode(task: Task, track: Track, label: str, color: str) -> dict[str, Any]:
+    episode, recorded = track.episode, track.episode.trajectory
+    terms = np.stack([recorded[REWARD + name] for name in _terms(track)], axis=1)
+    arrays = {
+        **{name: recorded[name].astype("<f4") for name in FLOATS},
+        "ranges": recorded["sector_ranges_m"].astype("<f4"),
+        "phase": recorded["phase"].astype("u1"),
+        "returns": recorded["reward"].cumsum().astype("<f4"),
+        "terms": terms.astype("<f4"),
+        "term_sums": terms.cumsum(axis=0).astype("<f4"),
+        "points": np.round(100 * np.concatenate(list(track.scans.values()))).astype("<i2"),
+        "scans": np.column_stack([list(track.scans), _firsts(track)]).astype("<i4"),
+    }
+    if track.q_values is not None:
+        arrays["q"] = track.q_values.astype("<f4")
+    tolerances = task.intermediate_tolerance, task.final_tolerance
+    goals = [
+        [*pose, tolerance.distance_m, tolerance.heading]
+        for pose, tolerance in list(zip(track.start.goals.tolist(), tolerances, strict=True))[
+            track.start.phase :
+        ]
+    ]
+    row = episode.row()
+    text = ending(row) if episode.outcome else "at the start"
+    return {
+        "policy": track.policy or "none",
+        "label": label,
+        "color": color,
+        "outcome": episode.outcome,
+        "text": text,
+        "goals": goals,
+        "arrays": arrays,
+    }
+
+
+def _firsts(track: Track) -> list[int]:
+    """Return the index of the first point of each scan."""
+    counts = [len(points) for points in track.scans.values()]
+    return [0, *np.cumsum(counts)[:-1].tolist()]

@@ -1,0 +1,168 @@
+"""The 3-D replay: its data, and the page in a browser."""
+
+from __future__ import annotations
+
+import base64
+import gzip
+import json
+import re
+import shutil
+import time
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+
+from dockctl.evaluation.replay import MAX_POINTS, Replay, page_data, preview, replay
+from dockctl.evaluation.rollout import Rollout
+from dockctl.reports.replay import page
+from dockctl.scenarios.base import Pose
+from dockctl.scenarios.loader import load
+
+POSES = [Pose(x_m=24.0, y_m=0.5, heading_deg=178.0), Pose(x_m=26.0, y_m=1.0, heading_deg=170.0)]
+CONTROLLER = "examples/controller/reverse.py:Reverse"
+
+
+@pytest.fixture(scope="module")
+def played() -> Iterator[Replay]:
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr("dockctl.evaluation.replay.MAX_SCANS", 24)
+        yield replay(["s1", CONTROLLER], "s1", POSES)
+
+
+@pytest.fixture(scope="module")
+def html(played: Replay) -> str:
+    return page(page_data(played))
+
+
+def contents(html: str) -> tuple[dict[str, Any], bytes]:
+    header = re.search(r'id="replay">(.*?)</script>', html, re.DOTALL)
+    arrays = re.search(r'id="arrays">(.*?)</script>', html, re.DOTALL)
+    assert header and arrays
+    return json.loads(header[1]), gzip.decompress(base64.b64decode(arrays[1]))
+
+
+def stored(block: bytes, reference: dict[str, Any]) -> NDArray[Any]:
+    count = int(np.prod(reference["shape"]))
+    array = np.frombuffer(block, f"<{reference['type']}", count, reference["offset"])
+    return array.reshape(reference["shape"])
+
+
+def test_the_page_holds_each_step_of_each_policy(played: Replay, html: str) -> None:
+    header, block = contents(html)
+    assert len(header["episodes"]) == len(played.tracks) == 4
+    for given, track in zip(header["episodes"], played.tracks, strict=True):
+        arrays = {name: stored(block, reference) for name, reference in given["arrays"].items()}
+        recorded = track.episode.trajectory
+        for name in ("pose", "velocity", "command", "distance_m", "heading_error_rad", "phase", "reward"):
+            np.testing.assert_allclose(arrays[name], recorded[name], rtol=1e-6, atol=1e-6)
+        np.testing.assert_allclose(arrays["terms"].sum(axis=1), recorded["reward"], rtol=1e-4, atol=1e-3)
+        assert given["outcome"] == track.episode.outcome
+
+
+def test_the_largest_q_value_is_that_of_the_command(played: Replay, html: str) -> None:
+    header, block = contents(html)
+    forces, angles = header["grid"]["propeller_n"], header["grid"]["rudder_deg"]
+    shown = [given for given in header["episodes"] if "q" in given["arrays"]]
+    assert [given["policy"] for given in shown] == ["s1", "s1"]
+    for given in shown:
+        chosen = stored(block, given["arrays"]["q"]).argmax(axis=1)[:-1]
+        command = stored(block, given["arrays"]["command"])[1:]
+        assert command[:, 0].tolist() == [forces[i // len(angles)] for i in chosen]
+
+
+def test_points_are_those_of_the_sensor(played: Replay) -> None:
+    rollout = Rollout(load("s1"))
+    assert sum(len(track.scans) for track in played.tracks) <= 24 + len(played.tracks)
+    assert sum(len(points) for track in played.tracks for points in track.scans.values()) <= MAX_POINTS
+    track = played.tracks[-1]
+    step, points = list(track.scans.items())[-1]
+    measured = rollout.worlds[0].lidar.points(track.episode.trajectory["pose"][step])
+    assert set(map(tuple, points)) <= set(map(tuple, measured))
+
+
+def test_harbor_corners_are_exact_to_millimeters(played: Replay, html: str) -> None:
+    header, block = contents(html)
+    harbor = header["harbor"]
+    corners = stored(block, harbor["corners"]).reshape(-1, 3) * harbor["scale"] + harbor["origin"]
+    expected = np.concatenate([solid.mesh.triangles for part in played.harbor.parts for solid in part.solids])
+    np.testing.assert_allclose(corners, expected.reshape(-1, 3), atol=2e-3)
+
+
+def test_the_page_needs_no_network_and_is_small(html: str) -> None:
+    assert len(html.encode()) < 8e6
+    assert not re.search(r"""(src|href)\s*=\s*["']|@import|\bfetch\(|url\(\s*["']?http""", html)
+
+
+def test_a_scenario_without_a_policy_shows_the_boat_at_its_start() -> None:
+    shown = preview(load("s1"), POSES[:1])
+    header, block = contents(page(page_data(shown)))
+    (given,) = header["episodes"]
+    np.testing.assert_allclose(
+        stored(block, given["arrays"]["pose"]), [[24.0, 0.5, np.radians(178.0)]], rtol=1e-6
+    )
+
+
+@pytest.fixture(scope="module")
+def browser(html: str, tmp_path_factory: pytest.TempPathFactory) -> Iterator[Any]:
+    """Headless Chromium with the page."""
+    binary, driver = shutil.which("chromium"), shutil.which("chromedriver")
+    if not binary or not driver:
+        pytest.skip("Chromium and chromedriver are not installed")
+    webdriver = pytest.importorskip("selenium.webdriver")
+    options = webdriver.ChromeOptions()
+    options.binary_location = binary
+    flags = ("headless=new", "no-sandbox", "use-angle=swiftshader", "enable-unsafe-swiftshader")
+    for flag in (*flags, "disable-background-networking", "window-size=900,700"):
+        options.add_argument(f"--{flag}")
+    options.set_capability("goog:loggingPrefs", {"browser": "ALL"})
+    file = tmp_path_factory.mktemp("page") / "replay.html"
+    file.write_text(html, encoding="utf-8")
+    opened = webdriver.Chrome(options=options, service=webdriver.ChromeService(driver))
+    try:
+        opened.get(file.as_uri())
+        for _ in range(600):
+            if opened.execute_script("return document.documentElement.dataset.ready"):
+                break
+            time.sleep(0.1)
+        yield opened
+    finally:
+        opened.quit()
+
+
+@pytest.mark.slow
+def test_in_a_browser(browser: Any, played: Replay, tmp_path: Path) -> None:
+    """No messages; slider, keys and buttons move the boat to the pose in the table; the view is not blank."""
+    from PIL import Image
+    from selenium.webdriver.common.keys import Keys
+
+    assert browser.get_log("browser") == []
+    poses = played.tracks[0].episode.trajectory["pose"]
+
+    def drawn() -> list[float]:
+        return list(browser.execute_script("return replay.pose()"))
+
+    browser.execute_script(
+        "const t = document.getElementById('time'); t.value = 12; t.dispatchEvent(new Event('input'))"
+    )
+    np.testing.assert_allclose(drawn(), poses[12], atol=1e-5)
+    body = browser.find_element("tag name", "body")
+    body.send_keys(Keys.ARROW_RIGHT)
+    np.testing.assert_allclose(drawn(), poses[13], atol=1e-5)
+    body.send_keys(Keys.END)
+    np.testing.assert_allclose(drawn(), poses[-1], atol=1e-5)
+    body.send_keys("n")
+    assert browser.execute_script("return replay.now.selected") == 1
+    for key, camera in (("2", "above"), ("3", "astern"), ("4", "bridge"), ("1", "free")):
+        body.send_keys(key)
+        assert browser.execute_script("return replay.now.camera") == camera
+        browser.save_screenshot(str(tmp_path / f"{camera}.png"))
+        with Image.open(tmp_path / f"{camera}.png") as image:
+            pixels = np.asarray(image.convert("RGB"))[150:450, :500].reshape(-1, 3)
+        assert len(np.unique(pixels // 8, axis=0)) > 30
+    browser.execute_script("replay.choose('layouts', 'layout', 'side by side')")
+    assert len(browser.find_elements("css selector", "#tiles span")) == len(played.tracks)
+    assert browser.get_log("browser") == []
