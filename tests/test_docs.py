@@ -29,6 +29,7 @@ SHORTER = {
     "compare": ("--episodes", "2"),
     "map": ("--reach-m", "0", "--headings", "0"),
     "latency": ("--decisions", "10"),
+    "view": ("--pose", "34,0.5,180"),
 }
 """Options that make a command quick."""
 INSTALLED = "s1-smooth"  # of an installed package, which tests/test_plugins.py tests
