@@ -46,6 +46,15 @@ def test_help_imports_nothing_heavy() -> None:
     assert done.stdout.strip().splitlines()[-1] == "heavy:"
 
 
+@pytest.mark.slow
+@pytest.mark.parametrize("module", ["dockctl.experiments.training", "dockctl.evaluation"])
+def test_training_and_evaluation_import_no_drawing_and_no_statistics(module: str) -> None:
+    unneeded = ("scipy.stats", "matplotlib", "jinja2")
+    code = f"import sys, {module}; print('found:', *[name for name in {unneeded} if name in sys.modules])"
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
+    assert done.stdout.strip() == "found:"
+
+
 def test_version() -> None:
     result = runner.invoke(cli.app, ["--version"])
     assert (result.exit_code, result.output) == (0, f"dockctl {__version__}\n")

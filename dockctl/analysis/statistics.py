@@ -6,7 +6,6 @@ import math
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.stats import binomtest, bootstrap
 
 from dockctl.geometry import Bools, Floats
 
@@ -34,6 +33,8 @@ def wilson_interval(successes: int, trials: int) -> tuple[float, float]:
     """95 % confidence interval of a success probability (Wilson 1927); (0, 1) without trials."""
     if trials == 0:
         return 0.0, 1.0
+    from scipy.stats import binomtest  # slow to import, and a training needs none of it
+
     interval = binomtest(successes, trials).proportion_ci(0.95, method="wilson")
     return float(interval.low), float(interval.high)
 
@@ -87,6 +88,8 @@ def mcnemar_p(first: Bools, second: Bools) -> float:
     """
     only_first, only_second = int((first & ~second).sum()), int((~first & second).sum())
     discordant = only_first + only_second
+    from scipy.stats import binomtest
+
     return float(binomtest(only_first, discordant, 0.5).pvalue) if discordant else 1.0
 
 
@@ -102,6 +105,8 @@ def mean_difference(first: Floats, second: Floats, *, seed: int = 0) -> Differen
     change = np.asarray(second, float) - np.asarray(first, float)
     if len(change) < 2:
         return None
+    from scipy.stats import bootstrap
+
     result = bootstrap(
         (change,),
         np.mean,
