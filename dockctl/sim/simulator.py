@@ -140,8 +140,12 @@ class Simulator:
 
     def state(self) -> dict[str, Any]:
         """Return the arrays of all boats by name, and the states of the conditions in their order."""
-        arrays = {name: getattr(self, name) for name in STATE}
-        return {**arrays, "conditions": [disturbance.state() for disturbance in self.disturbances]}
+        state = {name: getattr(self, name) for name in STATE}
+        state["conditions"] = []
+        for guard, disturbance in zip(self._conditions, self.disturbances, strict=True):
+            with guard:
+                state["conditions"].append(disturbance.state())
+        return state
 
     def restore(self, state: dict[str, Any]) -> None:
         """Continue from what `state` returned.
@@ -159,8 +163,10 @@ class Simulator:
             raise DockctlError("the state of boats in other harbors or conditions", code="mismatch")
         for name in STATE:
             setattr(self, name, state[name])
-        for disturbance, own in zip(self.disturbances, state["conditions"], strict=True):
-            disturbance.restore(own)
+        conditions = zip(self._conditions, self.disturbances, state["conditions"], strict=True)
+        for guard, disturbance, own in conditions:
+            with guard:
+                disturbance.restore(own)
 
     def scan(self, rows: Ints | None = None) -> Floats:
         """Return the sector ranges (k, sectors) [m] of the boats in `rows` (k,), by default of all.

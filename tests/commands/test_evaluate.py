@@ -64,6 +64,17 @@ def test_starts_are_seeded_and_do_not_depend_on_their_number(run: Path) -> None:
     assert results[2][2:] != results[3][2:]
 
 
+def test_rejected_draws_of_random_starts_are_reported(run: Path) -> None:
+    wide = "evaluation.random_starts.position_m=40"
+    outcome = dockctl("evaluate", "--ckpt", run, "--episodes", 4, "--set", wide, "--json", run / "wide.json")
+    assert outcome.code == 0
+    rejected = json.loads((run / "wide.json").read_text())["rejected_draws"]
+    assert rejected > 0
+    assert str(rejected) in outcome.err
+    assert dockctl("evaluate", "--ckpt", run, "--json", run / "near.json").code == 0
+    assert json.loads((run / "near.json").read_text())["rejected_draws"] == 0
+
+
 def test_no_random_starts(run: Path) -> None:
     outcome = dockctl("evaluate", "--ckpt", run, "--episodes", 0)
     assert outcome.code == 0

@@ -89,6 +89,14 @@ def test_restoring_covers_resets_and_starts_in_several_harbors() -> None:
     assert assert_continues(saved, env(), 3, 60) > 10
 
 
+def test_the_state_has_every_array_of_the_simulator() -> None:
+    env = boats()
+    env.reset(seed=0)
+    arrays, _ = env.state()
+    of_boats = {key for key, value in vars(env.simulator).items() if isinstance(value, np.ndarray)}
+    assert of_boats == {key.removeprefix("simulator.") for key in arrays if key.count(".") == 1}
+
+
 def test_saving_changes_nothing_and_is_not_changed() -> None:
     env, other = boats(), boats()
     env.reset(seed=0), other.reset(seed=0)

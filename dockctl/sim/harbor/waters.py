@@ -61,7 +61,8 @@ class Waters:
         open_water = np.ones(shape.astype(int), bool)
         cells = (_points_along(segments, self._cell / 2) - self._low) / self._cell
         open_water[tuple(cells.astype(int).T)] = False
-        self._regions, _ = label(open_water)
+        regions, count = label(open_water)
+        self._regions = regions.astype(np.min_scalar_type(count))
 
     def region(self, eta: Floats) -> Ints:
         """Return the region of the origin of each pose, 0 on the edge of an obstacle, (n, 3) to (n,)."""
