@@ -7,9 +7,12 @@ Every such error is a `DockctlError`: the command line prints its text without a
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+import traceback
+from collections.abc import Iterable, Iterator
+from contextlib import contextmanager
 from dataclasses import dataclass
 from difflib import get_close_matches
+from pathlib import Path
 from typing import Literal
 
 Code = Literal[
@@ -95,6 +98,45 @@ class InputError(DockctlError):
         return self.message
 
 
+class DuplicateNameError(DockctlError):
+    """A name is registered by two origins; both are in `origins`."""
+
+    code = "duplicate"
+
+    def __init__(self, noun: str, name: str, origins: tuple[str, str]) -> None:
+        super().__init__(f"{noun} '{name}' is registered twice: by {' and by '.join(origins)}; rename one")
+        self.origins = origins
+
+
+class UnknownNameError(DockctlError):
+    """A name that is not registered."""
+
+    code = "unknown_name"
+
+
+class PluginError(DockctlError):
+    """A plugin that cannot be used."""
+
+    code = "plugin"
+
+
+@contextmanager
+def plugin_errors(what: str, path: Path | None = None) -> Iterator[None]:
+    """Convert any exception in the block but a `DockctlError` to a `PluginError` with its location.
+
+    Args:
+        what: what failed, for example ``policy 'pid' fails``.
+        path: the plugin's file, whose line is reported; by default that of the innermost frame.
+    """
+    try:
+        yield
+    except DockctlError:
+        raise
+    except (Exception, SystemExit) as error:
+        reason = f"{type(error).__name__}: {getattr(error, 'msg', error)}"
+        raise PluginError(f"{what}: {reason}{_place(error, path)}") from error
+
+
 def require_shape(who: str, shape: tuple[int, ...], expected: tuple[int, ...]) -> None:
     """Check the shape of an array that registered code returned.
 
@@ -119,3 +161,14 @@ def nearest(name: str, known: Iterable[str]) -> str:
 
 def _with_suggestion(message: str, suggestion: str) -> str:
     return f"{message}; did you mean '{suggestion}'?" if suggestion else message
+
+
+def _place(error: BaseException, path: Path | None) -> str:
+    """Return the line in which a plugin failed: in the file `path`, else in the last frame of other code."""
+    if isinstance(error, SyntaxError) and error.lineno:
+        return f" ({error.filename}:{error.lineno})"
+    stack = traceback.extract_tb(error.__traceback__)
+    here = Path(__file__).parent  # the modules that load plugins
+    frames = [f for f in stack if "importlib" not in f.filename and Path(f.filename).parent != here]
+    own = [f for f in frames if f.filename == str(path)] or frames
+    return f" ({own[-1].filename}:{own[-1].lineno})" if own else ""

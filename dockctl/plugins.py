@@ -12,12 +12,11 @@ from __future__ import annotations
 
 import hashlib
 import importlib
-import importlib.util
 import inspect
 import sys
 import traceback
 from collections.abc import Callable, Collection, Iterator, Mapping
-from contextlib import contextmanager
+from contextlib import AbstractContextManager, contextmanager
 from contextvars import ContextVar
 from dataclasses import dataclass
 from functools import cache, partial
@@ -27,29 +26,21 @@ from pathlib import Path
 from types import ModuleType
 from typing import Any, Generic, TypeVar, cast
 
-from dockctl.errors import DockctlError, nearest
+from dockctl.errors import (
+    DockctlError,
+    DuplicateNameError,
+    PluginError,
+    UnknownNameError,
+    nearest,
+    plugin_errors,
+)
 from dockctl.reading import read_bytes
 
 T = TypeVar("T")
+Function = Callable[..., Any]
 
 PACKAGE_ORIGIN = "dockctl"
 _origin: ContextVar[str | None] = ContextVar("origin", default=None)
-
-
-class DuplicateNameError(DockctlError):
-    """A name is registered by two origins; both are in `origins`."""
-
-    code = "duplicate"
-
-    def __init__(self, noun: str, name: str, origins: tuple[str, str]) -> None:
-        super().__init__(f"{noun} '{name}' is registered twice: by {' and by '.join(origins)}; rename one")
-        self.origins = origins
-
-
-class UnknownNameError(DockctlError):
-    """A name that is not registered."""
-
-    code = "unknown_name"
 
 
 @contextmanager
@@ -221,8 +212,6 @@ def _raise(error: DockctlError) -> None:
     raise error
 
 
-Function = Callable[..., Any]
-
 REWARD_TERMS: Registry[Function] = Registry("reward term")
 OBSERVATION_PARTS: Registry[Function] = Registry("observation part")
 POLICIES: Registry[Function] = Registry("policy")
@@ -264,12 +253,6 @@ BUILTINS = (
 
 _loaded: dict[str, str] = {}
 """Hash of the content of every loaded local file, by its origin."""
-
-
-class PluginError(DockctlError):
-    """A plugin that cannot be used."""
-
-    code = "plugin"
 
 
 @cache
@@ -343,24 +326,7 @@ def _rollback_on_error(who: str, path: Path | None = None) -> Iterator[None]:
         raise
 
 
-@contextmanager
-def plugin_errors(what: str, path: Path | None = None) -> Iterator[None]:
-    """Convert any exception in the block but a `DockctlError` to a `PluginError` with its location.
-
-    Args:
-        what: what failed, for example ``policy 'pid' fails``.
-        path: the plugin's file, whose line is reported; by default that of the innermost frame.
-    """
-    try:
-        yield
-    except DockctlError:
-        raise
-    except (Exception, SystemExit) as error:
-        reason = f"{type(error).__name__}: {getattr(error, 'msg', error)}"
-        raise PluginError(f"{what}: {reason}{_place(error, path)}") from error
-
-
-class Guard:
+class Guard(AbstractContextManager["Guard"]):
     """Context in which an exception of an entry's code becomes a `PluginError` with the line that failed.
 
     Errors of the package's own entries, and those that a plugin raises for the user, pass.
@@ -368,9 +334,6 @@ class Guard:
 
     def __init__(self, registry: Registry[Any], name: str) -> None:
         self._registry, self._name = registry, name
-
-    def __enter__(self) -> None:
-        return
 
     def __exit__(self, kind: object, error: BaseException | None, trace: object) -> None:
         if isinstance(error, Exception) and (located := self.locate(error)) is not error:
@@ -399,16 +362,6 @@ def runtime_error(error: Exception) -> PluginError | None:
             what = f"{origin}: {frame.f_code.co_name} fails: {type(error).__name__}: {error}"
             return PluginError(f"{what} ({frame.f_code.co_filename}:{line})")
     return None
-
-
-def _place(error: BaseException, path: Path | None) -> str:
-    """Return the line in which a plugin failed: in the file `path`, else in the last frame of other code."""
-    if isinstance(error, SyntaxError) and error.lineno:
-        return f" ({error.filename}:{error.lineno})"
-    stack = traceback.extract_tb(error.__traceback__)
-    frames = [f for f in stack if "importlib" not in f.filename and f.filename != __file__]
-    own = [f for f in frames if f.filename == str(path)] or frames
-    return f" ({own[-1].filename}:{own[-1].lineno})" if own else ""
 
 
 def _entry_point_origin(point: EntryPoint) -> str:

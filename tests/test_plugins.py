@@ -15,8 +15,8 @@ import pytest
 from gymnasium.spaces import Discrete
 
 from dockctl import plugins, testing
-from dockctl.errors import DockctlError, InputError
-from dockctl.plugins import HARBORS, REWARD_TERMS, VESSELS, DuplicateNameError, PluginError
+from dockctl.errors import DockctlError, DuplicateNameError, InputError, PluginError
+from dockctl.plugins import HARBORS, REWARD_TERMS, VESSELS
 from dockctl.scenarios import loader
 from tests.commands.conftest import dockctl, only_run, quick_train
 

@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import pytest
 
-from dockctl.plugins import DuplicateNameError, Registry, UnknownNameError, registering_as
+from dockctl.errors import DuplicateNameError, UnknownNameError
+from dockctl.plugins import Registry, registering_as
 
 
 def term(status: object, *, floor: float = 0.1, scale: float) -> None:

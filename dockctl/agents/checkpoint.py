@@ -23,8 +23,8 @@ import dockctl
 from dockctl import plugins
 from dockctl.agents.algorithms import AlgorithmSpec
 from dockctl.agents.interface import Policy, Spaces, Tensors
-from dockctl.errors import Code, DockctlError, nearest
-from dockctl.plugins import ALGORITHMS, UnknownNameError
+from dockctl.errors import Code, DockctlError, UnknownNameError, nearest
+from dockctl.plugins import ALGORITHMS
 from dockctl.reading import read_bytes, read_json
 from dockctl.runs.directory import BEST, LAST, RunDirectory, shipped
 from dockctl.runs.files import write_atomically, write_json

@@ -26,7 +26,8 @@ from dockctl.agents.divergence import DivergenceError, Monitor
 from dockctl.agents.interface import Algorithm, Policy, Recoverable, Step, final_info, final_observation
 from dockctl.agents.progress import EpisodeRecorder, Progress, UpdateRecorder
 from dockctl.compute import workers
-from dockctl.plugins import PluginError, runtime_error
+from dockctl.errors import PluginError
+from dockctl.plugins import runtime_error
 from dockctl.runs.directory import (
     BEST,
     EPISODES_CSV,

@@ -15,8 +15,7 @@ from numpy.typing import NDArray
 
 from dockctl.agents.interface import Info, Policy
 from dockctl.envs.vector import DockingVectorEnv
-from dockctl.errors import DockctlError, nearest
-from dockctl.plugins import plugin_errors
+from dockctl.errors import DockctlError, nearest, plugin_errors
 from dockctl.scenarios.schema import Scenario
 
 

@@ -29,9 +29,9 @@ from dockctl.agents.checkpoint import PolicyCard, require_spaces
 from dockctl.agents.dqn.network import DuelingQNetwork, GreedyPolicy
 from dockctl.agents.interface import Policy, Spaces
 from dockctl.envs.vector import DockingVectorEnv
-from dockctl.errors import DockctlError, nearest
+from dockctl.errors import DockctlError, nearest, plugin_errors
 from dockctl.evaluation.libraries import CheckedPolicy, factory_of, imported, onnx_policy, sb3_policy
-from dockctl.plugins import OBSERVATION_PARTS, POLICIES, Entry, plugin_errors
+from dockctl.plugins import OBSERVATION_PARTS, POLICIES, Entry
 from dockctl.runs.directory import RUNS, SCENARIO, RunDirectory, shipped
 from dockctl.scenarios.content import first_difference
 from dockctl.scenarios.loader import LoadedScenario, load

@@ -11,7 +11,7 @@ from numpy.typing import ArrayLike
 from dockctl.agents.algorithms import AlgorithmSpec
 from dockctl.agents.interface import Algorithm, Spaces
 from dockctl.envs.vector import DockingVectorEnv
-from dockctl.errors import InputError
+from dockctl.errors import InputError, PluginError
 from dockctl.plugins import (
     ACTIONS,
     ALGORITHMS,
@@ -21,7 +21,6 @@ from dockctl.plugins import (
     RANGE_SENSORS,
     REWARD_TERMS,
     Guard,
-    PluginError,
     Registry,
 )
 from dockctl.scenarios.base import FieldError

@@ -6,8 +6,8 @@ from pathlib import Path
 
 import pytest
 
+from dockctl.errors import PluginError
 from dockctl.experiments.dry_run import dry_run
-from dockctl.plugins import PluginError
 from dockctl.scenarios.loader import load
 from tests.commands.conftest import dockctl, quick_train
 
