@@ -168,7 +168,7 @@ def _place(error: BaseException, path: Path | None) -> str:
     if isinstance(error, SyntaxError) and error.lineno:
         return f" ({error.filename}:{error.lineno})"
     stack = traceback.extract_tb(error.__traceback__)
-    here = Path(__file__).parent  # the modules that load plugins
-    frames = [f for f in stack if "importlib" not in f.filename and Path(f.filename).parent != here]
+    here = str(Path(__file__).parent)  # dockctl loads the plugin
+    frames = [f for f in stack if "importlib" not in f.filename and not f.filename.startswith(here)]
     own = [f for f in frames if f.filename == str(path)] or frames
     return f" ({own[-1].filename}:{own[-1].lineno})" if own else ""

@@ -143,3 +143,30 @@ def test_works_from_any_folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) 
     monkeypatch.chdir(tmp_path)
     result = runner.invoke(cli.app, ["validate", "s1"])
     assert (result.exit_code, result.output[:6]) == (0, "ok s1:")
+
+
+def error_of(*arguments: str) -> DockctlError:
+    error: BaseException | None = runner.invoke(cli.app, arguments).exception
+    while error and not isinstance(error, DockctlError):
+        error = error.__cause__ or error.__context__
+    assert error
+    return error
+
+
+@pytest.mark.parametrize(
+    "command", ["returns", "evaluate --scenario", "map --scenario", "record --scenario", "latency --scenario"]
+)
+def test_a_scenario_that_does_not_exist_is_reported_before_a_run_that_does_not(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, command: str
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    assert error_of(*command.split(), "s11").suggestion == "s1"
+
+
+@pytest.mark.parametrize(
+    ("policy", "code"), [(":x", "not_found"), (":", "not_found"), ("no_module:x", "plugin")]
+)
+def test_a_policy_that_cannot_be_imported_names_no_file_of_dockctl(policy: str, code: str) -> None:
+    error = error_of("evaluate", "--policy", policy, "--scenario", "s1")
+    assert error.code == code
+    assert not re.search(r"\.py:\d", str(error))

@@ -74,7 +74,7 @@ def evaluate(
     from dockctl.evaluation import evaluate as run
     from dockctl.sim.starts import UNREACHABLE
 
-    given = select_policy(ckpt, policy, plugin, trust)
+    given = select_policy(ckpt, policy, plugin, trust, scenario)
     for path, suffix in ((json_, ".json"), (csv, ".csv")):
         if path:
             require_writable_file(path, suffix)

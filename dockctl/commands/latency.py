@@ -83,7 +83,7 @@ def _policy(
             ckpt = RunDirectory.latest(RUNS).path
         except DockctlError:
             return untrained(scenario or DEFAULT_SCENARIO)
-    return select_policy(ckpt, policy, plugin, trust)
+    return select_policy(ckpt, policy, plugin, trust, scenario)
 
 
 def _table(summary: dict[str, dict[str, float]]) -> Table:

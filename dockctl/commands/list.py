@@ -46,12 +46,8 @@ def list_registered(
         _print(listing, list(_checkpoints()))
         return
     catalog.fill()
-    failures = []
     for path in plugin or ():
-        try:
-            plugins.load_file(path)
-        except DockctlError as error:
-            failures.append(str(error))
+        plugins.load_file(path)
     group = f"dockctl.{listing}"
     registry = plugins.GROUPS[group]
     rows: list[tuple[str, ...]] = []
@@ -64,8 +60,6 @@ def list_registered(
         except DockctlError as error:
             rows.append((name, "broken", "", str(error), origin))
     _print(listing, rows)
-    if failures:
-        raise DockctlError("\n".join(failures), code="plugin")
 
 
 def _checkpoints() -> Iterator[tuple[str, ...]]:

@@ -64,7 +64,7 @@ def map_(
     offsets = None if headings is None else parse_numbers("--headings", headings, example)
     given: dict[str, Any] = {"reach_m": reach_m, "step_m": step_m, "headings_deg": offsets}
     grid = Grid(**{name: value for name, value in given.items() if value is not None})
-    loaded_policy = select_policy(ckpt, policy, plugin, trust)
+    loaded_policy = select_policy(ckpt, policy, plugin, trust, scenario)
     outputs = Outputs.select(MAP, loaded_policy, scenario, out, csv)
     with Console(stderr=True).status("running episodes"):
         result = success_map(loaded_policy, scenario, grid)

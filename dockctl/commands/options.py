@@ -79,15 +79,29 @@ StartSeed = Annotated[int | None, typer.Option(min=0, help="Seed of the random s
 
 
 def select_policy(
-    ckpt: Path | None, policy: str | None, plugin: Sequence[Path] | None, trust: bool
+    ckpt: Path | None,
+    policy: str | None,
+    plugin: Sequence[Path] | None,
+    trust: bool,
+    scenario: str | None = None,
 ) -> LoadedPolicy:
     """Return the policy that the options name; without any, that of the latest run.
 
-    Raises:
-        DockctlError: both are given, there is no such policy, or it cannot be loaded.
-    """
-    from dockctl.evaluation.policies import load_checkpoint, load_policy
+    Args:
+        scenario: that it will run in.
 
+    Raises:
+        DockctlError: there is no such scenario; both are given, there is no such policy, or it cannot be
+            loaded.
+    """
+    from dockctl import plugins
+    from dockctl.evaluation.policies import load_checkpoint, load_policy
+    from dockctl.scenarios import catalog
+
+    for path in plugin or ():
+        plugins.load_file(path)
+    if scenario is not None:
+        catalog.find(plugins.SCENARIOS, scenario, Path())
     if ckpt is not None and policy is not None:
         raise DockctlError("--ckpt and --policy: give one of them")
     if ckpt is not None:

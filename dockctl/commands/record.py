@@ -49,7 +49,7 @@ def record(
     from dockctl.runs.results import require_same_policy
 
     poses = [parse_pose(text) for text in pose or ()]
-    given = select_policy(ckpt, policy, plugin, trust)
+    given = select_policy(ckpt, policy, plugin, trust, scenario)
     name = given.scenario(scenario).scenario.name
     if given.results and not out:
         folder = given.results / TRANSFER / name

@@ -47,7 +47,7 @@ def returns(
     from dockctl.reports.returns import returns_figure
 
     units_m = parse_units(units)
-    loaded_policy = select_policy(ckpt, policy, plugin, trust)
+    loaded_policy = select_policy(ckpt, policy, plugin, trust, scenario)
     outputs = Outputs.select(RETURNS, loaded_policy, scenario, out, csv)
     with Console(stderr=True).status("simulating behaviors"):
         result = run(loaded_policy, scenario, units_m)

@@ -282,7 +282,7 @@ def _from_code(given: str, params: Mapping[str, Any], *, trust: bool) -> BuiltPo
         return _from_factory(given, factory_of(plugins.load_file(Path(source)), attribute, given), params)
     if os.path.exists(given) or given in shipped():
         return None
-    if colon:
+    if colon and source:
         return _from_factory(given, factory_of(imported(source, given), attribute, given), params)
     plugins.discover()
     if given in POLICIES:

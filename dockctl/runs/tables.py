@@ -6,6 +6,7 @@ import csv
 import hashlib
 import io
 import os
+import re
 from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
 from typing import Any
@@ -169,7 +170,8 @@ def _intact_lines(content: bytes, env_steps: int, most: int | None = None) -> by
     column = names.index("env_steps")
 
     def intact(cells: list[str]) -> bool:
-        return len(cells) == len(names) and cells[column].isdigit() and int(cells[column]) <= env_steps
+        is_row = len(cells) == len(names) and re.fullmatch("[0-9]{1,18}", cells[column])
+        return bool(is_row) and int(cells[column]) <= env_steps
 
     return b"".join(line + b"\n" for line in (header, *(line for line in lines if intact(_cells(line)))))
 

@@ -72,11 +72,15 @@ def test_a_broken_one_is_listed_as_broken(tmp_path: Path) -> None:
     VESSELS.register("sunk", tmp_path / "sunk.yaml")
     assert rows("rewards")["unlucky"] == ["broken", "", "no luck", "package p 1"]
     assert rows("vessels")["sunk"][0] == "broken"
+
+
+def test_a_plugin_file_that_fails_is_the_only_output(tmp_path: Path) -> None:
     (tmp_path / "bad.py").write_text("1 / 0\n")
-    result = runner.invoke(app, ["list", "rewards", "--plugin", str(tmp_path / "bad.py")])
-    assert result.exit_code == 2
-    assert "collision" in result.stdout
-    assert "ZeroDivisionError" in result.stderr
+    for name, reason in (("bad.py", "ZeroDivisionError"), ("none.py", "none.py")):
+        result = runner.invoke(app, ["list", "rewards", "--plugin", str(tmp_path / name)])
+        assert result.exit_code == 2
+        assert not result.stdout
+        assert reason in result.stderr
 
 
 def test_an_unknown_registry_lists_the_known_ones() -> None:

@@ -8,6 +8,7 @@ the order of their numbers, and the kinds are those of `dockctl.drawing.palette.
 
 from __future__ import annotations
 
+import logging
 from dataclasses import dataclass
 from functools import cache, cached_property
 from io import BytesIO
@@ -25,6 +26,8 @@ from dockctl.scenarios.base import MAX_COORDINATE_M
 from dockctl.scenarios.harbor import VESSEL_MODELS, MeshFile, is_model_file
 from dockctl.sim.harbor.mesh_size import MAX_FILE_BYTES, MAX_TRIANGLES, declared_triangles
 from dockctl.sim.harbor.solids import Solid, joined
+
+logging.getLogger("trimesh").setLevel(logging.CRITICAL)  # its readers log tracebacks of damaged files
 
 SUFFIXES = (".glb", ".obj", ".stl", ".ply")
 MAX_BODIES = 100_000
@@ -46,25 +49,30 @@ def load_bodies(file: MeshFile, base_dir: Path, field: str) -> list[trimesh.Trim
     if suffix not in SUFFIXES:
         raise _error(path, field, f"unknown type of mesh file; known are {', '.join(SUFFIXES)}")
     data = _read(path, MAX_FILE_BYTES, field)
-    try:
-        _require_few(declared_triangles(data, suffix), path, field)
-        # A stream instead of a path: the reader cannot open files that this one refers to.
-        mesh = trimesh.load_mesh(BytesIO(data), suffix[1:], process=False, skip_materials=True)
-    except InputError:
-        raise
-    except Exception as error:  # the readers of trimesh raise many types
-        reason = f" ({error})" if isinstance(error, ValueError) else ""  # others mean nothing to the user
-        raise _error(path, field, f"damaged, or not a {path.suffix[1:].upper()} file{reason}") from error
-    _check_mesh(mesh, path, field)
-    vertices = np.asarray(mesh.vertices, dtype=np.float64)
-    if file.up == "y":
-        vertices = np.stack((vertices[:, 0], -vertices[:, 2], vertices[:, 1]), axis=1)
-    merged = trimesh.Trimesh(vertices * file.scale + file.shift_m, mesh.faces, process=False)
+    with np.errstate(all="ignore"):  # numbers that are too large are refused below
+        mesh = _mesh(data, suffix, path, field)
+        _check_mesh(mesh, path, field)
+        vertices = np.asarray(mesh.vertices, dtype=np.float64)
+        if file.up == "y":
+            vertices = np.stack((vertices[:, 0], -vertices[:, 2], vertices[:, 1]), axis=1)
+        merged = trimesh.Trimesh(vertices * file.scale + file.shift_m, mesh.faces, process=False)
     if not np.abs(merged.vertices).max() <= MAX_COORDINATE_M:
         message = f"extends beyond {MAX_COORDINATE_M:,.0f} m after scale and shift_m"
         raise _error(path, field, message, "out_of_range")
     merged.merge_vertices(merge_tex=True, merge_norm=True)
     return _bodies(merged, path, field)
+
+
+def _mesh(data: bytes, suffix: str, path: Path, field: str) -> trimesh.Trimesh:
+    try:
+        _require_few(declared_triangles(data, suffix), path, field)
+        # A stream instead of a path: the reader cannot open files that this one refers to.
+        return trimesh.load_mesh(BytesIO(data), suffix[1:], process=False, skip_materials=True)
+    except InputError:
+        raise
+    except Exception as error:  # the readers of trimesh raise many types
+        reason = f" ({error})" if isinstance(error, ValueError) else ""  # others mean nothing to the user
+        raise _error(path, field, f"damaged, or not a {suffix[1:].upper()} file{reason}") from error
 
 
 def _read(path: Path, max_bytes: int, field: str) -> bytes:
@@ -107,6 +115,8 @@ def _check_mesh(mesh: trimesh.Trimesh, path: Path, field: str) -> None:
     if len(mesh.faces) == 0:
         raise _error(path, field, "contains no triangles")
     _require_few(len(mesh.faces), path, field)
+    if mesh.vertices.shape[1:] != (3,) or mesh.faces.shape[1:] != (3,):
+        raise _error(path, field, "contains vertices without three coordinates, or polygons")
     if mesh.faces.min() < 0 or mesh.faces.max() >= len(mesh.vertices):
         raise _error(path, field, f"contains a triangle with a vertex beyond the last, {len(mesh.vertices)}")
     if not np.isfinite(mesh.vertices).all():
