@@ -228,21 +228,17 @@ class Trainer:
         Args:
             over: the training ends, and its policy is validated.
         """
-        progress, rows, is_best = self.progress, list[dict[str, Value]](), False
+        progress, every, is_best = self.progress, self.training.validation.every_steps, False
+        poses, starts = list[dict[str, Value]](), list[dict[str, Value]]()
         if self.evaluate is not None and progress.evaluated_at < progress.env_steps:
-            rows += self.evaluate(self.algorithm.policy)
-            progress.evaluation_docked, progress.evaluation_episodes = _docked(rows), len(rows)
-        progress.evaluated_at = progress.env_steps
-        every = self.training.validation.every_steps
+            poses += self.evaluate(self.algorithm.policy)
         if self.validate is not None and (over or progress.crossed(every, since=progress.validated_at)):
-            validation = self.validate(self.algorithm.policy)
-            is_best = self._select(validation)
-            if self.evaluate is None:
-                progress.evaluation_docked, progress.evaluation_episodes = (
-                    _docked(validation),
-                    len(validation),
-                )
-            rows += validation
+            starts += self.validate(self.algorithm.policy)
+            is_best = self._select(starts)
+        if progress.evaluated_at < progress.env_steps:
+            judged = starts if self.evaluate is None else poses
+            progress.evaluation_docked, progress.evaluation_episodes = _docked(judged), len(judged)
+        progress.evaluated_at, rows = progress.env_steps, poses + starts
         labels = {"env_steps": progress.env_steps, "best": is_best}
         self.tables[EVALUATIONS_CSV].append({**row, **labels} for row in rows)
         self.tables[TIMING_CSV].append([{"env_steps": progress.env_steps, "wall_s": progress.wall_s}])

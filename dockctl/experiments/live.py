@@ -69,7 +69,7 @@ class TrainingDisplay:
 
     def show_evaluation(self, progress: Progress) -> None:
         """Print the latest evaluation, unless it was printed before."""
-        if progress.evaluated_at > self._evaluated_at:
+        if progress.evaluated_at > self._evaluated_at and progress.evaluation_episodes:
             self._evaluated_at = progress.evaluated_at
             result = f"{progress.evaluation_docked} of {progress.evaluation_episodes}"
             line = (
