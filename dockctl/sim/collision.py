@@ -43,7 +43,7 @@ class CollisionChecker:
         self._interior = _Interior([body for body in bodies if body[1].is_watertight], self._middle)
         self._inside_hull = _InsideHull(bodies, boat)
 
-    def near(self, eta: Floats, within_m: Floats) -> Bools:
+    def near(self, eta: Floats, within_m: float) -> Bools:
         """Return whether the hull can touch a surface if each of its points moves at most this far.
 
         Conservative: the hull's bounding box, enlarged by `within_m`, is tested. If the answer is no, nothing
@@ -51,15 +51,15 @@ class CollisionChecker:
 
         Args:
             eta: (n, 3) poses.
-            within_m: (n,) greatest displacement of a point of the hull [m].
+            within_m: greatest displacement of a point of the hull [m].
         """
         length, beam, height = self._size + 2 * SLACK_M
-        shapes = [fcl.Box(length + 2 * margin, beam + 2 * margin, height) for margin in within_m.tolist()]
-        return self._touching(shapes, eta, self._middle)
+        box = fcl.Box(length + 2 * within_m, beam + 2 * within_m, height)
+        return self._touching(box, eta, self._middle)
 
     def collides(self, eta: Floats) -> Bools:
         """Return whether the surface of the hull touches a surface of the harbor, (n, 3) to (n,)."""
-        return self._touching([self._hull] * len(eta), eta)
+        return self._touching(self._hull, eta)
 
     def blocked(self, eta: Floats) -> Bools:
         """Return whether the hull touches the harbor or one is inside the other, (n, 3) to (n,)."""
@@ -77,7 +77,7 @@ class CollisionChecker:
     def collided_part(self, eta: Floats) -> str | None:
         """Return the name of the part that blocks the pose (3,), or None."""
         pose = eta[None]
-        (hull,) = _placed([self._hull], pose)
+        (hull,) = _placed(self._hull, pose)
         result = fcl.CollisionResult()
         if fcl.collide(hull, self._solids, fcl.CollisionRequest(enable_contact=True), result):
             part = int(self.harbor.part_of_triangle[result.contacts[0].b2])
@@ -87,7 +87,7 @@ class CollisionChecker:
 
     def clearance(self, eta: Floats) -> Floats:
         """Return the distance between the hull and the harbor, 0 if it is blocked, (n, 3) to (n,) [m]."""
-        request, hulls = fcl.DistanceRequest(), _placed([self._hull] * len(eta), eta)
+        request, hulls = fcl.DistanceRequest(), _placed(self._hull, eta)
         gaps = [fcl.distance(hull, self._solids, request, fcl.DistanceResult()) for hull in hulls]
         return np.where(self._contained(eta) >= 0, 0.0, np.maximum(np.array(gaps, dtype=np.float64), 0.0))
 
@@ -95,22 +95,23 @@ class CollisionChecker:
         """Return the part that contains the hull or is inside it, -1 for none, (n, 3) to (n,)."""
         return np.maximum(self._interior.part_at(eta), self._inside_hull.part_in(eta))
 
-    def _touching(self, shapes: Sequence[Any], eta: Floats, z: float = 0.0) -> Bools:
+    def _touching(self, shape: Any, eta: Floats, z: float = 0.0) -> Bools:
         request = fcl.CollisionRequest()
         contacts = [
-            fcl.collide(boat, self._solids, request, fcl.CollisionResult())
-            for boat in _placed(shapes, eta, z)
+            fcl.collide(boat, self._solids, request, fcl.CollisionResult()) for boat in _placed(shape, eta, z)
         ]
         return np.array(contacts, dtype=np.int64) > 0
 
 
-def _placed(shapes: Sequence[Any], eta: Floats, z: float = 0.0) -> Iterator[fcl.CollisionObject]:
-    """Yield each shape at its pose; nothing is shared between calls, so that threads can share a checker."""
+def _placed(shape: Any, eta: Floats, z: float = 0.0) -> Iterator[fcl.CollisionObject]:
+    """Yield the shape at each pose; each call has its own object, so that threads can share a checker."""
+    boat = fcl.CollisionObject(shape)
     rotation = np.eye(3)
-    for shape, (x, y, heading) in zip(shapes, eta.tolist(), strict=True):
+    for x, y, heading in eta.tolist():
         cosine, sine = math.cos(heading), math.sin(heading)
         rotation[0, 0], rotation[0, 1], rotation[1, 0], rotation[1, 1] = cosine, -sine, sine, cosine
-        yield fcl.CollisionObject(shape, fcl.Transform(rotation, (x, y, z)))
+        boat.setTransform(fcl.Transform(rotation, (x, y, z)))
+        yield boat
 
 
 @shared(lambda checker: SIZE_BY_TRIANGLES * checker.harbor.triangles.nbytes)
@@ -120,7 +121,7 @@ def collision_checker(harbor: Harbor, hull: Hull) -> CollisionChecker:
 
 
 def first_contact(
-    path: Floats, near: Callable[[Floats, Floats], Bools], blocked: Callable[[Floats], Bools], hull: Hull
+    path: Floats, near: Callable[[Floats, float], Bools], blocked: Callable[[Floats], Bools], hull: Hull
 ) -> Floats | None:
     """Return where the hull first touches something on its way along a path, or None.
 
@@ -146,7 +147,7 @@ def first_contact(
         if end - begin <= resolution:
             if blocked(at[None, :3])[0]:
                 return at
-        elif near(at[None, :3], np.array([end - middle]))[0]:
+        elif near(at[None, :3], end - middle)[0]:
             sections += [(middle, end), (begin, middle)]
     return None
 

@@ -222,7 +222,8 @@ class Simulator:
             travel += np.hypot(*current.T) * period
         self._check(eta, nu)
         self.eta, self.nu = eta, nu
-        collided = self.in_harbors(lambda world, rows: world.obstacles.near(eta[rows], travel[rows]))
+        farthest = float(travel.max())
+        collided = self.in_harbors(lambda world, rows: world.obstacles.near(eta[rows], farthest))
         collided |= self.steps == 0  # a start may be inside something; later, nothing gets there unless near
         for row in np.flatnonzero(collided):
             obstacles = self.worlds[int(self.harbor[row])].obstacles

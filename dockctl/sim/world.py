@@ -36,8 +36,8 @@ SEARCH_DIRECTIONS = np.array([(math.cos(a), math.sin(a), 0.0) for a in np.arange
 class Obstacles(Protocol):
     """What a boat can collide with. Poses `eta` are (n, 3) x, y [m] and heading [rad]."""
 
-    def near(self, eta: Floats, within_m: Floats) -> Bools:
-        """Return whether the hull can touch something if its points move at most (n,) [m]; conservative."""
+    def near(self, eta: Floats, within_m: float) -> Bools:
+        """Return whether the hull can touch something if its points move at most this far; conservative."""
         ...
 
     def blocked(self, eta: Floats) -> Bools:
@@ -115,7 +115,7 @@ def in_open_water(lidar: RangeSensor) -> World:
 
 
 class _NoObstacles:
-    def near(self, eta: Floats, within_m: Floats) -> Bools:
+    def near(self, eta: Floats, within_m: float) -> Bools:
         return np.zeros(len(eta), bool)
 
     def blocked(self, eta: Floats) -> Bools:

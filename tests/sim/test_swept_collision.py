@@ -197,7 +197,7 @@ def test_nothing_is_touched_if_nothing_is_near(
     angle = rng.uniform(0, 7, 20)
     moved = pose + np.column_stack([way * np.cos(angle), way * np.sin(angle), turn])
     touching = [separation(placed(hull_outline(hull), other), outline) < 0 for other in moved]
-    assert boat.near(pose[None], np.array([within]))[0] or not any(touching)
+    assert boat.near(pose[None], within)[0] or not any(touching)
 
 
 @settings(max_examples=EXAMPLES)

@@ -16,7 +16,7 @@ class Wall:
     def __init__(self, x_m: float) -> None:
         self.x_m = x_m
 
-    def near(self, eta: Floats, within_m: Floats) -> NDArray[np.bool_]:
+    def near(self, eta: Floats, within_m: float) -> NDArray[np.bool_]:
         return eta[:, 0] + within_m > self.x_m
 
     def blocked(self, eta: Floats) -> NDArray[np.bool_]:
