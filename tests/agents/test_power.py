@@ -44,10 +44,10 @@ def test_a_training_resumes_after_a_power_cut_at_any_step(tmp_path: Path) -> Non
         lost.append(saved + EVERY - reached)
         steps = [int(row["env_steps"]) for row in read_table(again.run_directory.path / "timing.csv")]
         assert steps[-1] == reached
-    assert len(lost) > 100
+    assert len(lost) > 50
     assert {*lost} == {0, EVERY}
     last = trainer(tmp_path / "0")
     last.restore()
     assert last.run() == "steps"
     for table in TABLES:
-        assert read_table(last.run_directory.path / table)
+        assert (last.run_directory.path / table).read_bytes() == (root / table).read_bytes()
