@@ -148,6 +148,8 @@ def _model_problems(error: ValidationError, tree: Node, model: type[BaseModel]) 
         field = locate(tree, detail["loc"])
         if field.incomplete and (field.node is None or field.node.problems):
             continue
+        if detail["type"] == "value_error" and field.node and any(field.node.all_problems()):
+            continue  # a check of the values together
         models = _models_at(model, tree, detail["loc"][:-1])
         if detail["type"] == "extra_forbidden":
             known = [name for owner in models for name in owner.model_fields]
@@ -321,8 +323,10 @@ def _check(
         place = locate(tree, [*steps, "params", key]) if key in given else field
         yield place.problem(flaw.message, flaw.code, flaw.suggestion, at_key=True)
     for key, value in given.items():
-        if key in entry.parameters and (detail := _type_error(entry, key, value)):
-            yield locate(tree, [*steps, "params", key]).problem(*description(detail))
+        place = locate(tree, [*steps, "params", key])
+        known = key in entry.parameters and not place.incomplete
+        if known and (detail := _type_error(entry, key, value)):
+            yield place.problem(*description(detail))
 
 
 def _type_error(entry: Entry[Function], key: str, value: Any) -> ErrorDetails | None:

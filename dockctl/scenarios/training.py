@@ -162,5 +162,5 @@ class Evaluation(Model):
     poses: tuple[Pose, ...] = Field(default=(), description="evaluation poses; the initial poses where empty")
     random_starts: RandomStarts = RandomStarts()
     trained_berths: Count = Field(
-        default=64, description="random starts at trained berths, on a task with berths"
+        default=64, le=100_000, description="random starts at trained berths, on a task with berths"
     )
