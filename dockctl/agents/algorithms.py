@@ -12,7 +12,7 @@ from abc import abstractmethod
 from collections.abc import Iterator
 from importlib.util import find_spec
 from itertools import pairwise
-from typing import TYPE_CHECKING, Any, ClassVar, Literal
+from typing import TYPE_CHECKING, Any, Literal
 
 from dockctl.errors import DockctlError
 from dockctl.plugins import ALGORITHMS
@@ -25,13 +25,7 @@ if TYPE_CHECKING:
 
 
 class AlgorithmSpec(Kind):
-    """A learning algorithm as data. A subclass adds its keys as fields.
-
-    Attributes:
-        on_resume: what a resumed training loses, for the user; empty if it continues exactly.
-    """
-
-    on_resume: ClassVar[str] = ""
+    """A learning algorithm as data. A subclass adds its keys as fields."""
 
     @property
     def imports(self) -> tuple[str, ...]:
@@ -112,7 +106,8 @@ class StableBaselines3(AlgorithmSpec):
 
     The keys of ``training`` decide whatever both have: seed, learning rate, replay, batch, discount, n-step,
     warm-up, steps per update, epsilon, reward scale, and ``hidden_sizes`` as ``net_arch``. A resumed training
-    starts with an empty replay.
+    continues exactly, unless the model keeps a state outside of its policy, optimizers and replay, as with
+    ``use_sde``.
 
     Attributes:
         model: DQN, SAC, TD3 or DDPG, or ``package:Class``.
@@ -120,8 +115,6 @@ class StableBaselines3(AlgorithmSpec):
         action_noise: standard deviation of Gaussian noise on continuous actions, which are scaled to [-1, 1].
         hyperparameters: further parameters of the model's constructor.
     """
-
-    on_resume: ClassVar[str] = "the replay buffer starts empty"
 
     kind: Literal["sb3"] = "sb3"
     model: str = "DQN"

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import hashlib
+import json
 import os
 from collections import defaultdict
 from collections.abc import Mapping
@@ -16,7 +17,7 @@ from gymnasium.spaces import Box, Discrete
 from numpy.typing import NDArray
 from pydantic import ConfigDict, Field, Strict, ValidationError
 from safetensors import SafetensorError
-from safetensors.numpy import load as load_tensors
+from safetensors.numpy import load as parse_tensors
 from safetensors.numpy import save as save_tensors
 
 import dockctl
@@ -32,8 +33,9 @@ from dockctl.scenarios.base import Model, Name
 from dockctl.scenarios.schema import PolicyInterface
 from dockctl.trust import require, text_digest
 
-FORMAT = 1
-POLICY, LEARNER = "policy", "learner"
+FORMAT = 2
+"""Version of the files; in version 1 the JSON file has no hash of its own."""
+POLICY = "policy"
 COPIES = 4
 """Of the tensors in memory while a checkpoint is loaded, at most."""
 MAX_SIZE = 1_000_000
@@ -112,7 +114,7 @@ class PolicyCard(Model):
 
 
 def save_pair(folder: Path, name: str, tensors: Tensors, facts: Mapping[str, Any]) -> None:
-    """Write ``<name>.safetensors``, and ``<name>.json`` with the facts and the hash of the tensors."""
+    """Write ``<name>.safetensors``, and ``<name>.json`` with the facts and the hashes of both files."""
     content = save_tensors({key: np.array(value, order="C") for key, value in tensors.items()})
     write_atomically(folder / f"{name}.safetensors", content)
     card = {
@@ -121,7 +123,13 @@ def save_pair(folder: Path, name: str, tensors: Tensors, facts: Mapping[str, Any
         **facts,
         "sha256": hashlib.sha256(content).hexdigest(),
     }
-    write_json(folder / f"{name}.json", card)
+    write_json(folder / f"{name}.json", {**card, "facts_sha256": _facts_hash(card)})
+
+
+def _facts_hash(facts: Mapping[str, Any]) -> str:
+    """Return the hash of JSON facts, whatever their layout in the file and the order of their keys."""
+    written = json.loads(json.dumps({key: facts[key] for key in facts if key != "facts_sha256"}))
+    return hashlib.sha256(json.dumps(written, sort_keys=True).encode()).hexdigest()
 
 
 def load_pair(facts_file: Path) -> tuple[dict[str, NDArray[Any]], dict[str, Any]]:
@@ -139,19 +147,34 @@ def load_pair(facts_file: Path) -> tuple[dict[str, NDArray[Any]], dict[str, Any]
             )
     try:
         facts = read_json(facts_file)
-        content = read_bytes(tensors_file, psutil.virtual_memory().available // COPIES)
     except DockctlError as error:
         raise CheckpointError(error.message, code=error.code) from None
-    if not isinstance(facts, dict) or facts.get("format") != FORMAT:
-        raise CheckpointError(f"{facts_file}: not a checkpoint of format {FORMAT}")
-    if hashlib.sha256(content).hexdigest() != facts.get("sha256"):
+    if not isinstance(facts, dict) or facts.get("format") not in (1, FORMAT):
+        raise CheckpointError(f"{facts_file}: not a checkpoint of format 1 or {FORMAT}")
+    if facts["format"] == FORMAT and facts.get("facts_sha256") != _facts_hash(facts):
+        raise CheckpointError(f"{facts_file}: damaged or changed: its content does not match its hash")
+    tensors, digest = load_tensors(tensors_file)
+    if digest != facts.get("sha256"):
         raise CheckpointError(
             f"{tensors_file}: damaged or incomplete: its hash is not the one in {facts_file.name}"
         )
+    return tensors, facts
+
+
+def load_tensors(file: Path) -> tuple[dict[str, NDArray[Any]], str]:
+    """Return the tensors of a file, and the hash of the file.
+
+    Raises:
+        CheckpointError: it is missing or damaged.
+    """
     try:
-        return load_tensors(content), facts
+        content = read_bytes(file, psutil.virtual_memory().available // COPIES)
+        return parse_tensors(content), hashlib.sha256(content).hexdigest()
+    except DockctlError as error:
+        raise CheckpointError(error.message, code=error.code) from None
     except (SafetensorError, *FOREIGN) as error:  # others for types that NumPy lacks
-        raise CheckpointError(f"{tensors_file}: damaged: {type(error).__name__}: {error}") from None
+        message = f"{file}: damaged or incomplete: {type(error).__name__}: {error}"
+        raise CheckpointError(message) from None
 
 
 def save_policy(folder: Path, tensors: Tensors, card: PolicyCard) -> None:
@@ -234,11 +257,19 @@ def optimizer_tensors(optimizer: torch.optim.Optimizer) -> dict[str, NDArray[Any
 
 
 def load_optimizer(optimizer: torch.optim.Optimizer, tensors: Tensors) -> None:
-    """Continue with the moments that `optimizer_tensors` returned."""
+    """Continue with the moments that `optimizer_tensors` returned.
+
+    Raises:
+        ValueError: a moment has another shape or type than its parameter.
+    """
+    parameters = [parameter for group in optimizer.param_groups for parameter in group["params"]]
     state: dict[int, dict[str, torch.Tensor]] = {}
     for name, array in tensors.items():
         number, key = name.split(".")
-        state.setdefault(int(number), {})[key] = torch.from_numpy(array)
+        parameter, moment = parameters[int(number)], torch.from_numpy(array)
+        if (moment.dtype, moment.shape) != (parameter.dtype, () if key == "step" else parameter.shape):
+            raise ValueError(f"the moment '{name}' does not fit its parameter")  # torch does not check
+        state.setdefault(int(number), {})[key] = moment
     optimizer.load_state_dict({**optimizer.state_dict(), "state": state})
 
 

@@ -114,11 +114,16 @@ class Algorithm(Protocol):
         ...
 
     def state(self) -> tuple[Tensors, dict[str, Any]]:
-        """Return everything else that `restore` needs: tensors, and facts for JSON."""
+        """Return everything else that `restore` needs: tensors, and facts for JSON.
+
+        Tensors named ``unfinished.<name>`` belong to the episodes that have not ended. They are left out if
+        the environment cannot be saved and starts new episodes. Of large tensors, a save writes the blocks of
+        rows that have changed.
+        """
         ...
 
     def restore(self, policy: Tensors, tensors: Tensors, facts: Mapping[str, Any]) -> None:
-        """Continue from what `policy_tensors` and `state` returned.
+        """Continue from what `policy_tensors` and `state` returned, exactly as if nothing had happened.
 
         Raises:
             KeyError, TypeError, ValueError, RuntimeError: the state belongs to another network.
@@ -144,6 +149,27 @@ class Recoverable(Protocol):
 
         Args:
             attempt: how many times the training was rolled back, from 1.
+        """
+        ...
+
+
+@runtime_checkable
+class Resumable(Protocol):
+    """A vector environment whose episodes can be saved and continued."""
+
+    def state(self) -> tuple[Tensors, dict[str, Any]]:
+        """Return the state of every boat and of all generators: arrays, and facts for JSON.
+
+        Raises:
+            DockctlError: a part of it cannot be saved.
+        """
+        ...
+
+    def restore(self, arrays: Tensors, facts: dict[str, Any]) -> tuple[NDArray[Any], Info]:
+        """Continue from what `state` returned, and return the observations and info of that moment.
+
+        Raises:
+            DockctlError: it is the state of another environment.
         """
         ...
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Mapping, Sequence
 from dataclasses import field
 from typing import Annotated, Any
 
@@ -11,7 +12,7 @@ import pydantic.dataclasses
 from numpy.typing import NDArray
 from pydantic import Field
 
-from dockctl.agents.interface import Info, Metrics
+from dockctl.agents.interface import Info, Metrics, Tensors
 from dockctl.runs.tables import RECENT, Value
 from dockctl.scenarios.training import StopRule, Training
 
@@ -129,6 +130,21 @@ class EpisodeRecorder:
             sums[done] = 0
         return rows
 
+    def state(self) -> tuple[dict[str, NDArray[Any]], list[str]]:
+        """Return the sums of the unfinished episodes, and the names of the reward terms in their order."""
+        terms = np.array([*self._terms.values()]).reshape(-1, self._boats)
+        return {"steps": self._steps, "return": self._return, "terms": terms}, [*self._terms]
+
+    def restore(self, sums: Tensors, terms: Sequence[str]) -> None:
+        """Continue the episodes of which `state` returned the sums.
+
+        Raises:
+            ValueError: they are those of another number of boats.
+        """
+        self._steps[:], self._return[:] = sums["steps"], sums["return"]
+        totals = sums["terms"].reshape(len(terms), self._boats)
+        self._terms = {name: total.copy() for name, total in zip(terms, totals, strict=True)}
+
     def _row(self, boat: int, info: Info) -> dict[str, Value]:
         row: dict[str, Value] = {
             "boat": boat,
@@ -154,9 +170,17 @@ class UpdateRecorder:
         self._stride = stride
         self._metrics: list[Metrics] = []
 
+    def state(self) -> list[dict[str, str]]:
+        """Return the metrics since the last row, as text because JSON has no NaN."""
+        return [{name: repr(value) for name, value in metrics.items()} for metrics in self._metrics]
+
+    def restore(self, state: Sequence[Mapping[str, str]]) -> None:
+        """Continue with what `state` returned."""
+        self._metrics = [{name: float(value) for name, value in metrics.items()} for metrics in state]
+
     def add(self, metrics: Metrics) -> dict[str, Value] | None:
         """Add metrics, and return the means since the last row when a row is due."""
-        self._metrics.append(metrics)
+        self._metrics.append({name: float(value) for name, value in metrics.items()})
         if len(self._metrics) < self._stride:
             return None
         means = {name: float(np.mean([m[name] for m in self._metrics if name in m])) for name in metrics}

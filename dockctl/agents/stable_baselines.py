@@ -222,10 +222,7 @@ class StableBaselines:
         )
 
     def learn(self, env_steps: int) -> Iterator[Metrics]:
-        """Make the updates due after `env_steps`, one at a time; see `Algorithm`.
-
-        After a resume the replay is empty: the model learns again when `warmup_steps` steps are stored.
-        """
+        """Make the updates due after `env_steps`, one at a time; see `Algorithm`."""
         training, model, replay = self.training, self.model, self.model.replay_buffer
         assert replay is not None
         if replay.size() * training.boats < min(training.warmup_steps, replay.buffer_size * training.boats):
@@ -244,11 +241,31 @@ class StableBaselines:
         return numpy_tensors(self.model.policy.state_dict())
 
     def state(self) -> tuple[Tensors, dict[str, Any]]:
-        """Return optimizers and other variables, but not the replay; see `Algorithm`."""
-        optimizers, variables = self._parts()
-        moments = {name: optimizer_tensors(optimizer) for name, optimizer in optimizers.items()}
-        tensors = {**flatten(moments, "/"), **numpy_tensors(variables)}
-        return tensors, {"updates": self.updates, "calls": getattr(self.model, "_n_calls", 0)}
+        """Return optimizers and other variables, the replay, and the generators; see `Algorithm`.
+
+        Stable-Baselines3 draws from the global generators of NumPy and torch and that of the action space.
+        """
+        (optimizers, variables), replay = self._parts(), self.model.replay_buffer
+        assert replay is not None
+        numpy_state = np.random.get_state(legacy=False)
+        tensors = {name: optimizer_tensors(optimizer) for name, optimizer in optimizers.items()}
+        tensors["variables"] = numpy_tensors(variables)
+        # Row `pos` holds the next observation where a buffer saves memory.
+        rows = replay.buffer_size if replay.full else replay.pos + 1
+        tensors["replay"] = {name: array[:rows] for name, array in self._replay_arrays().items()}
+        tensors["random"] = {"torch": torch.get_rng_state().numpy(), "numpy": numpy_state["state"]["key"]}
+        facts = {
+            "updates": self.updates,
+            "calls": getattr(self.model, "_n_calls", 0),
+            "replay": {"pos": replay.pos, "full": replay.full},
+            "numpy": {**numpy_state, "state": {"pos": numpy_state["state"]["pos"]}},
+            "action_space": self.model.action_space.np_random.bit_generator.state,
+        }
+        return flatten(tensors, "/"), facts
+
+    def _replay_arrays(self) -> dict[str, NDArray[Any]]:
+        buffer = vars(self.model.replay_buffer)
+        return {name: value for name, value in buffer.items() if isinstance(value, np.ndarray)}
 
     def _parts(self) -> tuple[dict[str, torch.optim.Optimizer], dict[str, torch.Tensor]]:
         """Return the model's optimizers and its other variables, by name."""
@@ -257,14 +274,21 @@ class StableBaselines:
         return optimizers, {name: getattr(self.model, name) for name in variables}
 
     def restore(self, policy: Tensors, tensors: Tensors, facts: Mapping[str, Any]) -> None:
-        """Continue with an empty replay and new random numbers; see `Algorithm`."""
+        """Continue from a saved state; see `Algorithm`."""
         load_parameters(self.model.policy, policy)
-        (optimizers, variables), moments = self._parts(), nest(tensors, "/")
+        (optimizers, variables), nested, replay = self._parts(), nest(tensors, "/"), self.model.replay_buffer
+        assert replay is not None
         for name, optimizer in optimizers.items():
-            load_optimizer(optimizer, moments[name])
+            load_optimizer(optimizer, nested[name])
         for name, variable in variables.items():
-            variable.data.copy_(torch.from_numpy(tensors[name]))
+            variable.data.copy_(torch.from_numpy(nested["variables"][name]))
         self.model._n_updates = facts["updates"]
         setattr(self.model, "_n_calls", facts["calls"])  # noqa: B010  # only DQN has it
-        seed = np.random.SeedSequence((self.training.seed, self.updates)).generate_state(1)
-        self.model.set_random_seed(int(seed[0]))
+        replay.pos, replay.full = facts["replay"]["pos"], facts["replay"]["full"]
+        for name, array in self._replay_arrays().items():
+            saved = nested["replay"][name]
+            array[: len(saved)] = saved
+        key = {"key": nested["random"]["numpy"], **facts["numpy"]["state"]}
+        np.random.set_state({**facts["numpy"], "state": key})
+        torch.set_rng_state(torch.from_numpy(nested["random"]["torch"]))
+        self.model.action_space.np_random.bit_generator.state = facts["action_space"]

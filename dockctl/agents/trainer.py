@@ -13,18 +13,19 @@ import numpy as np
 from gymnasium.vector import VectorEnv
 from numpy.typing import NDArray
 
-from dockctl.agents.checkpoint import (
-    LEARNER,
-    POLICY,
-    CheckpointError,
-    PolicyCard,
-    load_pair,
-    save_pair,
-    save_policy,
-)
+from dockctl.agents.checkpoint import CheckpointError, PolicyCard, flatten, nest, save_policy
 from dockctl.agents.divergence import DivergenceError, Monitor
-from dockctl.agents.interface import Algorithm, Policy, Recoverable, Step, final_info, final_observation
+from dockctl.agents.interface import (
+    Algorithm,
+    Policy,
+    Recoverable,
+    Resumable,
+    Step,
+    final_info,
+    final_observation,
+)
 from dockctl.agents.progress import EpisodeRecorder, Progress, UpdateRecorder
+from dockctl.agents.training_state import load_state, save_state
 from dockctl.compute import workers
 from dockctl.errors import PluginError
 from dockctl.plugins import runtime_error
@@ -32,7 +33,6 @@ from dockctl.runs.directory import (
     BEST,
     EPISODES_CSV,
     EVALUATIONS_CSV,
-    LAST,
     TIMING_CSV,
     UPDATES_CSV,
     RunDirectory,
@@ -88,6 +88,8 @@ class Trainer:
         self.on_progress, self.interrupted, self.warn = on_progress, interrupted, warn
         self._step_limit, self._warned, self._logged = step_limit, set[str](), False
         self.progress = Progress()
+        self._observation: NDArray[Any] | None = None  # of a restored environment
+        self._saved_at: int | None = None
         self.episode_recorder = EpisodeRecorder(training.boats)
         updates = training.updates_due(training.total_steps)
         self.update_recorder = UpdateRecorder(stride=max(1, updates // UPDATE_ROWS))
@@ -108,7 +110,7 @@ class Trainer:
                 self._roll_back(error)
             except Exception as error:
                 if known := error if isinstance(error, PluginError) else runtime_error(error):
-                    self._save_last()
+                    self._save_last(unfinished=False)
                     raise known from error
                 raise
 
@@ -116,7 +118,10 @@ class Trainer:
         seed = [self.training.seed, self.progress.env_steps]
         if self.progress.rollbacks:
             seed.append(self.progress.rollbacks)
-        observation, _ = self.environment.reset(seed=int(np.random.SeedSequence(seed).generate_state(1)[0]))
+        observation = self._observation
+        if observation is None:
+            reset_seed = int(np.random.SeedSequence(seed).generate_state(1)[0])
+            observation, _ = self.environment.reset(seed=reset_seed)
         names = getattr(self.environment, "observation_names", ())
         self._monitor, self._stopping = Monitor(self.training, names, self._step_limit), Event()
         progress = self.progress
@@ -128,7 +133,8 @@ class Trainer:
             self.on_progress(progress)
         if reason != "interrupted" and progress.validated_at < progress.env_steps:
             self._evaluate(over=True)
-        self._save_last()
+        elif self._saved_at != progress.env_steps:
+            self._save_last()
         return reason
 
     def _check(self, check: Callable[..., None], *arguments: Any) -> bool:
@@ -161,7 +167,7 @@ class Trainer:
             self.restore()
         except CheckpointError:
             raise error from None
-        self.progress.rollbacks = attempt
+        self.progress.rollbacks, self._observation = attempt, None
         self.episode_recorder = EpisodeRecorder(self.training.boats)
         if isinstance(self.algorithm, Recoverable):
             self.algorithm.recover(attempt)
@@ -260,39 +266,67 @@ class Trainer:
     def _card(self) -> PolicyCard:
         return self.card.model_copy(update={"env_steps": self.progress.env_steps})
 
-    def _save_last(self) -> None:
-        """Save the policy and everything else that `restore` needs, unless a parameter is not finite."""
+    def _save_last(self, *, unfinished: bool = True) -> None:
+        """Save the policy and everything else that `restore` needs, unless a parameter is not finite.
+
+        Args:
+            unfinished: also the unfinished episodes; False in the middle of a step.
+        """
         policy = self.algorithm.policy_tensors()
         if not self._check(self._monitor.check_parameters, policy):
             return
         tables = {name: table.save() for name, table in self.tables.items()}
-        with self.run_directory.new_checkpoint(LAST) as folder:
-            save_policy(folder, policy, self._card())
-            tensors, state = self.algorithm.state()
-            facts = {"progress": asdict(self.progress), "algorithm": state, "tables": tables}
-            save_pair(folder, LEARNER, tensors, facts)
+        tensors, facts = self.algorithm.state()
+        sums, terms = self.episode_recorder.state()
+        groups = {"algorithm": tensors}
+        environment = None
+        if unfinished and isinstance(self.environment, Resumable):
+            environment = self.environment.state()
+        if environment is None:
+            groups["algorithm"] = {k: v for k, v in tensors.items() if not k.startswith("unfinished.")}
+        else:
+            groups |= {"environment": environment[0], "episodes": sums}
+        saved = {
+            "progress": {**asdict(self.progress), "loss": None},  # may be NaN, which JSON lacks
+            "algorithm": facts,
+            "environment": environment and environment[1],
+            "terms": terms,
+            "updates": self.update_recorder.state(),
+            "tables": tables,
+        }
+        save_state(self.run_directory, policy, self._card(), flatten(groups, "/"), saved)
+        self._saved_at = self.progress.env_steps
 
     def restore(self) -> list[str]:
-        """Continue from the checkpoint ``last``; unfinished episodes are lost.
+        """Continue from the newest intact checkpoint ``last``, exactly where it was saved.
+
+        An environment that cannot be saved starts new episodes.
 
         Returns:
-            What damaged tables have lost.
+            What was damaged or is lost, for the user.
 
         Raises:
-            CheckpointError: the checkpoint is missing, damaged, or does not fit.
+            CheckpointError: there is no intact checkpoint, or it does not fit.
         """
-        folder = self.run_directory.checkpoint(LAST)
-        policy, _ = load_pair(folder / f"{POLICY}.json")
-        tensors, facts = load_pair(folder / f"{LEARNER}.json")
+        saved = load_state(self.run_directory)
+        tensors, facts = nest(saved.tensors, "/"), saved.facts
+        notes = [f"{text}; {saved.folder} is used instead" for text in saved.damaged]
         try:
             self.progress = Progress(**facts["progress"])
-            self.algorithm.restore(policy, tensors, facts["algorithm"])
-        except (KeyError, TypeError, ValueError, RuntimeError) as error:
+            self._saved_at = self.progress.env_steps
+            self.algorithm.restore(saved.policy, tensors["algorithm"], facts["algorithm"])
+            self.update_recorder.restore(facts["updates"])
+            if facts["environment"] is not None and isinstance(self.environment, Resumable):
+                self.episode_recorder.restore(tensors["episodes"], facts["terms"])
+                self._observation, _ = self.environment.restore(tensors["environment"], facts["environment"])
+            else:
+                notes.append("the unfinished episodes could not be saved; new ones start")
+            tables = [(table, facts["tables"][name]) for name, table in self.tables.items()]
+        except (AttributeError, LookupError, TypeError, ValueError, RuntimeError) as error:
             reason = " ".join(str(error).split())
-            raise CheckpointError(f"{folder}: cannot be resumed: {reason}") from None
-        saved = facts.get("tables", {})
-        lost = [t.restore(saved.get(name), self.progress.env_steps) for name, t in self.tables.items()]
-        return [loss for loss in lost if loss]
+            raise CheckpointError(f"{saved.folder}: cannot be resumed: {reason}") from None
+        lost = [table.restore(state, self.progress.env_steps) for table, state in tables]
+        return notes + [loss for loss in lost if loss]
 
 
 def _docked(rows: Sequence[dict[str, Value]]) -> int:

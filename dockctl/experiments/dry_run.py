@@ -34,13 +34,14 @@ WALL = np.array([[[10, -9, -1], [10, 9, -1], [10, 9, 6]], [[10, -9, -1], [10, 9,
 
 
 def dry_run(loaded: LoadedScenario) -> None:
-    """Step a few boats in open water: through starts, steps, each event, and the end of an episode.
+    """Step a few boats in open water: through starts, steps, each event, the end of an episode, and a save.
 
     The algorithm of a plugin is built, and acts once; those of dockctl take longer to import.
 
     Raises:
         InputError: the algorithm does not fit the scenario.
         PluginError: a plugin failed, or returned a number that is not finite.
+        DockctlError: the state of a condition cannot be saved.
     """
     scenario = loaded.scenario
     with Guard(RANGE_SENSORS, scenario.sensors.lidar.kind):
@@ -66,6 +67,7 @@ def dry_run(loaded: LoadedScenario) -> None:
             _require_finite(OBSERVATION_PARTS, part, values)
         _require_finite_terms(info["reward_terms"])
         env.simulator.max_steps[:] = 1  # the next step ends all episodes
+    env.state()
     status = env.simulator.step(np.zeros((BOATS, 2)))
     collided, intermediate, final = np.eye(3, BOATS, dtype=bool)
     _, by_term = env.reward(

@@ -59,8 +59,7 @@ class Estimate:
 def estimate(scenario: Scenario, worlds: Sequence[World]) -> Estimate:
     """Estimate the peak memory of a training, with the replay and networks of dqn for every algorithm.
 
-    The replay of Stable-Baselines3 takes about as many bytes per transition, but it is not saved, so the
-    estimate is too high for it.
+    The replay of Stable-Baselines3 takes about as many bytes per transition.
 
     Args:
         worlds: built, with range sensors whose tables are not.
@@ -78,7 +77,7 @@ def estimate(scenario: Scenario, worlds: Sequence[World]) -> Estimate:
     parts = (
         Part("LiDAR tables", sum(world.lidar.table_bytes for world in worlds), "sensors.lidar"),
         Part("replay", replay, "training.replay_capacity"),
-        Part("saving the replay", COPIES_IN_SAVING * replay, "training.replay_capacity"),
+        Part("copy of the replay when resuming", replay, "training.replay_capacity"),
         Part("networks", networks, "training.hidden_sizes"),
         Part("batches", batches, "training.batch_size"),
         Part("boats", boats, "training.boats"),

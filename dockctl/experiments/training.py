@@ -12,19 +12,12 @@ from gymnasium.vector import VectorEnv
 from rich.console import Console
 
 from dockctl.agents.algorithms import AlgorithmSpec
-from dockctl.agents.checkpoint import (
-    LEARNER,
-    POLICY,
-    PolicyCard,
-    load_pair,
-    load_policy,
-    require_imports,
-    torch_device,
-)
+from dockctl.agents.checkpoint import PolicyCard, load_policy, require_imports, torch_device
 from dockctl.agents.divergence import DivergenceError
 from dockctl.agents.interface import Algorithm, Policy, Spaces
 from dockctl.agents.progress import REASONS, Progress
 from dockctl.agents.trainer import Trainer
+from dockctl.agents.training_state import load_state
 from dockctl.console import command_line, count, print_text
 from dockctl.envs.vector import DockingVectorEnv
 from dockctl.errors import DockctlError
@@ -37,7 +30,6 @@ from dockctl.experiments.memory import Estimate, require_memory
 from dockctl.runs import provenance
 from dockctl.runs.directory import (
     BEST,
-    LAST,
     MESHES,
     PLUGINS,
     PROVENANCE,
@@ -136,21 +128,24 @@ def resume(
 ) -> TrainedRun:
     """Continue an interrupted training, or extend a finished one to `steps`, without its stop rule.
 
+    A training that continues with its own number of steps gives the bytes of an uninterrupted one. With other
+    `steps`, what depends on the total changes from here on: the learning rate and the number of updates
+    between rows of ``updates.csv``.
+
     Args:
         trust: run the plugins of a run of somebody else, see `dockctl.scenarios.loader.load`.
 
     Raises:
         UntrustedError: the run has plugins that may not run.
-        DockctlError: `path` is not a run, has no intact checkpoint, is finished, or is in use, or device or
-            memory are not available; nothing has been written then.
+        DockctlError: `path` is not a run, has no intact checkpoint, is finished, has made more than `steps`,
+            or is in use, or device or memory are not available; nothing has been written then.
     """
     torch_device(device)
     run = RunDirectory.open(path)
     with exclusive_lock(run.path):
         facts = run.read_json(PROVENANCE)
-        _, card = load_pair(run.checkpoint(LAST) / f"{POLICY}.json")
-        load_pair(run.checkpoint(LAST) / f"{LEARNER}.json")
-        overrides = _extension(run, facts, card["env_steps"], steps)
+        made = load_state(run).env_steps
+        overrides = _extension(run, facts, made, steps)
         if on_divergence is not None:
             overrides.append(f"training.on_divergence={on_divergence}")
         loaded = load_checked(run.path / SCENARIO, overrides=overrides, received=True, trust=trust)
@@ -161,7 +156,7 @@ def resume(
             plugins = map(run.inside, loaded.scenario.plugins)
             meshes = [run.inside(str(path)) for path in mesh_files(loaded.scenario)]
             run.write_text(SCENARIO, dump(with_paths(loaded.scenario, plugins, meshes)))
-        again = {"at": provenance.now(), "env_steps": card["env_steps"], "command": sys.argv}
+        again = {"at": provenance.now(), "env_steps": made, "command": sys.argv}
         facts |= {"finished": None, "stop_reason": None, "resumed": [*facts.get("resumed", []), again]}
         run.write_json(PROVENANCE, facts)
         _remember(session)
@@ -190,13 +185,17 @@ def _extension(run: RunDirectory, facts: Mapping[str, Any], env_steps: int, step
     """Return the overrides with which the run continues.
 
     Raises:
-        DockctlError: it is finished, and `steps` does not extend it.
+        DockctlError: `steps` is less than the run has made, or does not extend a finished run.
     """
     overrides = [] if steps is None else [f"training.total_steps={steps}"]
     if not {"finished", "stop_reason"} <= facts.keys():
         message = f"{run.path / PROVENANCE}: 'finished' or 'stop_reason' is missing"
         raise DockctlError(message, code="missing_key")
     if not facts["finished"]:
+        if steps is not None and steps < env_steps:
+            made = count(env_steps, "step")
+            message = f"{run.path}: --steps {steps} is less than this training has made: {made}"
+            raise DockctlError(message, code="out_of_range")
         return overrides
     if steps is None or steps <= env_steps:
         reason = REASONS.get(facts["stop_reason"], "finished").lower()
@@ -273,38 +272,39 @@ def _run(
     def validate(policy: Policy) -> list[dict[str, Value]]:
         return evaluation_rows(rollout.validate(policy, starts))
 
-    with interruptible() as interrupted, TrainingDisplay(training, title, console) as display:
+    with interruptible() as interrupted:
 
         def stopped() -> bool:
             return interrupted() or (until is not None and trainer.progress.env_steps > until)
 
-        trainer = Trainer(
-            session.algorithm, training, session.environment, run, card,
-            validate, evaluate if poses else None,
-            on_progress=display, interrupted=stopped,
-            warn=lambda text: print_text(console, f"warning: {text}", "yellow"),
-            step_limit=max(scenario.task.max_steps, exploring.steps if exploring else 0),
-        )  # fmt: skip
-        if resumed:
-            lost = trainer.restore()
-            note = f"; {session.spec.on_resume}" if session.spec.on_resume else ""
-            print_text(console, f"resumed after {count(trainer.progress.env_steps, 'step')}{note}")
-            for loss in lost:
-                print_text(console, f"warning: {loss}", "yellow")
-        try:
-            reason = trainer.run()
-        except DivergenceError:
-            run.write_json(PROVENANCE, run.read_json(PROVENANCE) | {"stop_reason": "diverged"})
-            raise
-        display.show_evaluation(trainer.progress)
-    facts = run.read_json(PROVENANCE)
-    facts |= {"finished": None if reason == "interrupted" else provenance.now(), "stop_reason": reason}
-    run.write_json(PROVENANCE, facts)
-    if trainer.progress.best is not None:
-        policy, _ = load_policy(run.checkpoint(BEST))
-        shown = rollout.run(policy, trajectory_starts(scenario, session.worlds))
-        text = trajectories_csv(shown, scenario.vessel.control_period_s)
-        run.write_text(TRAJECTORIES_CSV, text)
+        def warn(text: str) -> None:
+            print_text(console, f"warning: {text}", "yellow")
+
+        with TrainingDisplay(training, title, console) as display:
+            trainer = Trainer(
+                session.algorithm, training, session.environment, run, card,
+                validate, evaluate if poses else None,
+                on_progress=display, interrupted=stopped, warn=warn,
+                step_limit=max(scenario.task.max_steps, exploring.steps if exploring else 0),
+            )  # fmt: skip
+            if resumed:
+                warnings = trainer.restore()
+                print_text(console, f"resumed after {count(trainer.progress.env_steps, 'step')}")
+                for warning in warnings:
+                    warn(warning)
+            try:
+                reason = trainer.run()
+            except DivergenceError:
+                run.write_json(PROVENANCE, run.read_json(PROVENANCE) | {"stop_reason": "diverged"})
+                raise
+            display.show_evaluation(trainer.progress)
+        if trainer.progress.best is not None:
+            policy, _ = load_policy(run.checkpoint(BEST))
+            shown = rollout.run(policy, trajectory_starts(scenario, session.worlds))
+            run.write_text(TRAJECTORIES_CSV, trajectories_csv(shown, scenario.vessel.control_period_s))
+        facts = run.read_json(PROVENANCE)  # last: a run that is marked as finished is complete
+        facts |= {"finished": None if reason == "interrupted" else provenance.now(), "stop_reason": reason}
+        run.write_json(PROVENANCE, facts)
     result = TrainedRun(run.path, reason, trainer.progress)
     _report(console, result)
     return result

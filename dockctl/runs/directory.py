@@ -14,8 +14,9 @@ Written by the training:
 ``evaluations.csv``       greedy episodes during training
 ``timing.csv``            wall-clock seconds, apart from the other tables, which repeat byte for byte
 ``trajectories.csv``      greedy episodes of the best policy, step by step
-``checkpoints/best``      policy that docks from the most validation starts
-``checkpoints/last``      policy and learner at the end, for resuming
+``checkpoints/best``      policy that docks from the most validation starts; ``best-1``, ``best-2`` are older
+``checkpoints/last``      complete state of the training, for resuming; ``last-1``, ``last-2`` are older
+``checkpoints/blocks``    large arrays of these states, such as the replay, in blocks that they share
 ========================  =============================================================================
 
 Written by the commands that measure the policy:
@@ -38,23 +39,18 @@ from __future__ import annotations
 
 import hashlib
 import os
-from collections.abc import Iterable
-from contextlib import AbstractContextManager
+import shutil
+from collections.abc import Iterable, Iterator
+from contextlib import contextmanager
 from datetime import UTC, datetime
+from itertools import pairwise
 from pathlib import Path
 from typing import Any
 
 import dockctl
 from dockctl.errors import DockctlError
 from dockctl.reading import read_json
-from dockctl.runs.files import (
-    intact,
-    make_folder,
-    new_folder,
-    sync,
-    write_atomically,
-    write_json,
-)
+from dockctl.runs.files import make_folder, new_folder, sync, write_atomically, write_json
 from dockctl.runs.tables import Table
 
 RUNS = Path("runs")
@@ -74,7 +70,9 @@ TRANSFER, FAILURES = "transfer", "failures"
 ARCHIVED_AS = "archived_as"
 """Key in the scene file of an archived run: relative path of the compressed scene that several runs share."""
 FIGURES, CHECKPOINTS, PLUGINS, MESHES = "figures", "checkpoints", "plugins", "meshes"
-BEST, LAST = "best", "last"
+BEST, LAST, BLOCKS = "best", "last", "blocks"
+GENERATIONS = 3
+"""Number of checkpoints of a name that are kept."""
 SHIPPED = Path(dockctl.__file__).parent / "checkpoints"
 """Folder of the checkpoints that come with the package."""
 
@@ -140,7 +138,7 @@ class RunDirectory:
         Raises:
             DockctlError: there is none.
         """
-        runs = [run for run in cls._all(root) if any(os.path.isdir(run.checkpoint(n)) for n in (BEST, LAST))]
+        runs = [run for run in cls._all(root) if any(map(run.checkpoints, (BEST, LAST)))]
         if not runs:
             message = f"{root}: no run with a checkpoint yet; train one with: dockctl train"
             raise DockctlError(message, code="not_found")
@@ -171,12 +169,33 @@ class RunDirectory:
         return cls(path) if os.path.isfile(path / SCENARIO) else None
 
     def checkpoint(self, name: str) -> Path:
-        """Return the folder of the checkpoint `name`, `BEST` or `LAST`, whether it exists or not."""
-        return intact(self.path / CHECKPOINTS / name)
+        """Return the newest folder of the checkpoint `name`, `BEST` or `LAST`, whether it exists or not."""
+        return next(iter(self.checkpoints(name)), self._generations(name)[0])
 
-    def new_checkpoint(self, name: str) -> AbstractContextManager[Path]:
-        """Return a context that yields an empty folder and replaces the checkpoint `name` with it."""
-        return new_folder(self.path / CHECKPOINTS / name)
+    def checkpoints(self, name: str) -> list[Path]:
+        """Return the folders of the checkpoint `name`, the newest first."""
+        return [folder for folder in self._generations(name) if os.path.isdir(folder)]
+
+    @contextmanager
+    def new_checkpoint(self, name: str) -> Iterator[Path]:
+        """Yield an empty folder, which becomes the newest checkpoint `name` when the block ends.
+
+        Raises:
+            DockctlError: the folder cannot be written.
+        """
+        generations = self._generations(name)
+        with new_folder(generations[0]) as folder:
+            yield folder
+            kept = self.checkpoints(name)
+            gap = next((i for i, place in enumerate(generations) if place not in kept), GENERATIONS - 1)
+            shutil.rmtree(generations[gap], ignore_errors=True)
+            for newer, older in reversed([*pairwise(generations[: gap + 1])]):
+                newer.replace(older)
+                sync(newer.parent)
+
+    def _generations(self, name: str) -> list[Path]:
+        numbers = range(1, GENERATIONS)
+        return [self.path / CHECKPOINTS / each for each in (name, *(f"{name}-{i}" for i in numbers))]
 
     def table(self, name: str, columns: Iterable[str]) -> Table:
         """Return the table `name`, to append rows."""

@@ -128,8 +128,10 @@ def test_a_new_checkpoint_replaces_the_old_one_only_when_complete(
 
 def break_it(saved: Path, how: str) -> None:
     tensors, card = saved / "policy.safetensors", saved / "policy.json"
-    facts = json.loads(card.read_text())
-    if how == "truncated":
+    facts = {**json.loads(card.read_text()), "format": 1}  # without a hash of the facts
+    if how == "changed":
+        card.write_text(card.read_text().replace("1234", "1235"))
+    elif how == "truncated":
         tensors.write_bytes(tensors.read_bytes()[:-100])
     elif how == "empty":
         tensors.write_bytes(b"")
@@ -157,6 +159,7 @@ def break_it(saved: Path, how: str) -> None:
 @pytest.mark.parametrize(
     ("how", "file", "code"),
     [
+        ("changed", "policy.json", "not_readable"),
         ("truncated", "policy.safetensors", "not_readable"),
         ("empty", "policy.safetensors", "not_readable"),
         ("no json", "policy.json", "not_found"),

@@ -10,10 +10,11 @@ import numpy as np
 import pytest
 import torch
 
-from dockctl.agents.checkpoint import LEARNER, POLICY, load_pair
+from dockctl.agents.checkpoint import POLICY, load_pair
 from dockctl.agents.divergence import DivergenceError
 from dockctl.agents.dqn.algorithm import DQN
 from dockctl.agents.trainer import MAX_ROLLBACKS, Trainer
+from dockctl.agents.training_state import LEARNER
 from dockctl.runs.directory import LAST, RunDirectory
 from dockctl.scenarios.training import Training
 from tests.agents.test_trainer import SETTINGS, read_table, trainer_in

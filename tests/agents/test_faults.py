@@ -56,12 +56,14 @@ def ordinary_user(run: Path) -> Iterator[None]:
 
 @contextmanager
 def full_disk(run: Path) -> Iterator[None]:
-    """No file can grow beyond the size of the largest one plus a part of a row."""
-    size = max(path.stat().st_size for path in run.rglob("*") if path.is_file()) + 70
+    """No file can grow beyond the size of a table plus a part of a row."""
+    size = (run / "episodes.csv").stat().st_size + 70
     before = resource.getrlimit(resource.RLIMIT_FSIZE)
     resource.setrlimit(resource.RLIMIT_FSIZE, (size, before[1]))
-    yield
-    resource.setrlimit(resource.RLIMIT_FSIZE, before)
+    try:
+        yield
+    finally:
+        resource.setrlimit(resource.RLIMIT_FSIZE, before)
 
 
 @contextmanager

@@ -4,6 +4,9 @@ from __future__ import annotations
 
 from pathlib import Path
 
+import pytest
+
+from dockctl.agents import training_state
 from dockctl.agents.trainer import Trainer
 from dockctl.runs.directory import RunDirectory
 from dockctl.scenarios.training import Training
@@ -15,6 +18,7 @@ TRAINING = Training(
     **{
         **SETTINGS,
         "evaluate_every_steps": EVERY,
+        "validation": {"every_steps": EVERY},
         "total_steps": STEPS,
         "replay_capacity": 2_000,
         "stop": None,
@@ -26,7 +30,10 @@ def trainer(folder: Path) -> Trainer:
     return trainer_in(RunDirectory(folder), TRAINING)
 
 
-def test_a_training_resumes_after_a_power_cut_at_any_step(tmp_path: Path) -> None:
+def test_a_training_resumes_after_a_power_cut_at_any_step(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(training_state, "BLOCK_BYTES", 20_000)  # a third of the replay
     root = tmp_path / "run"
     root.mkdir()
     disk = Disk(root)
@@ -45,7 +52,7 @@ def test_a_training_resumes_after_a_power_cut_at_any_step(tmp_path: Path) -> Non
         steps = [int(row["env_steps"]) for row in read_table(again.run_directory.path / "timing.csv")]
         assert steps[-1] == reached
     assert len(lost) > 50
-    assert {*lost} == {0, EVERY}
+    assert max(lost) == EVERY
     last = trainer(tmp_path / "0")
     last.restore()
     assert last.run() == "steps"

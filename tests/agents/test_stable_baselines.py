@@ -9,9 +9,11 @@ import numpy as np
 import pytest
 
 from dockctl.agents.checkpoint import load_policy
+from dockctl.agents.trainer import Trainer
 from dockctl.evaluation.rollout import run_episodes
 from dockctl.runs.directory import RunDirectory
 from dockctl.scenarios.training import Training
+from tests.agents.test_resume import finish, new_run, stop_at
 from tests.agents.test_trainer import SETTINGS, TABLES, read_table, trainer_in
 from tests.agents.toy import ToyDocking, starts_at
 
@@ -44,20 +46,15 @@ def test_the_same_seed_gives_the_same_bytes(tmp_path: Path) -> None:
         assert len({(run / name).read_bytes() for run in runs}) == 1, name
 
 
-def test_a_resumed_training_restores_its_networks_and_starts_with_an_empty_replay(tmp_path: Path) -> None:
-    run = RunDirectory.create(tmp_path, "toy", 0)
-    first = trainer_in(run, Training(**{**DQN, "total_steps": 1_200, "stop": None}))
-    first.run()
-    second = trainer_in(run, Training(**{**DQN, "total_steps": 2_400, "stop": None}))
-    second.restore()
-    for name, tensor in first.algorithm.policy_tensors().items():
-        np.testing.assert_array_equal(tensor, second.algorithm.policy_tensors()[name], err_msg=name)
-    saved, restored = (trainer.algorithm.state()[0] for trainer in (first, second))
-    assert saved.keys() == restored.keys()
-    for name in saved:
-        np.testing.assert_array_equal(saved[name], restored[name], err_msg=name)
-    before = first.algorithm.updates
-    assert second.run() == "steps"
-    rows = [row for row in read_table(run.path / "updates.csv") if int(row["env_steps"]) > 1_200]
-    assert int(rows[0]["env_steps"]) >= 1_200 + SETTINGS["warmup_steps"]
-    assert int(rows[0]["update"]) == before + 1
+def test_a_resumed_training_gives_the_bytes_of_the_uninterrupted_one(tmp_path: Path) -> None:
+    training = Training(**{**DQN, "total_steps": 1_200, "replay_capacity": 800, "stop": None})
+
+    def make(run: RunDirectory, **options: Any) -> Trainer:
+        return trainer_in(run, training, **options)
+
+    whole = finish(new_run(tmp_path), make)
+    run = new_run(tmp_path)
+    for steps in (304, 616, 1_000):
+        stop_at(steps, run, make)
+    resumed = finish(run, make)
+    assert [name for name in resumed if resumed[name] != whole[name]] == []

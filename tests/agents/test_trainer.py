@@ -13,7 +13,6 @@ import pytest
 from gymnasium.vector import AutoresetMode
 
 from dockctl.agents.checkpoint import CheckpointError, PolicyCard, load_policy
-from dockctl.agents.dqn.algorithm import DQN
 from dockctl.agents.interface import Policy, Spaces
 from dockctl.agents.progress import Progress
 from dockctl.agents.trainer import Trainer
@@ -94,45 +93,6 @@ def test_the_same_seed_gives_the_same_bytes_and_another_seed_does_not(tmp_path: 
         first, second, other = contents(name)
         assert first == second, name
         assert first != other, name
-
-
-def test_an_interrupted_training_resumes(tmp_path: Path) -> None:
-    def interrupt_at(steps: int) -> Trainer:
-        run = RunDirectory.create(tmp_path, "toy", 0)
-        training = Training(**{**SETTINGS, "total_steps": 4_000, "stop": None})
-        learner = trainer_in(run, training, interrupted=lambda: learner.progress.env_steps >= steps)
-        assert learner.run() == "interrupted"
-        return learner
-
-    def resume(run: RunDirectory, total_steps: int) -> Trainer:
-        learner = trainer_in(run, Training(**{**SETTINGS, "total_steps": total_steps, "stop": None}))
-        learner.restore()
-        return learner
-
-    first, second = interrupt_at(1_600), interrupt_at(1_600)
-    resumed = resume(first.run_directory, 4_000)
-    assert resumed.progress == first.progress
-    old, new = first.algorithm, resumed.algorithm
-    assert isinstance(old, DQN) and isinstance(new, DQN)
-    for _ in range(60):  # past a target copy
-        batches = [dqn.replay.sample(64) for dqn in (old, new)]
-        np.testing.assert_array_equal(batches[0].observation, batches[1].observation)
-        metrics = [dqn.learner.update(batches[0], 1e-3) for dqn in (old, new)]
-        assert metrics[0] == metrics[1]
-    for name, tensor in old.policy_tensors().items():
-        np.testing.assert_array_equal(tensor, new.policy_tensors()[name], err_msg=name)
-
-    results = []
-    for run in (first.run_directory, second.run_directory):
-        learner = resume(run, 4_000)
-        assert learner.run() == "steps"
-        assert learner.progress.env_steps == 4_000
-        assert learner.progress.updates == learner.training.updates_due(4_000 - 8)
-        results.append([(run.path / table).read_bytes() for table in TABLES])
-    assert results[0] == results[1]
-    steps = [int(row["env_steps"]) for row in read_table(first.run_directory.path / "evaluations.csv")]
-    assert steps == sorted(steps)
-    assert steps[-1] == 4_000
 
 
 def test_best_docks_from_the_most_validation_starts_and_of_equal_ones_is_the_latest(tmp_path: Path) -> None:

@@ -46,6 +46,16 @@ class ToyDocking(VectorEnv[Any, Any, Any]):
             self.x = np.where(rows, [start.eta[0] for start in options["starts"]], self.x)
         return self._observation(), self._info()
 
+    def state(self) -> tuple[dict[str, Any], dict[str, Any]]:
+        numbers = {"numbers": np.stack([self.x, self.u, self.push, self.steps])}
+        return numbers, {"generator": self.rng.bit_generator.state}
+
+    def restore(self, arrays: Any, facts: dict[str, Any]) -> tuple[Any, dict[str, Any]]:
+        self.x, self.u, self.push, self.steps = arrays["numbers"].copy()
+        self.rng = np.random.default_rng()
+        self.rng.bit_generator.state = facts["generator"]
+        return self._observation(), self._info()
+
     def _place(self, rows: np.ndarray) -> None:
         rng = getattr(self, "rng", np.random.default_rng(0))
         self.x = np.where(rows, -1 + rng.uniform(-0.1, 0.1, self.num_envs), self.x)

@@ -62,7 +62,7 @@ def forget_interface(run: Path) -> None:
     path = run / "checkpoints" / "best" / "policy.json"
     card = json.loads(path.read_text())
     del card["interface"]
-    path.write_text(json.dumps(card))
+    path.write_text(json.dumps({**card, "format": 1}))
 
 
 @pytest.fixture(scope="session")

@@ -42,7 +42,7 @@ def runs(
         run = tmp_path / f"run{seed}"
         shutil.copytree(trained[0], run)
         card = run / "checkpoints" / "best" / "policy.json"
-        card.write_text(json.dumps({**json.loads(card.read_text()), "seed": seed}))
+        card.write_text(json.dumps({**json.loads(card.read_text()), "seed": seed, "format": 1}))
         assert dockctl("evaluate", "--ckpt", run, "--episodes", 3).code == 0
         head, *rows = (run / "evaluation.csv").read_text().splitlines()
         at, outcomes = head.split(",").index("outcome"), [*poses, *random]

@@ -39,7 +39,7 @@ def test_the_run_folder_is_complete(trained: Trained) -> None:
         "scenario.yaml", "provenance.json", "scene.json", "episodes.csv", "updates.csv", "evaluations.csv",
         "timing.csv", "trajectories.csv", "checkpoints",
     }  # fmt: skip
-    assert {path.name for path in (run / "checkpoints").iterdir()} == {"best", "last"}
+    assert {path.name.split("-")[0] for path in (run / "checkpoints").iterdir()} == {"best", "last"}
     assert not [path for path in run.rglob("*") if path.suffix in (".pt", ".pkl", ".pickle", ".tmp")]
     facts = json.loads((run / "provenance.json").read_text())
     assert (facts["seed"], facts["stop_reason"]) == (3, "steps")
@@ -99,6 +99,12 @@ def test_interrupted_resumed_finished_and_extended(tmp_path: Path, monkeypatch: 
     assert interrupted.code == 130
     assert f"dockctl train --resume {run}" in interrupted.out
     assert json.loads((run / "provenance.json").read_text())["finished"] is None
+
+    before = {path: path.read_bytes() for path in run.rglob("*") if path.is_file()}
+    shorter = dockctl("train", "--resume", run, "--steps", 149)
+    assert (shorter.code, shorter.error_code) == (2, "out_of_range")
+    assert "150 steps" in shorter.err
+    assert {path: path.read_bytes() for path in run.rglob("*") if path.is_file()} == before
 
     resumed = dockctl("train", "--resume", run)
     assert resumed.code == 0
@@ -217,15 +223,19 @@ def test_a_resumed_run_keeps_its_own_settings(trained: Trained) -> None:
 
 
 @pytest.mark.parametrize("broken", ["policy.json", "learner.safetensors"])
-def test_a_damaged_checkpoint_is_not_resumed(trained: Trained, tmp_path: Path, broken: str) -> None:
+def test_a_run_without_an_intact_checkpoint_is_not_resumed(
+    trained: Trained, tmp_path: Path, broken: str
+) -> None:
     run = tmp_path / "run"
     shutil.copytree(trained[0], run)
-    file = run / "checkpoints" / "last" / broken
-    file.write_bytes(file.read_bytes()[:30])
+    files = sorted(run.glob(f"checkpoints/last*/{broken}"))
+    assert len(files) == 3
+    for file in files:
+        file.write_bytes(file.read_bytes()[:30])
     before = {path: path.read_bytes() for path in run.rglob("*") if path.is_file()}
     outcome = dockctl("train", "--resume", run, "--steps", 1000)
-    assert outcome.code == 2
-    assert broken in outcome.err
+    assert (outcome.code, outcome.error_code) == (2, "not_readable")
+    assert all(str(file.parent) in outcome.err for file in files)
     assert {path: path.read_bytes() for path in run.rglob("*") if path.is_file()} == before
 
 
@@ -321,7 +331,7 @@ def test_stable_baselines_leaves_a_normal_run_folder(model: str, actions: str, t
     outcome = quick_train(tmp_path, "s1", *settings)
     assert outcome.code == 0, outcome.err
     run = only_run(tmp_path)
-    assert {path.name for path in (run / "checkpoints").iterdir()} == {"best", "last"}
+    assert {path.name.split("-")[0] for path in (run / "checkpoints").iterdir()} == {"best", "last"}
     assert not [path for path in run.rglob("*") if path.suffix in (".pt", ".pkl", ".pickle", ".zip")]
     assert {row["update"] for row in rows(run / "updates.csv")} == {str(n) for n in range(1, 51)}
     assert rows(run / "trajectories.csv")

@@ -21,6 +21,7 @@ from safetensors.numpy import load, save
 from dockctl.errors import DockctlError
 from dockctl.experiments import export, model_card
 from dockctl.reports.figures import figures
+from dockctl.runs.directory import RunDirectory
 from dockctl.runs.reader import read_run
 from tests.commands.conftest import Outcome, dockctl, only_run, quick_train
 
@@ -206,7 +207,9 @@ def test_a_damaged_file(original: Path, tmp_path: Path, name: str) -> None:
     for number in range(max(1, COUNT // len(READERS))):
         folder = tmp_path / str(number)
         shutil.copytree(original, folder / "run")
-        (last,) = {path.parent for path in folder.glob("run/checkpoints/last*/learner.json")}
+        last, *older = RunDirectory(folder / "run").checkpoints("last")
+        for previous in older:  # would be used instead
+            shutil.rmtree(previous)
         mutate(folder / "run" / name if not name.startswith("LAST/") else last / name[5:], rng)
         for reader in readers[number % len(readers) :][:1]:
             try:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import hashlib
 import os
+import shutil
 from collections.abc import Callable
 from datetime import datetime, timedelta, timezone
 from pathlib import Path
@@ -125,16 +126,20 @@ def test_plugins_are_copied_with_their_hashes(tmp_path: Path) -> None:
     assert (run.path / "plugins" / "00-mine.py").read_text() == "# a\n"
 
 
-def test_the_previous_checkpoint_is_read_if_its_replacement_was_killed(tmp_path: Path) -> None:
+def test_the_last_checkpoints_are_kept(tmp_path: Path) -> None:
     run = RunDirectory(tmp_path)
+    for number in range(5):
+        with run.new_checkpoint("last") as folder:
+            (folder / f"{number}").touch()
+        kept = [names(folder) for folder in run.checkpoints("last")]
+        assert kept == [[f"{i}"] for i in range(number, max(number - 3, -1), -1)]
+    assert {*names(tmp_path / "checkpoints")} == {"last", "last-1", "last-2"}
+    assert run.checkpoint("last") == tmp_path / "checkpoints" / "last"
+    shutil.rmtree(run.checkpoint("last"))  # killed before the new one got its name
+    assert names(run.checkpoint("last")) == ["3"]
     with run.new_checkpoint("last") as folder:
-        (folder / "policy.json").touch()
-    run.checkpoint("last").rename(tmp_path / "checkpoints" / ".last.old")
-    assert names(run.checkpoint("last")) == ["policy.json"]
-    with run.new_checkpoint("last"):
-        pass
-    assert names(tmp_path / "checkpoints") == ["last"]
-    assert names(run.checkpoint("last")) == []
+        (folder / "5").touch()
+    assert [names(folder) for folder in run.checkpoints("last")] == [["5"], ["3"], ["2"]]
 
 
 def test_only_an_earlier_version_is_replaced(tmp_path: Path) -> None:

@@ -97,23 +97,26 @@ class DQN:
         return numpy_tensors(self.policy.network.state_dict())
 
     def state(self) -> tuple[Tensors, dict[str, Any]]:
-        """Return target network, optimizer, replay and random generators; see `Algorithm`."""
+        """Return target network, optimizer, replay, n-step windows and generators; see `Algorithm`."""
         tensors = {
             "target": numpy_tensors(self.learner.target.state_dict()),
             "optimizer": optimizer_tensors(self.learner.optimizer),
             "replay": self.replay.state(),
+            "unfinished": self.n_step.state(),
         }
         generators = {"exploration": self.exploration, "sampling": self.replay.rng}
         states = {name: generator.bit_generator.state for name, generator in generators.items()}
         return flatten(tensors), {"updates": self.updates, "slowdown": self.slowdown, **states}
 
     def restore(self, policy: Tensors, tensors: Tensors, facts: Mapping[str, Any]) -> None:
-        """Continue from a saved state; the n-step windows start empty; see `Algorithm`."""
+        """Continue from a saved state; see `Algorithm`."""
         load_parameters(self.learner.online, policy)
         nested = nest(tensors)
         load_parameters(self.learner.target, nested["target"])
         load_optimizer(self.learner.optimizer, nested["optimizer"])
-        self.replay.load(nested["replay"])
+        self.replay.load(nested["replay"], self.actions)
+        if unfinished := nested["unfinished"]:
+            self.n_step.load(unfinished, self.actions)
         self.learner.updates, self.slowdown = facts["updates"], facts["slowdown"]
         self.exploration.bit_generator.state = facts["exploration"]
         self.replay.rng.bit_generator.state = facts["sampling"]

@@ -8,7 +8,7 @@ from typing import Any, Generic, TypeVar
 import numpy as np
 from numpy.typing import NDArray
 
-from dockctl.agents.interface import Step
+from dockctl.agents.interface import Step, Tensors
 
 Array = TypeVar("Array")  # of numpy or torch
 
@@ -49,6 +49,25 @@ class NStep:
         self._waiting = np.zeros(boats, np.int64)
         self._age = np.arange(n)[:, None]
         self._gamma = gamma
+
+    def state(self) -> dict[str, NDArray[Any]]:
+        """Return the steps that wait for further rewards."""
+        return {
+            "observation": self._observation,
+            "action": self._action,
+            "reward": self._reward,
+            "waiting": self._waiting,
+        }
+
+    def load(self, state: Tensors, actions: int) -> None:
+        """Continue with what `state` returned; there are `actions` actions.
+
+        Raises:
+            ValueError: the state has other shapes, or an action that does not exist.
+        """
+        _require_actions(state["action"], actions)
+        for name, array in self.state().items():
+            array[:] = state[name]
 
     def add(self, step: Step) -> Batch:
         """Add one step of all boats, and return the transitions that became ready, any number of them."""
@@ -103,19 +122,31 @@ class Replay:
         return Transitions(**{name: drawn[name] for name in drawn.dtype.names or ()})
 
     def state(self) -> dict[str, NDArray[Any]]:
-        """Return the stored transitions and how many were ever added."""
-        stored = self._records[: len(self)]
-        return {**{name: stored[name] for name in stored.dtype.names or ()}, "added": np.array([self._added])}
+        """Return the records as bytes, (transitions, bytes), without a copy, and how many were ever added."""
+        records = self._records[: len(self)].view(np.uint8).reshape(len(self), self._records.itemsize)
+        return {"records": records, "added": np.array([self._added])}
 
-    def load(self, state: dict[str, NDArray[Any]]) -> None:
-        """Continue with what `state` returned.
+    def load(self, state: Tensors, actions: int) -> None:
+        """Continue with what `state` returned; there are `actions` actions.
 
         Raises:
-            ValueError: the state holds more transitions than fit, or has other shapes.
+            ValueError: the state holds more transitions than fit, has other shapes, or an action that does
+                not exist.
         """
-        self._added = int(state["added"][0])
-        for name in self._records.dtype.names or ():
-            self._records[name][: len(self)] = state[name]
+        records, added = state["records"], int(state["added"][0])
+        shape = (min(added, len(self._records)), self._records.itemsize)
+        if records.dtype != np.uint8 or records.shape != shape:
+            raise ValueError(f"the replay is {records.dtype} of shape {records.shape}")
+        transitions = records.view(self._records.dtype)[:, 0]
+        _require_actions(transitions["action"], actions)
+        self._records[: len(records)] = transitions
+        self._added = added
+
+
+def _require_actions(stored: NDArray[Any], actions: int) -> None:
+    """Check that the compiled gradient, which does not check indices, can use these actions."""
+    if stored.size and not 0 <= stored.min() <= stored.max() < actions:
+        raise ValueError(f"an action is not one of {actions}")
 
 
 def record(observation_size: int) -> np.dtype[np.void]:

@@ -118,9 +118,11 @@ def test_the_oldest_transitions_are_overwritten() -> None:
 def test_state_round_trip() -> None:
     replay, copy = (Replay(10, 2, np.random.default_rng(5)) for _ in range(2))
     replay.add(numbered(0, 7))
-    copy.load(replay.state())
+    copy.load(replay.state(), 100)
     for memory in (replay, copy):
         memory.add(numbered(7, 6))
     np.testing.assert_array_equal(replay.sample(50).observation, copy.sample(50).observation)
-    with pytest.raises(ValueError, match="broadcast"):
-        Replay(5, 2, np.random.default_rng(0)).load(replay.state())
+    with pytest.raises(ValueError, match="action"):
+        copy.load(replay.state(), 1)
+    with pytest.raises(ValueError, match="replay"):
+        Replay(5, 2, np.random.default_rng(0)).load(replay.state(), 100)

@@ -1,0 +1,177 @@
+"""The state of a training on disk: a save writes what has changed, a resume reads the newest intact one.
+
+Large tensors, such as the replay, are split into blocks of rows. A block is a file named by the hash of its
+rows, so a save writes the blocks that no earlier one has written, and the kept checkpoints share the rest.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import os
+import re
+from collections.abc import Iterator, Mapping
+from contextlib import suppress
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+from safetensors.numpy import save as save_tensors
+
+from dockctl.agents.checkpoint import (
+    FORMAT,
+    POLICY,
+    CheckpointError,
+    PolicyCard,
+    load_pair,
+    load_tensors,
+    save_pair,
+    save_policy,
+)
+from dockctl.agents.interface import Tensors
+from dockctl.errors import DockctlError
+from dockctl.reading import read_json
+from dockctl.runs.directory import BLOCKS, CHECKPOINTS, LAST, RunDirectory
+from dockctl.runs.files import make_folder, write_atomically, writing
+
+LEARNER = "learner"
+BLOCK_BYTES = 2**22
+"""Size of a block; smaller tensors are not split."""
+
+
+@dataclass(frozen=True, eq=False)
+class TrainingState:
+    """What `save_state` was given.
+
+    Attributes:
+        damaged: why newer checkpoints of the run could not be used, one text for each.
+    """
+
+    folder: Path
+    policy: Tensors
+    tensors: Tensors
+    facts: Mapping[str, Any]
+    damaged: tuple[str, ...]
+
+    @property
+    def env_steps(self) -> int:
+        """Environment steps at the save."""
+        return int(self.facts["progress"]["env_steps"])
+
+
+def save_state(
+    run: RunDirectory, policy: Tensors, card: PolicyCard, tensors: Tensors, facts: Mapping[str, Any]
+) -> None:
+    """Save a training as the newest checkpoint `LAST`.
+
+    Args:
+        policy: parameters of the policy.
+        tensors: everything else; rows of large ones that have not changed are not written again.
+        facts: for JSON.
+
+    Raises:
+        DockctlError: a file cannot be written.
+    """
+    large = {name: tensor for name, tensor in tensors.items() if tensor.nbytes > BLOCK_BYTES}
+    blocks = {name: [_save_block(run, rows) for rows in _split(tensor)] for name, tensor in large.items()}
+    small = {name: tensor for name, tensor in tensors.items() if name not in large}
+    with run.new_checkpoint(LAST) as folder:
+        save_policy(folder, policy, card)
+        save_pair(folder, LEARNER, small, {**facts, "blocks": blocks})
+    _remove_unused_blocks(run)
+
+
+def load_state(run: RunDirectory) -> TrainingState:
+    """Load the newest intact checkpoint `LAST`.
+
+    Raises:
+        CheckpointError: there is none.
+    """
+    damaged: list[CheckpointError] = []
+    for folder in run.checkpoints(LAST) or [run.checkpoint(LAST)]:
+        try:
+            policy, _ = load_pair(folder / f"{POLICY}.json")
+            tensors, facts = load_pair(folder / f"{LEARNER}.json")
+            if facts["format"] != FORMAT:
+                message = f"{folder}: saved by an earlier version, without all that resuming needs"
+                raise CheckpointError(message)
+            tensors |= {name: _load_blocks(run, names) for name, names in _blocks(facts).items()}
+        except CheckpointError as error:
+            damaged.append(error)
+        else:
+            return TrainingState(folder, policy, tensors, facts, tuple(map(str, damaged)))
+    first, *others = damaged
+    raise CheckpointError("\n".join(map(str, damaged)), code=first.code) if others else first
+
+
+def _split(tensor: NDArray[Any]) -> Iterator[NDArray[Any]]:
+    rows = max(1, BLOCK_BYTES // (tensor.nbytes // len(tensor)))
+    return (tensor[first : first + rows] for first in range(0, len(tensor), rows))
+
+
+def _save_block(run: RunDirectory, rows: NDArray[Any]) -> str:
+    """Write a block unless it exists, and return its name."""
+    name = _name(rows)
+    file = _block_file(run, name)
+    if not os.path.exists(file):
+        with writing(file):
+            make_folder(file.parent)
+        write_atomically(file, save_tensors({"rows": np.ascontiguousarray(rows)}))
+    return name
+
+
+def _name(rows: NDArray[Any]) -> str:
+    """Return the hash of an array; an unchanged block needs no more than this."""
+    digest = hashlib.sha256(f"{rows.dtype.str} {rows.shape}".encode())
+    digest.update(np.ascontiguousarray(rows).view(np.uint8).reshape(-1).data)
+    return digest.hexdigest()
+
+
+def _load_blocks(run: RunDirectory, names: list[str]) -> NDArray[Any]:
+    """Return the tensor that was split into these blocks.
+
+    Raises:
+        CheckpointError: a block is missing or damaged.
+    """
+    rows: list[NDArray[Any]] = []
+    for name in names:
+        tensors, _ = load_tensors(_block_file(run, name))
+        if [_name(tensor) for tensor in tensors.values()] != [name]:
+            raise CheckpointError(f"{_block_file(run, name)}: damaged: its hash is not its name")
+        rows += tensors.values()
+    try:
+        return np.concatenate(rows)
+    except ValueError as error:
+        raise CheckpointError(f"{_block_file(run, names[0])}: the blocks do not fit: {error}") from None
+
+
+def _blocks(facts: Mapping[str, Any]) -> dict[str, list[str]]:
+    """Return the names of the blocks of each large tensor.
+
+    Raises:
+        CheckpointError: they are not hashes.
+    """
+    blocks: dict[str, list[str]] = facts.get("blocks", {})
+    try:
+        if all(re.fullmatch("[0-9a-f]{64}", name) for names in blocks.values() for name in names):
+            return blocks
+    except (AttributeError, TypeError):  # no dictionary of lists of texts
+        pass
+    raise CheckpointError(f"'blocks' must list hashes, not {str(blocks)[:80]}")
+
+
+def _block_file(run: RunDirectory, name: str) -> Path:
+    return run.path / CHECKPOINTS / BLOCKS / f"{name}.safetensors"
+
+
+def _remove_unused_blocks(run: RunDirectory) -> None:
+    """Remove the blocks that no kept checkpoint lists."""
+    used: set[str] = set()
+    for folder in run.checkpoints(LAST):
+        with suppress(DockctlError):
+            blocks = _blocks(read_json(folder / f"{LEARNER}.json"))
+            used |= {name for names in blocks.values() for name in names}
+    for file in (run.path / CHECKPOINTS / BLOCKS).glob("*"):
+        if file.stem not in used:
+            file.unlink(missing_ok=True)

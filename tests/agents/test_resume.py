@@ -1,0 +1,258 @@
+"""A training that is stopped anywhere and resumed gives the bytes of the uninterrupted one."""
+
+from __future__ import annotations
+
+import json
+import shutil
+from collections.abc import Sequence
+from itertools import pairwise
+from pathlib import Path
+from typing import Any
+
+import gymnasium
+import pytest
+from gymnasium.vector import AutoresetMode, VectorEnv
+
+from dockctl.agents import training_state
+from dockctl.agents.checkpoint import CheckpointError
+from dockctl.agents.interface import Spaces
+from dockctl.agents.trainer import Trainer
+from dockctl.agents.training_state import load_state
+from dockctl.envs.vector import DockingVectorEnv
+from dockctl.evaluation.rollout import Rollout, evaluation_rows
+from dockctl.evaluation.starts import validation_starts
+from dockctl.runs.directory import RunDirectory
+from dockctl.runs.tables import Value
+from dockctl.scenarios.training import Training
+from dockctl.sim.world import load_checked
+from tests.agents.test_trainer import SETTINGS, TABLES, make_card, trainer_in
+
+EVERY, STEPS = 400, 1_200
+TRAINING = Training(
+    **{
+        **SETTINGS,
+        "total_steps": STEPS,
+        "evaluate_every_steps": EVERY,
+        "validation": {"every_steps": EVERY},
+        "replay_capacity": 700,  # overwrites the oldest after 712 steps
+        "warmup_steps": 100,
+        "steps_per_update": 4,
+        "final_learning_rate": 1e-4,
+        "epsilon": {"decay_steps": 900},
+        "stop": None,
+    }
+)
+STOPS = (8, 104, 400, 744, 1_192, 1_200)
+"""Before and after the first update, at a save, with a full replay, before the last step and after it."""
+
+
+REPLAY = "algorithm/replay.records"
+
+
+class Killed(BaseException):
+    """Ends a training without a save, like SIGKILL."""
+
+
+def toy(run: RunDirectory, **options: Any) -> Trainer:
+    return trainer_in(run, TRAINING, **options)
+
+
+def stop_at(steps: int, run: RunDirectory, make: Any = toy, *, kill: bool = False) -> None:
+    """Start or resume a training, and stop it after `steps`."""
+
+    def on_progress(progress: Any) -> None:
+        if kill and progress.env_steps >= steps:
+            raise Killed
+
+    trainer = make(run, interrupted=lambda: not kill and trainer.progress.env_steps >= steps)
+    trainer.on_progress = on_progress
+    if run.checkpoints("last"):
+        assert trainer.restore() == []
+    if kill:
+        with pytest.raises(Killed):
+            trainer.run()
+    else:
+        assert trainer.run() == "interrupted"
+
+
+def finish(run: RunDirectory, make: Any = toy) -> dict[str, bytes]:
+    """Start or resume a training, train to the end, and return the contents of its tables and checkpoints."""
+    trainer = make(run)
+    if run.checkpoints("last"):
+        assert trainer.restore() == []
+    assert trainer.run() == "steps"
+    names = ("best/policy", "last/policy", "last/learner")
+    files = (*TABLES, *(f"checkpoints/{name}.safetensors" for name in names))
+    return {file: (run.path / file).read_bytes() for file in files}
+
+
+def new_run(folder: Path) -> RunDirectory:
+    return RunDirectory.create(folder, "test", 0)
+
+
+@pytest.fixture(scope="module")
+def uninterrupted(tmp_path_factory: pytest.TempPathFactory) -> dict[str, bytes]:
+    return finish(new_run(tmp_path_factory.mktemp("whole")))
+
+
+@pytest.mark.parametrize("kill", [False, True])
+def test_a_stopped_training_resumes_exactly(
+    tmp_path: Path, uninterrupted: dict[str, bytes], kill: bool
+) -> None:
+    for steps in STOPS[kill * 2 :]:  # without a save there is nothing to resume
+        run = new_run(tmp_path)
+        stop_at(steps, run, kill=kill)
+        resumed = finish(run)
+        assert [name for name in resumed if resumed[name] != uninterrupted[name]] == [], steps
+
+
+def test_a_training_stopped_many_times_resumes_exactly(
+    tmp_path: Path, uninterrupted: dict[str, bytes], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """In small blocks, of which three checkpoints of different steps keep their own."""
+    monkeypatch.setattr(training_state, "BLOCK_BYTES", 2_000)
+    run = new_run(tmp_path)
+    for number, steps in enumerate((48, 56, 296, 512, 512, 904, 1_104)):
+        stop_at(steps, run, kill=number % 3 == 2)
+    resumed = finish(run)
+    last = "checkpoints/last/learner.safetensors"
+    assert len(resumed.pop(last)) < len(uninterrupted[last])
+    assert resumed == {name: uninterrupted[name] for name in resumed}
+
+
+def test_a_save_writes_only_new_transitions(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(training_state, "BLOCK_BYTES", 3_200)  # 100 transitions of 32 bytes
+    run, saves = new_run(tmp_path), []
+    for steps in (304, 312, 704, 760, 1_200):
+        stop_at(steps, run)
+        state = load_state(run)
+        saves.append((int(state.tensors["algorithm/replay.added"][0]), state.facts["blocks"][REPLAY]))
+    for (before, old), (after, new) in pairwise(saves):
+        changed = {number % 700 // 100 for number in range(before, after)}
+        assert len(changed) < 7
+        assert {i for i, name in enumerate(new) if name not in old} == changed
+    files = {file.stem for file in run.path.glob("checkpoints/blocks/*")}
+    listed = [json.loads((f / "learner.json").read_text())["blocks"] for f in run.checkpoints("last")]
+    assert files == {name for blocks in listed for names in blocks.values() for name in names}
+    assert not {*saves[0][1]} <= files
+
+
+def damage(file: Path, how: str) -> None:
+    content = file.read_bytes()
+    middle = len(content) // 2
+    if how == "gone":
+        file.unlink()
+    elif how == "torn":
+        file.write_bytes(content[:middle])
+    else:
+        flipped = b"8" if content[middle : middle + 1] != b"8" else b"9"
+        file.write_bytes(content[:middle] + flipped + content[middle + 1 :])
+
+
+def test_a_damaged_checkpoint_is_replaced_by_the_previous_one(
+    tmp_path: Path, uninterrupted: dict[str, bytes]
+) -> None:
+    run = new_run(tmp_path / "run")
+    for steps in (304, 640):
+        stop_at(steps, run)
+    for name in ("policy.json", "policy.safetensors", "learner.json", "learner.safetensors"):
+        for how in ("gone", "torn", "changed"):
+            copy = RunDirectory(tmp_path / f"{name}-{how}")
+            shutil.copytree(run.path, copy.path)
+            damage(copy.checkpoint("last") / name, how)
+            trainer = toy(copy)
+            (warning,) = trainer.restore()
+            assert str(copy.path / "checkpoints" / "last" / name) in warning
+            assert str(copy.path / "checkpoints" / "last-1") in warning
+            assert trainer.progress.env_steps == 400
+    trainer.run()
+    for table in TABLES:
+        assert (copy.path / table).read_bytes() == uninterrupted[table]
+
+
+@pytest.mark.parametrize("how", ["gone", "torn", "changed"])
+def test_a_damaged_block_is_detected(tmp_path: Path, how: str, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(training_state, "BLOCK_BYTES", 3_200)
+    run = new_run(tmp_path)
+    for steps in (304, 640):
+        stop_at(steps, run)
+    of_last, of_previous = (
+        {*json.loads((folder / "learner.json").read_text())["blocks"][REPLAY]}
+        for folder in run.checkpoints("last")[:2]
+    )
+    folder = run.path / "checkpoints" / "blocks"
+    damage(folder / f"{min(of_last - of_previous)}.safetensors", how)
+    assert load_state(run).folder == run.path / "checkpoints" / "last-1"
+    damage(folder / f"{min(of_last & of_previous)}.safetensors", how)
+    with pytest.raises(CheckpointError):
+        load_state(run)
+
+
+def cart_poles(run: RunDirectory, **options: Any) -> Trainer:
+    environment: VectorEnv[Any, Any, Any] = gymnasium.make_vec(
+        "CartPole-v1", TRAINING.boats, "sync", vector_kwargs={"autoreset_mode": AutoresetMode.SAME_STEP}
+    )
+    spaces = Spaces.from_env(environment)
+    algorithm = TRAINING.algorithm.build(spaces, TRAINING, "cpu")
+    return Trainer(algorithm, TRAINING, environment, run, make_card(spaces, TRAINING), **options)
+
+
+def test_an_environment_that_cannot_be_saved_starts_new_episodes(tmp_path: Path) -> None:
+    results = []
+    for _ in range(2):
+        run = new_run(tmp_path)
+        stop_at(600, run, cart_poles)
+        second = cart_poles(run)
+        assert len(second.restore()) == 1
+        assert second.run() == "steps"
+        results.append([(run.path / table).read_bytes() for table in ("episodes.csv", "updates.csv")])
+    assert results[0] == results[1]
+
+
+def docking(scenario: str, overrides: Sequence[str]) -> Any:
+    loaded = load_checked(scenario, overrides=overrides)
+    rollout = Rollout(loaded)
+    training, starts = loaded.scenario.training, validation_starts(loaded.scenario, rollout.worlds)
+
+    def validate(policy: Any) -> list[dict[str, Value]]:
+        return evaluation_rows(rollout.validate(policy, starts))
+
+    def make(run: RunDirectory, **options: Any) -> Trainer:
+        environment = DockingVectorEnv(loaded, training.boats, exploring=True, worlds=rollout.worlds)
+        spaces = Spaces.from_env(environment)
+        algorithm = training.algorithm.build(spaces, training, "cpu")
+        return Trainer(
+            algorithm, training, environment, run, make_card(spaces, training), validate, **options
+        )
+
+    return make
+
+
+OVERRIDES = (
+    "training.boats=4", "training.warmup_steps=40", "training.batch_size=16", "training.steps_per_update=4",
+    "training.replay_capacity=300", "training.evaluate_every_steps=200", "training.hidden_sizes=[16, 8]",
+    "training.exploring_starts.steps=30", "task.max_steps=40", "training.target_update_interval=20",
+    "training.epsilon.decay_steps=400", "training.stop=null", "training.total_steps=600",
+    "training.validation={starts: 2, every_steps: 200}",
+)  # fmt: skip
+CURRENT = "conditions={current: {speed_mps: [0.0, 0.2], direction_deg: [0, 360]}}"
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(
+    ("scenario", "overrides"),
+    [
+        ("s2", (*OVERRIDES, "sensors.lidar={kind: planar}", CURRENT)),
+        ("s3", OVERRIDES),
+    ],
+)
+def test_docking_boats_resume_in_the_middle_of_their_episodes(
+    tmp_path: Path, scenario: str, overrides: tuple[str, ...]
+) -> None:
+    make = docking(scenario, overrides)
+    whole = finish(new_run(tmp_path), make)
+    run = new_run(tmp_path)
+    for steps, kill in ((52, False), (232, True), (300, False), (424, True), (596, False)):
+        stop_at(steps, run, make, kill=kill)
+    resumed = finish(run, make)
+    assert [name for name in resumed if resumed[name] != whole[name]] == []

@@ -1,0 +1,79 @@
+"""`dockctl train --resume` after kills: of the process, and at every write at the end of a run."""
+
+from __future__ import annotations
+
+import json
+import os
+import signal
+import subprocess
+import sys
+import time
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from dockctl.runs.directory import RunDirectory
+from tests.agents.test_resume import Killed
+from tests.commands.conftest import QUICK, dockctl, only_run, quick_train
+
+FILES = (
+    "episodes.csv", "updates.csv", "evaluations.csv", "trajectories.csv",
+    "checkpoints/best/policy.safetensors", "checkpoints/last/policy.safetensors",
+    "checkpoints/last/learner.safetensors",
+)  # fmt: skip
+
+
+def contents(run: Path) -> dict[str, bytes]:
+    assert json.loads((run / "provenance.json").read_text())["finished"]
+    return {name: (run / name).read_bytes() for name in FILES}
+
+
+@pytest.mark.slow
+def test_a_run_killed_at_its_end_is_completed(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """At each of the last renames: of a file and the folder of the checkpoint, trajectories, provenance."""
+    replace, targets, kill_at = os.replace, list[str](), 0
+
+    def watched(source: Any, target: Any, **named: Any) -> None:
+        if Path(target).is_relative_to(tmp_path):
+            targets.append(Path(target).name)
+            if len(targets) == kill_at:
+                raise Killed
+        replace(source, target, **named)
+
+    monkeypatch.setattr(os, "replace", watched)
+    assert quick_train(tmp_path / "whole", "s1", "--steps", 120).code == 0
+    whole, last = contents(only_run(tmp_path / "whole")), len(targets)
+    assert targets[-3:] == ["last", "trajectories.csv", "provenance.json"]
+    for kill_at in (last, last - 1, last - 2, last - 4):
+        targets.clear()
+        with pytest.raises(Killed):
+            quick_train(tmp_path / f"{kill_at}", "s1", "--steps", 120)
+        run = only_run(tmp_path / f"{kill_at}")
+        kill_at = 0
+        assert dockctl("train", "--resume", run).code == 0
+        assert contents(run) == whole
+
+
+def start(out: Path, *arguments: str) -> subprocess.Popen[bytes]:
+    settings = [word for setting in QUICK for word in ("--set", setting)]
+    command = [sys.executable, "-m", "dockctl", "train", "s1", "--out", str(out), *settings, *arguments]
+    return subprocess.Popen(command, stdout=subprocess.DEVNULL)
+
+
+@pytest.mark.slow
+def test_a_killed_process_resumes_exactly(tmp_path: Path) -> None:
+    assert quick_train(tmp_path / "whole", "s1", "--steps", 2000).code == 0
+    for number, code in ((signal.SIGTERM, 130), (signal.SIGKILL, -signal.SIGKILL)):
+        out = tmp_path / number.name
+        process = start(out, "--steps", "2000")
+        while not list(out.glob("*/*/checkpoints/last-1")):
+            assert process.poll() is None
+            time.sleep(0.01)
+        process.send_signal(number)
+        assert process.wait(60) == code
+        run = only_run(out)
+        saved = json.loads((RunDirectory(run).checkpoint("last") / "policy.json").read_text())["env_steps"]
+        assert 100 <= saved < 2000
+        assert dockctl("train", "--resume", run).code == 0
+        assert contents(run) == contents(only_run(tmp_path / "whole")), number
