@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 from pathlib import Path
 from typing import Annotated
 
@@ -24,7 +25,7 @@ def plot(
     from dockctl.runs.results import sha256_of, write_results
 
     folder = RunDirectory.latest(RUNS).path if run is None else run
-    sources = {folder / name: sha256_of(folder / name) for name in SOURCES if (folder / name).is_file()}
+    sources = {folder / name: sha256_of(folder / name) for name in SOURCES if os.path.isfile(folder / name)}
     data = read_run(folder)
     if data.missing:
         note = f"note: {folder} has no rows in {', '.join(data.missing)}; their figures are left out"
