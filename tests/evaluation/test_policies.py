@@ -116,7 +116,8 @@ def test_the_controller_is_compared_with_a_checkpoint() -> None:
     result = compare(["s1", f"{CONTROLLER}:Reverse"], "s1", episodes=2)
     assert list(result.evaluations) == ["s1", "reverse.py:Reverse"]
     assert (result.table["outcome"] == "docked").all()
-    assert (result.table["path_length_m"] > 15).all()
+    straight = np.hypot(result.table["x_m"] - 36, result.table["y_m"])  # to the berth, reached within 1 m
+    assert (result.table["path_length_m"] > straight - 1).all()
 
 
 def measured(what: str) -> set[str]:
