@@ -30,7 +30,12 @@ def test_rewards() -> None:
     assert {"collision", "intermediate", "final", "distance", "orientation", "speed", "progress"} <= set(
         found
     )
-    assert found["speed"] == ["dense", "eqs. 3.10, 3.13", "distance_unit_m=1.0, floor=0.02", "dockctl"]
+    assert found["speed"] == [
+        "dense",
+        "eqs. 3.10, 3.13",
+        "distance_unit_m=1.0, floor_m=0.4, floor=None",
+        "dockctl",
+    ]
 
 
 def test_observations() -> None:
