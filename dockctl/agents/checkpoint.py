@@ -4,9 +4,10 @@ from __future__ import annotations
 
 import hashlib
 import json
+import logging
 import os
 from collections import defaultdict
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Annotated, Any, Self
 
@@ -45,6 +46,7 @@ FOREIGN = (
     *(NotImplementedError, OSError, RuntimeError, TypeError, ValueError),
 )
 """What building a policy raises for facts and tensors that do not fit."""
+log = logging.getLogger(__name__)
 
 
 class CheckpointError(DockctlError):
@@ -309,7 +311,8 @@ def torch_device(name: str) -> torch.device:
 def find_policy(path: Path) -> Path:
     """Return the JSON file of the policy at `path`; in a run folder that of the best one, else of the last.
 
-    Existing files take precedence over a shipped checkpoint of the same name.
+    Existing files take precedence over a shipped checkpoint of the same name. In a run folder, a damaged
+    checkpoint is replaced by the one before it, with a warning.
 
     Raises:
         CheckpointError: there is none.
@@ -327,12 +330,27 @@ def find_policy(path: Path) -> Path:
                 f"{path}: not a checkpoint: expected a folder, a .safetensors or a .json file"
             )
         return path.with_suffix(".json")
-    for folder in (path, *map(RunDirectory(path).checkpoint, (BEST, LAST))):
-        if any(os.path.isfile(folder / f"{POLICY}.{kind}") for kind in ("json", "safetensors")):
-            return folder / f"{POLICY}.json"
+    for saved in ([path], *map(RunDirectory(path).checkpoints, (BEST, LAST))):
+        files = (folder / f"{POLICY}.{kind}" for folder in saved[:1] for kind in ("json", "safetensors"))
+        if any(map(os.path.isfile, files)):
+            return _intact([folder / f"{POLICY}.json" for folder in saved])
     also = f"; the shipped '{path}' is in {names[str(path)]}" if str(path) in names else ""
     message = f"{path}: contains no checkpoint; a run has one after its first validation{also}"
     raise CheckpointError(message, code="not_found")
+
+
+def _intact(files: Sequence[Path]) -> Path:
+    """Return the first checkpoint that is not damaged; the first of all if none is, for its error."""
+    for file in files:
+        try:
+            load_pair(file)
+        except CheckpointError as error:
+            damage = error
+            continue
+        if file != files[0]:
+            log.warning("%s; %s is used instead", damage, file.parent)
+        return file
+    return files[0]
 
 
 def require_spaces(card: PolicyCard, spaces: Spaces, *, where: Path, scenario: str) -> None:

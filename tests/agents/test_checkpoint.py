@@ -212,3 +212,26 @@ def test_the_bounds_of_continuous_actions_come_back(tmp_path: Path) -> None:
     again = PolicyCard.model_validate_json(card.model_dump_json())
     assert again == card
     assert again.spaces.action == actions
+
+
+@pytest.mark.parametrize("name", ["policy.json", "policy.safetensors"])
+@pytest.mark.parametrize("how", ["gone", "torn", "changed"])
+def test_a_damaged_policy_is_replaced_by_the_previous_one(
+    saved: Path, name: str, how: str, caplog: pytest.LogCaptureFixture
+) -> None:
+    run, previous = saved.parent.parent, saved.with_name("best-1")
+    shutil.copytree(saved, previous)
+    assert find_policy(run) == saved / "policy.json"
+    content = (saved / name).read_bytes()
+    (saved / name).unlink()
+    if how != "gone":
+        middle = len(content) // 2
+        rest = bytes([content[middle] ^ 1]) + content[middle + 1 :] if how == "changed" else b""
+        (saved / name).write_bytes(content[:middle] + rest)
+    assert find_policy(run) == previous / "policy.json"
+    assert str(saved / name) in caplog.text
+    assert str(previous) in caplog.text
+    shutil.rmtree(previous)
+    assert find_policy(run) == saved / "policy.json"  # the only one, for its error
+    with pytest.raises(CheckpointError):
+        load_policy(run)
