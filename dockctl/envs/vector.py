@@ -339,6 +339,7 @@ class DockingVectorEnv(VectorEnv[Observations, NDArray[Any], NDArray[Any]]):
             "sector_ranges_m": simulator.sector_ranges_m.copy(),
             "start_kind": self._start_kind.copy(),
             "start_index": self._start_index.copy(),
+            **({"current": simulator.current()} if simulator.disturbances else {}),
             **events,
         }
 

@@ -35,6 +35,8 @@ MAX_TRIANGLES = 200_000
 """Of a harbor in the page; of larger ones the smallest triangles are left out."""
 OPEN_WATER_M = 15.0
 REWARD = "reward_"
+FLOWS = ("current",)
+"""Velocities (n, 2) in the world frame [m/s], drawn as arrows."""
 FLOATS = ("pose", "velocity", "command", "distance_m", "heading_error_rad", "reward")
 
 
@@ -263,6 +265,8 @@ def _episode(task: Task, track: Track, label: str, color: str) -> dict[str, Any]
         "points": np.round(100 * np.concatenate(list(track.scans.values()))).astype("<i2"),
         "scans": np.column_stack([list(track.scans), _firsts(track)]).astype("<i4"),
     }
+    flows = [name for name in FLOWS if name in recorded]
+    arrays |= {name: recorded[name].astype("<f4") for name in flows}
     if track.q_values is not None:
         arrays["q"] = track.q_values.astype("<f4")
     tolerances = task.intermediate_tolerance, task.final_tolerance
@@ -281,6 +285,7 @@ def _episode(task: Task, track: Track, label: str, color: str) -> dict[str, Any]
         "outcome": episode.outcome,
         "text": text,
         "goals": goals,
+        "flow": flows,
         "arrays": arrays,
     }
 

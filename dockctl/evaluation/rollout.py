@@ -37,7 +37,8 @@ class HasPose(Protocol):
 Clearance = Callable[[Any, Floats], float]
 
 RECORDED = ("pose", "velocity", "command", "distance_m", "heading_error_rad", "phase", "sector_ranges_m")
-READ = (*RECORDED, "outcome", "collided_with", "reward_terms")
+OPTIONAL = ("current",)
+READ = (*RECORDED, *OPTIONAL, "outcome", "collided_with", "reward_terms")
 
 
 @dataclass(frozen=True, eq=False)
@@ -219,7 +220,8 @@ class _Recorder:
 
     def add(self, observation: NDArray[Any], info: Info, boat: int, reward: float) -> None:
         terms = {f"reward_{name}": term for name, term in info.get("reward_terms", {}).items()}
-        rows = {"observation": observation, **{key: info[key] for key in RECORDED}, **terms}
+        measured = {key: info[key] for key in (*RECORDED, *OPTIONAL) if key in RECORDED or key in info}
+        rows = {"observation": observation, **measured, **terms}
         for key, values in rows.items():
             self._records.setdefault(key, []).append(np.array(values[boat]))
         self._records.setdefault("reward", []).append(reward)

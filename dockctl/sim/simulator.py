@@ -212,7 +212,7 @@ class Simulator:
             DockctlError: the integration diverged.
         """
         period = self.vessel.vessel.control_period_s
-        before, nu_r, current = self.eta, self.nu, self._current()
+        before, nu_r, current = self.eta, self.nu, self.current()
         if self.disturbances:
             nu_r = nu_r - _in_body_frame(current, before[:, 2])
         eta, nu, travel = self.vessel.step_and_travel(before, nu_r, self.command)
@@ -240,8 +240,8 @@ class Simulator:
                 eta[row], nu[row] = contact[:3], contact[3:]
         return collided
 
-    def _current(self) -> Floats:
-        """Return the velocity of the water (n, 2) in the world frame [m/s]."""
+    def current(self) -> Floats:
+        """Return the velocity of the water over ground (n, 2), in the world frame [m/s]."""
         current = np.zeros((len(self.eta), 2))
         for guard, disturbance in zip(self._conditions, self.disturbances, strict=True):
             with guard:

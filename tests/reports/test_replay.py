@@ -106,6 +106,14 @@ def test_a_scenario_without_a_policy_shows_the_boat_at_its_start() -> None:
     )
 
 
+def test_currents_are_in_the_page() -> None:
+    loaded = load("s1", overrides=["conditions.current={speed_mps: 0.1, direction_deg: 90}"])
+    header, block = contents(page(page_data(preview(loaded, POSES[:1]))))
+    (given,) = header["episodes"]
+    assert given["flow"] == ["current"]
+    np.testing.assert_allclose(stored(block, given["arrays"]["current"]), [[0.0, 0.1]], atol=1e-6)
+
+
 @pytest.fixture(scope="module")
 def browser(html: str, tmp_path_factory: pytest.TempPathFactory) -> Iterator[Any]:
     """Headless Chromium with the page."""

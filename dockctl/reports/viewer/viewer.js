@@ -173,10 +173,10 @@ function episodeGroup(episode) {
   arcs.position.z = 0.12;
   boat.add(arcs);
   group.add(boat);
-  const arrows = Object.entries(episode.flow ?? {}).map(([name, velocity]) => {
+  const arrows = episode.flow.map((name) => {
     const arrow = new THREE.ArrowHelper(new THREE.Vector3(1, 0, 0), new THREE.Vector3(), 1, name === "current" ? 0x2f7fd0 : 0x8a97a3, 0.8, 0.5);
     group.add(arrow);
-    return { arrow, velocity };
+    return { arrow, name };
   });
   scene.add(group);
   return { group, boat, drive, propeller, thrust, trail, cloud, returns, arcs, arrows };
@@ -226,8 +226,8 @@ function place(index) {
     arc.scale.set(range, range, 1);
     arc.material.color.set(tone(range));
   });
-  for (const { arrow, velocity } of parts.arrows) {
-    const [vx, vy] = velocity.length === 2 ? velocity : episode[velocity].row(i), speed = Math.hypot(vx, vy);
+  for (const { arrow, name } of parts.arrows) {
+    const [vx, vy] = episode[name].row(i), speed = Math.hypot(vx, vy);
     arrow.visible = speed > 1e-3;
     arrow.position.set(x - (vx / speed) * 4, y - (vy / speed) * 4, 2);
     arrow.setDirection(new THREE.Vector3(vx / speed, vy / speed, 0));
@@ -348,6 +348,10 @@ function drawState(episode, i) {
     ["Goal", episode.goals.length > 1 && episode.phase.data[i] === 0 ? "intermediate pose" : "berth"],
     ["Distance", `${fixed(episode.distance_m.data[i], 2)} m`],
     ["Heading error", `${fixed(degrees(episode.heading_error_rad.data[i]), 1)}°`],
+    ...episode.flow.map((name) => {
+      const [vx, vy] = episode[name].row(i);
+      return [name[0].toUpperCase() + name.slice(1), `${fixed(Math.hypot(vx, vy), 2)} m/s to ${fixed((degrees(Math.atan2(vy, vx)) + 360) % 360, 0)}°`];
+    }),
     ["Outcome", ended ? episode.text : "under way", ended ? episode.outcome : ""],
   ];
   $("state").replaceChildren(...rows.flatMap(([name, value, style]) => {

@@ -143,3 +143,17 @@ def test_a_problem_has_its_place(tmp_path: Path, text: str, field: str, column: 
         load(file)
     (problem,) = caught.value.problems
     assert (problem.line, problem.column, problem.field) == (2, column, field), problem
+
+
+def test_info_and_trajectories_have_the_current_of_each_boat() -> None:
+    loaded = scenario("{speed_mps: [0.05, 0.2], direction_deg: 70}")
+    env = DockingVectorEnv(loaded, 3)
+    _, info = env.reset(seed=4)
+    heading = np.degrees(np.arctan2(info["current"][:, 1], info["current"][:, 0]))
+    speed = np.hypot(*info["current"].T)
+    assert heading == pytest.approx([70.0] * 3)
+    assert len(set(speed)) == 3
+    assert ((speed >= 0.05) & (speed <= 0.2)).all()
+    _, _, _, _, later = env.step(np.zeros(3, int))
+    np.testing.assert_array_equal(later["current"], info["current"])
+    assert "current" not in DockingVectorEnv("s1", 1).reset(seed=4)[1]
