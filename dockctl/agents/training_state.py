@@ -78,7 +78,8 @@ def save_state(
     small = {name: tensor for name, tensor in tensors.items() if name not in large}
     with run.new_checkpoint(LAST) as folder:
         save_policy(folder, policy, card)
-        save_pair(folder, LEARNER, small, {**facts, "blocks": blocks})
+        of_policy = read_json(folder / f"{POLICY}.json")["facts_sha256"]
+        save_pair(folder, LEARNER, small, {**facts, "blocks": blocks, "policy_facts_sha256": of_policy})
     _remove_unused_blocks(run)
 
 
@@ -91,11 +92,14 @@ def load_state(run: RunDirectory) -> TrainingState:
     damaged: list[CheckpointError] = []
     for folder in run.checkpoints(LAST) or [run.checkpoint(LAST)]:
         try:
-            policy, _ = load_pair(folder / f"{POLICY}.json")
+            policy, card = load_pair(folder / f"{POLICY}.json")
             tensors, facts = load_pair(folder / f"{LEARNER}.json")
             if facts["format"] != FORMAT:
                 message = f"{folder}: saved by an earlier version, without all that resuming needs"
                 raise CheckpointError(message)
+            of_policy = card.get("facts_sha256")
+            if facts.get("policy_facts_sha256", of_policy) != of_policy:
+                raise CheckpointError(f"{folder}: {POLICY} and {LEARNER} are of different saves")
             tensors |= {name: _load_blocks(run, names) for name, names in _blocks(facts).items()}
         except CheckpointError as error:
             damaged.append(error)

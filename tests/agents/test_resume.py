@@ -170,6 +170,25 @@ def test_a_damaged_checkpoint_is_replaced_by_the_previous_one(
         assert (copy.path / table).read_bytes() == uninterrupted[table]
 
 
+def test_files_of_different_saves_are_no_checkpoint(tmp_path: Path, uninterrupted: dict[str, bytes]) -> None:
+    run = new_run(tmp_path / "run")
+    for steps in (304, 640):
+        stop_at(steps, run)
+    _, previous = run.checkpoints("last")[:2]
+    for pair in ("policy", "learner"):
+        copy = RunDirectory(tmp_path / pair)
+        shutil.copytree(run.path, copy.path)
+        for file in previous.glob(f"{pair}.*"):
+            shutil.copy(file, copy.path / "checkpoints" / "last")
+        trainer = toy(copy)
+        (warning,) = trainer.restore()
+        assert f"{copy.path / 'checkpoints' / 'last'}: " in warning
+        assert str(copy.path / "checkpoints" / "last-1") in warning
+    trainer.run()
+    for table in TABLES:
+        assert (copy.path / table).read_bytes() == uninterrupted[table]
+
+
 @pytest.mark.parametrize("how", ["gone", "torn", "changed"])
 def test_a_damaged_block_is_detected(tmp_path: Path, how: str, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(training_state, "BLOCK_BYTES", 3_200)
