@@ -19,7 +19,13 @@ import platformdirs
 from dockctl.errors import DockctlError
 from dockctl.reading import read_bytes, read_json
 
-MARKS = ("provenance.json", "policy.json", "policy.safetensors")
+MARKS = (
+    "provenance.json",
+    "policy.json",
+    "policy.safetensors",
+    "checkpoints/best/policy.json",
+    "checkpoints/last/policy.json",
+)
 """A folder with one of these files, and everything below it, is a run folder or a checkpoint."""
 log = logging.getLogger(__name__)
 
@@ -80,8 +86,9 @@ def _announce(shown: str) -> None:
 
 
 def is_received(scenario: Path) -> bool:
-    """Return whether a scenario file is in a run folder or a checkpoint."""
-    return any(os.path.exists(folder / mark) for folder in scenario.resolve().parents for mark in MARKS)
+    """Return whether a scenario file, or the file that it links to, is in a run folder or a checkpoint."""
+    folders = {*scenario.absolute().parents, *scenario.resolve().parents}
+    return any(os.path.exists(folder / mark) for folder in folders for mark in MARKS)
 
 
 def allowed(files: Iterable[Path], own: Sequence[Path], *, trust: bool) -> list[Path]:

@@ -102,6 +102,9 @@ def train(
     }
     given = [f"{key}={value}" for key, value in changes.items() if value is not None]
     loaded = load_checked(scenario, overrides=[*overrides, *given], plugin_files=plugin_files, trust=trust)
+    if loaded.is_given_by_others("training.algorithm.model"):
+        assert isinstance(loaded.scenario.training.algorithm, AlgorithmSpec)
+        require_imports(loaded.scenario.training.algorithm, trust=trust)
     require_writable(out)
     session = _prepare(loaded, device)
     run = RunDirectory.create(out, loaded.scenario.name, loaded.scenario.training.seed)

@@ -71,6 +71,7 @@ class LoadedScenario:
         base_dir: directory of the scenario file.
         source: path or name that was loaded.
         tree: the merged YAML tree, for the location of later problems.
+        received: the file is in a checkpoint or a run.
     """
 
     scenario: Scenario
@@ -78,6 +79,13 @@ class LoadedScenario:
     source: str
     plugin_files: tuple[Path, ...] = ()
     tree: Node | None = field(default=None, compare=False, repr=False)
+    received: bool = False
+
+    def is_given_by_others(self, path: str) -> bool:
+        """Return whether the field `path` is from a file of a checkpoint or a run."""
+        if self.tree is None:
+            return self.received
+        return _is_of_others(locate(self.tree, path.split(".")).location, received=self.received)
 
     def problem(self, path: str, message: str, code: Code = "invalid", suggestion: str = "") -> Problem:
         """Return a problem of the field `path`, for example ``task.final``, with its location."""
@@ -116,12 +124,13 @@ def load(
     tree = reduce(_override, sorted(overrides, key=_changes_a_value), tree)
     if tree.get("name") is None:
         tree = tree.with_value("name", _name_of_file(path, tree.location))
-    tree = _without_replaced(tree, plugin_files, received=received or is_received(path), trust=trust)
+    received = received or is_received(path)
+    tree = _without_replaced(tree, plugin_files, received=received, trust=trust)
     problems = [*_load_plugins(tree), *function_problems(tree)]
     scenario = validate(tree, Scenario, problems)
     files = tuple(dict.fromkeys([*(p.resolve() for p in plugin_files), *map(Path, scenario.plugins)]))
     scenario = scenario.model_copy(update={"plugins": tuple(map(str, files))})
-    return LoadedScenario(scenario, path.resolve().parent, str(source), files, tree)
+    return LoadedScenario(scenario, path.resolve().parent, str(source), files, tree, received)
 
 
 def load_vessel(source: str | Path) -> Vessel:
@@ -205,12 +214,15 @@ def _read(registry: Registry[Path], path: Path, display: str) -> Node:
     trees: list[Node] = []
     seen: set[str] = set()
     problems: tuple[Problem, ...] = ()
+    received: Location | None = None
     tree = read_file(path, display)
     while True:
         seen.add(os.path.realpath(path))
         trees.append(_expanded(tree.without("extends"), registry, display, path.parent))
         if (extends := tree.get("extends")) is None:
             break
+        if received is None and is_received(path):
+            received = extends.location
         try:
             path, display = _find(registry, extends, path.parent, "extends")
             if os.path.realpath(path) in seen:
@@ -220,6 +232,8 @@ def _read(registry: Registry[Path], path: Path, display: str) -> Node:
                 message = f"more than {MAX_FILES} files that extend each other"
                 raise input_error(extends.location, message, "extends", "out_of_range")
             tree = read_file(path, display)
+            if received and (listed := tree.get("plugins")) is not None:  # others chose this file
+                tree = tree.with_value("plugins", replace(listed, location=received))
         except InputError as error:
             problems = _at_line(error, extends.location, "extends")
             break
@@ -368,15 +382,22 @@ def _without_replaced(tree: Node, own: Sequence[Path], *, received: bool, trust:
         UntrustedError: others' plugins may not run.
     """
     listed = tree.get("plugins")
-    if listed is None or not isinstance(listed.value, list) or listed.location.file.startswith("--set "):
+    if listed is None or not isinstance(listed.value, list):
         return tree
-    if not (received or is_received(Path(listed.location.file))):
+    if not _is_of_others(listed.location, received=received):
         return tree
     files = [node.value for node in listed.value if isinstance(node.value, str)]
     theirs = [file for file in files if os.path.exists(file)]
     kept = {*map(str, allowed(map(Path, theirs), own, trust=trust))}
     items = [node for node in listed.value if node.value not in theirs or node.value in kept]
     return tree.with_value("plugins", Node(items, listed.location))
+
+
+def _is_of_others(location: Location, *, received: bool) -> bool:
+    """Return whether a value is from a received file; those of the command line have no line."""
+    if location.file.startswith("--set ") and not location.line:
+        return False
+    return received or is_received(Path(location.file))
 
 
 def _load_plugins(tree: Node) -> Iterable[Problem]:

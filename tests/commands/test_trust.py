@@ -6,7 +6,7 @@ import hashlib
 import json
 import shutil
 import stat
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from pathlib import Path
 
 import pytest
@@ -181,6 +181,58 @@ def test_the_scenario_in_a_policys_card_brings_no_code(
     with pytest.raises(DockctlError):
         load_policy("policy").scenario()
     assert not marker.exists()
+
+
+def as_a_link(run: Path) -> None:
+    (run.parent / "outside").mkdir()
+    (run / "scenario.yaml").rename(run.parent / "outside" / "scenario.yaml")
+    (run / "scenario.yaml").symlink_to("../outside/scenario.yaml")
+
+
+def as_a_file_to_extend(run: Path) -> None:
+    (run.parent / "outside").mkdir()
+    for name in ("scenario.yaml", "plugins"):
+        (run / name).rename(run.parent / "outside" / name)
+    (run / "scenario.yaml").write_text("extends: ../outside/scenario.yaml\n")
+
+
+def under_the_name_of_an_option(run: Path) -> None:
+    (run / "scenario.yaml").rename(run.parent / "--set plugins.yaml")
+    (run / "plugins").rename(run.parent / "plugins")
+    (run / "provenance.json").rename(run.parent / "provenance.json")
+    (run / "scenario.yaml").write_text('extends: "../--set plugins.yaml"\n')
+
+
+def without_provenance(run: Path) -> None:
+    (run / "provenance.json").unlink()
+
+
+@pytest.mark.parametrize(
+    "hide", [as_a_link, as_a_file_to_extend, under_the_name_of_an_option, without_provenance]
+)
+@pytest.mark.parametrize("name", ["show", "validate a scenario that extends it"])
+def test_plugins_that_hide_do_not_run(
+    received: Path, marker: Path, hide: Callable[[Path], None], name: str
+) -> None:
+    hide(received)
+    outcome = call(name)
+    assert outcome.code == 2, outcome.out
+    assert "SHA-256" in outcome.err
+    assert not marker.exists()
+
+
+@pytest.mark.parametrize("file", ["run/scenario.yaml", "mine.yaml"])
+def test_an_algorithm_of_others_is_not_imported(
+    received: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, file: str
+) -> None:
+    monkeypatch.syspath_prepend(tmp_path)
+    Path("theirs.py").write_text("from pathlib import Path\nPath('imported').touch()\n")
+    (received / "scenario.yaml").write_text(
+        "extends: s1\ntraining: {algorithm: {kind: sb3, model: 'theirs:Model'}}\n"
+    )
+    outcome = dockctl("train", file, "--out", "out")
+    assert outcome.error_code == "untrusted"
+    assert not Path("imported").exists()
 
 
 def test_a_scenario_that_the_user_names_loads_its_plugins(
