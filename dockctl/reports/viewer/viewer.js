@@ -174,12 +174,20 @@ function episodeGroup(episode) {
   boat.add(arcs);
   group.add(boat);
   const arrows = episode.flow.map((name) => {
-    const arrow = new THREE.ArrowHelper(new THREE.Vector3(1, 0, 0), new THREE.Vector3(), 1, name === "current" ? 0x2f7fd0 : 0x8a97a3, 0.8, 0.5);
+    const arrow = flowArrow(name === "current" ? "#1456b8" : "#5d6b78");
     group.add(arrow);
     return { arrow, name };
   });
   scene.add(group);
   return { group, boat, drive, propeller, thrust, trail, cloud, returns, arcs, arrows };
+}
+
+/** An arrow along x, 3 m long, that lies flat above the water. */
+function flowArrow(color) {
+  const corners = [[0, -0.16], [2, -0.16], [2, 0.16], [0, 0.16], [1.9, -0.5], [3, 0], [1.9, 0.5]];
+  const faces = [[0, 1, 2], [0, 2, 3], [4, 5, 6]].flat();
+  const geometry = new THREE.BufferGeometry().setFromPoints(faces.map((i) => new THREE.Vector3(...corners[i], 0)));
+  return new THREE.Mesh(geometry, new THREE.MeshBasicMaterial({ color, side: THREE.DoubleSide, transparent: true, opacity: 0.85 }));
 }
 
 function circle(radius) {
@@ -229,9 +237,10 @@ function place(index) {
   for (const { arrow, name } of parts.arrows) {
     const [vx, vy] = episode[name].row(i), speed = Math.hypot(vx, vy);
     arrow.visible = speed > 1e-3;
-    arrow.position.set(x - (vx / speed) * 4, y - (vy / speed) * 4, 2);
-    arrow.setDirection(new THREE.Vector3(vx / speed, vy / speed, 0));
-    arrow.setLength(1 + 3 * Math.sqrt(speed), 0.8, 0.5);
+    if (!arrow.visible) continue;
+    arrow.position.set(x - (5.5 * vx) / speed, y - (5.5 * vy) / speed, 0.3);
+    arrow.rotation.z = Math.atan2(vy, vx);
+    arrow.scale.x = 0.5 + Math.sqrt(speed);
   }
 }
 
