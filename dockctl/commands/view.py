@@ -35,6 +35,7 @@ def view(
 
     Example: dockctl view s3 --pose 25,0.5,175
     """
+    from dockctl.errors import DockctlError
     from dockctl.evaluation.policies import load_policy
     from dockctl.evaluation.replay import page_data, preview, replay
     from dockctl.reports.replay import page
@@ -45,6 +46,8 @@ def view(
         require_writable_file(out, ".html")
     poses = [parse_pose(text) for text in pose or ()]
     if source is not None and source.endswith((".yaml", ".yml")):
+        if also or scenario is not None:
+            raise DockctlError(f"{source}: a scenario file shows no policy; leave out --also and --scenario")
         loaded = load_checked(source, plugin_files=plugin or (), trust=trust)
         shown, name = preview(loaded, poses), loaded.scenario.name
     else:
