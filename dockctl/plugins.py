@@ -336,10 +336,10 @@ class Guard(AbstractContextManager["Guard"]):
         self._registry, self._name = registry, name
 
     def __exit__(self, kind: object, error: BaseException | None, trace: object) -> None:
-        if isinstance(error, Exception) and (located := self.locate(error)) is not error:
+        if isinstance(error, Exception | SystemExit) and (located := self.locate(error)) is not error:
             raise located from error
 
-    def locate(self, error: Exception) -> Exception:
+    def locate(self, error: Exception | SystemExit) -> BaseException:
         """Return the error to raise instead of `error`."""
         entry = self._registry.get(self._name)
         if entry.origin == PACKAGE_ORIGIN or (isinstance(error, DockctlError) and error.code != "plugin"):

@@ -339,6 +339,14 @@ def find_policy(path: Path) -> Path:
     raise CheckpointError(message, code="not_found")
 
 
+def saved_steps(folder: Path) -> int:
+    """Return the environment steps of the policy in a checkpoint; 0 if it is damaged."""
+    try:
+        return int(load_pair(folder / f"{POLICY}.json")[1]["env_steps"])
+    except (CheckpointError, KeyError, TypeError, ValueError):
+        return 0
+
+
 def _intact(files: Sequence[Path]) -> Path:
     """Return the first checkpoint that is not damaged; the first of all if none is, for its error."""
     for file in files:

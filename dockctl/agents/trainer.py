@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import shutil
 import time
 from collections.abc import Callable, Sequence
 from concurrent.futures import wait
@@ -13,7 +14,7 @@ import numpy as np
 from gymnasium.vector import VectorEnv
 from numpy.typing import NDArray
 
-from dockctl.agents.checkpoint import CheckpointError, PolicyCard, flatten, nest, save_policy
+from dockctl.agents.checkpoint import CheckpointError, PolicyCard, flatten, nest, save_policy, saved_steps
 from dockctl.agents.divergence import DivergenceError, Monitor
 from dockctl.agents.interface import (
     Algorithm,
@@ -325,8 +326,20 @@ class Trainer:
         except (AttributeError, LookupError, TypeError, ValueError, RuntimeError) as error:
             reason = " ".join(str(error).split())
             raise CheckpointError(f"{saved.folder}: cannot be resumed: {reason}") from None
+        self._drop_later_bests()
         lost = [table.restore(state, self.progress.env_steps) for table, state in tables]
         return notes + [loss for loss in lost if loss]
+
+    def _drop_later_bests(self) -> None:
+        """Remove checkpoints `BEST` of steps that are trained again, if there is an earlier one.
+
+        With another limit of steps the training may choose others.
+        """
+        folders = self.run_directory.checkpoints(BEST)
+        later = [folder for folder in folders if saved_steps(folder) > self.progress.env_steps]
+        if len(later) < len(folders):
+            for folder in later:
+                shutil.rmtree(folder)
 
 
 def _docked(rows: Sequence[dict[str, Value]]) -> int:

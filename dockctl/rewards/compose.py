@@ -47,7 +47,7 @@ class RewardFunction:
         breakdown = {name: np.zeros(len(status.phase)) for name in self.names}
         for guard, name, kind, weight, measure in self._terms:
             with guard:
-                value = np.asarray(measure(status), float)
+                value = np.asarray(measure(status)).astype(float, casting="same_kind")
                 require_shape(f"reward term '{name}'", value.shape, status.phase.shape)
             breakdown[name] += np.where(applies[kind], weight * value, 0.0)
         return sum(breakdown.values(), np.zeros(len(status.phase))), breakdown  # eq. 3.10 or 3.13

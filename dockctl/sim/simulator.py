@@ -121,8 +121,8 @@ class Simulator:
         self.sector_ranges_m = self.scan()
         status = StepStatus(
             phase=phase,
-            distance_m=self.distance_m,
-            heading_error_rad=self.heading_error_rad,
+            distance_m=self.distance_m.copy(),
+            heading_error_rad=self.heading_error_rad.copy(),
             previous_distance_m=distance,
             previous_heading_error_rad=heading_error,
             nu=self.nu.copy(),

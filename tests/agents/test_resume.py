@@ -14,7 +14,7 @@ import pytest
 from gymnasium.vector import AutoresetMode, VectorEnv
 
 from dockctl.agents import training_state
-from dockctl.agents.checkpoint import CheckpointError
+from dockctl.agents.checkpoint import CheckpointError, find_policy, save_policy, saved_steps
 from dockctl.agents.interface import Spaces
 from dockctl.agents.trainer import Trainer
 from dockctl.agents.training_state import load_state
@@ -187,6 +187,19 @@ def test_files_of_different_saves_are_no_checkpoint(tmp_path: Path, uninterrupte
     trainer.run()
     for table in TABLES:
         assert (copy.path / table).read_bytes() == uninterrupted[table]
+
+
+def test_a_best_policy_of_steps_that_are_trained_again_is_dropped(tmp_path: Path) -> None:
+    run = new_run(tmp_path)
+    stop_at(304, run)
+    trainer = toy(run)
+    for steps in (200, 9_000):
+        with run.new_checkpoint("best") as folder:
+            card = trainer.card.model_copy(update={"env_steps": steps})
+            save_policy(folder, trainer.algorithm.policy_tensors(), card)
+    trainer.restore()
+    assert [saved_steps(folder) for folder in run.checkpoints("best")] == [200]
+    assert saved_steps(find_policy(run.path).parent) == 200
 
 
 @pytest.mark.parametrize("how", ["gone", "torn", "changed"])

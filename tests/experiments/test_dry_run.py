@@ -95,6 +95,8 @@ FAULTS = [
         "1 / 0",
     ),
     ("term", {"value": "None"}, None),
+    ("term", {"value": "np.zeros(len(status.phase), complex)"}, None),
+    ("term", {"value": "__import__('sys').exit(7)"}, "exit(7)"),
     ("term", {"value": "np.full(len(status.phase), np.nan)"}, None),
     ("term", {"value": "np.zeros((2, 2))"}, None),
     ("part", {"value": "1 / 0"}, "1 / 0"),

@@ -112,6 +112,17 @@ def test_a_status_does_not_change_in_later_steps() -> None:
     assert all(np.array_equal(a, b) for a, b in zip(copies, now, strict=True))
 
 
+def test_a_reward_that_writes_into_the_status_does_not_move_the_boat() -> None:
+    sim, same = (simulator(start_at(23, -10, 90)) for _ in range(2))
+    for _ in range(2):
+        status, _ = sim.step(np.array([[50.0, 0.1]])), same.step(np.array([[50.0, 0.1]]))
+        for value in vars(status).values():
+            value[:] = 0
+    assert (sim.distance_m == same.distance_m).all()
+    assert (sim.heading_error_rad == same.heading_error_rad).all()
+    assert (sim.eta == same.eta).all()
+
+
 def test_each_boat_may_have_its_own_berth() -> None:
     west = replace(start_at(20, 0, 0, phase=1), goals=np.array([[25, 0, 0.9], [7, -2, 0.0]]))
     sim = simulator(start_at(20, 0, 180, phase=1), west)
