@@ -166,7 +166,7 @@ class ObservationEncoder:
 
     Raises:
         DockctlError: a part or one of its parameters is unknown, a parameter is missing, or a part returns
-            columns of the wrong shape.
+            columns of the wrong shape or with a lower bound above the upper one.
     """
 
     def __init__(self, parts: Sequence[ObservationPart], sectors: int) -> None:
@@ -183,6 +183,11 @@ class ObservationEncoder:
             given.part for given, column in zip(parts, columns, strict=True) for _ in column.names
         )
         low, high = (np.concatenate(bounds) for bounds in zip(*map(_bounds, columns), strict=True))
+        if (inverted := np.flatnonzero(~(low <= high))).size:
+            name = self.parts[inverted[0]]
+            params = next(given.params for given in parts if given.part == name)
+            message = f"observation part '{name}' with {params}: its lower bound exceeds its upper bound"
+            raise DockctlError(message, code="out_of_range")
         self.space = Box(low, high)
 
     def __call__(self, view: View) -> NDArray[np.float32]:

@@ -31,6 +31,8 @@ from dockctl.sim.starts import Start, given_start, own_site
 
 MAX_SCANS, MAX_POINTS = 240, 360_000
 """LiDAR scans and points of all episodes together, so that a page stays small."""
+FARTHEST_M = 327.0
+"""Of the points in the page, which are 16-bit centimeters."""
 MAX_TRIANGLES = 200_000
 """Of a harbor in the page; of larger ones the smallest triangles are left out."""
 OPEN_WATER_M = 15.0
@@ -146,6 +148,7 @@ def _replay(loaded: LoadedScenario, runs: Sequence[_Run]) -> Replay:
 
 def _thinned(points: Floats, count: int) -> Floats:
     """Return about `count` points, evenly spaced in the order in which they were measured."""
+    points = points[(np.abs(points) < FARTHEST_M).all(axis=1)]
     return points[:: max(1, -(-len(points) // max(count, 1)))]
 
 

@@ -104,6 +104,14 @@ def test_wrong_names_are_rejected() -> None:
         encoder({"lidar": {"cap": 3}})
 
 
+def test_bounds_that_are_not_in_order_are_rejected() -> None:
+    """A policy's card, which is no scenario, may have such a parameter."""
+    with pytest.raises(DockctlError) as caught:
+        ObservationEncoder([ObservationPart(part="lidar", params={"cap_m": -1})], 8)
+    assert caught.value.code == "out_of_range"
+    assert "lidar" in str(caught.value)
+
+
 def test_parts_of_a_wrong_shape_are_rejected() -> None:
     @observation_part("flat")
     def flat(view: View) -> Columns:

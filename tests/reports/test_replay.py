@@ -16,7 +16,7 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from dockctl.evaluation.replay import MAX_POINTS, Replay, page_data, preview, replay
+from dockctl.evaluation.replay import MAX_POINTS, Replay, _thinned, page_data, preview, replay
 from dockctl.evaluation.rollout import Rollout
 from dockctl.reports.replay import page
 from dockctl.scenarios.base import Pose
@@ -82,6 +82,11 @@ def test_points_are_those_of_the_sensor(played: Replay) -> None:
     step, points = list(track.scans.items())[-1]
     measured = rollout.worlds[0].lidar.points(track.episode.trajectory["pose"][step])
     assert set(map(tuple, points)) <= set(map(tuple, measured))
+
+
+def test_points_that_a_page_cannot_hold_are_left_out() -> None:
+    points = np.array([[1.0, 2.0, 3.0], [400.0, 0.0, 0.0], [-326.0, 5.0, 0.0]])
+    np.testing.assert_array_equal(_thinned(points, 10), points[[0, 2]])
 
 
 def test_harbor_corners_are_exact_to_millimeters(played: Replay, html: str) -> None:
