@@ -9,7 +9,7 @@ from pathlib import Path
 
 import pytest
 
-KILLS = os.environ.get("DOCKCTL_KILLS", "6")
+KILLS = os.environ.get("DOCKCTL_KILLS", "3")
 
 
 @pytest.mark.slow

@@ -20,7 +20,7 @@ from dockctl.runs.reader import read_table
 from dockctl.scenarios.harbor import VESSEL_MODELS, MeshFile
 from dockctl.sim.harbor.mesh_files import load_bodies, read_model
 
-CASES = int(os.environ.get("DOCKCTL_FUZZ_CASES", "300"))
+CASES = int(os.environ.get("DOCKCTL_FUZZ_CASES", "200"))
 NUMBERS = (b"0", b"-1", b"1e308", b"nan", b"inf", b"99999999999999999999", b"4294967295", b"", b"x")
 
 
