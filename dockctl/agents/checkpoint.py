@@ -43,7 +43,7 @@ MAX_SIZE = 1_000_000
 """Of observations and actions: a larger one is a mistake, or made to exhaust the memory."""
 FOREIGN = (
     *(ArithmeticError, AssertionError, AttributeError, LookupError, MemoryError),
-    *(NotImplementedError, OSError, RuntimeError, TypeError, ValueError),
+    *(OSError, RuntimeError, TypeError, ValueError),
 )
 """What building a policy raises for facts and tensors that do not fit."""
 log = logging.getLogger(__name__)

@@ -243,8 +243,8 @@ class Trainer:
             starts += self.validate(self.algorithm.policy)
             is_best = self._select(starts)
         if progress.evaluated_at < progress.env_steps:
-            judged = starts if self.evaluate is None else poses
-            progress.evaluation_docked, progress.evaluation_episodes = _docked(judged), len(judged)
+            episodes = starts if self.evaluate is None else poses
+            progress.evaluation_docked, progress.evaluation_episodes = _docked(episodes), len(episodes)
         progress.evaluated_at, rows = progress.env_steps, poses + starts
         labels = {"env_steps": progress.env_steps, "best": is_best}
         self.tables[EVALUATIONS_CSV].append({**row, **labels} for row in rows)

@@ -50,17 +50,22 @@ def dqn(made: Trainer) -> DQN:
     return made.algorithm
 
 
+def env(made: Trainer) -> Any:
+    """Return the environment, whose methods and attributes the faults replace."""
+    return made.environment
+
+
 def nan_reward(made: Trainer) -> None:
     def step(actions: Any) -> Any:
         observation, reward, terminated, truncated, info = original(actions)
         terms = {**info["reward_terms"], "final": np.full(BOATS, np.nan)}
         return observation, reward + np.nan, terminated, truncated, {**info, "reward_terms": terms}
 
-    original, made.environment.step = made.environment.step, step  # type: ignore[method-assign]
+    original, env(made).step = env(made).step, step
 
 
 def nan_observation(made: Trainer) -> None:
-    made.environment.u[3] = np.nan  # type: ignore[attr-defined]
+    env(made).u[3] = np.nan
 
 
 def nan_weight(made: Trainer) -> None:
@@ -70,7 +75,8 @@ def nan_weight(made: Trainer) -> None:
 
 def nan_loss(made: Trainer) -> None:
     original = made.algorithm.learn
-    made.algorithm.learn = lambda steps: ({**m, "loss": np.nan} for m in original(steps))  # type: ignore[method-assign]
+    learner: Any = made.algorithm
+    learner.learn = lambda steps: ({**m, "loss": np.nan} for m in original(steps))
 
 
 def exploding_values(made: Trainer) -> None:
@@ -85,22 +91,22 @@ def dead_advantages(made: Trainer) -> None:
 
 
 def no_end(made: Trainer) -> None:
-    made.environment.max_steps = 10**9  # type: ignore[attr-defined]
-    made.environment._place = lambda rows: None  # type: ignore[attr-defined]
+    env(made).max_steps = 10**9
+    env(made)._place = lambda rows: None
 
     def step(actions: Any) -> Any:
-        made.environment.x = np.clip(made.environment.x, -1.4, -0.6)  # type: ignore[attr-defined]
-        made.environment.u[:] = 0  # type: ignore[attr-defined]
+        env(made).x = np.clip(env(made).x, -1.4, -0.6)
+        env(made).u[:] = 0
         return original(actions)
 
-    original, made.environment.step = made.environment.step, step  # type: ignore[method-assign]
+    original, env(made).step = env(made).step, step
 
 
 def frozen(made: Trainer) -> None:
     observation = np.zeros((BOATS, 2), np.float32)
     never = np.zeros(BOATS, bool)
-    info = made.environment._info()  # type: ignore[attr-defined]
-    made.environment.step = lambda actions: (observation, np.zeros(BOATS), never, never, info)  # type: ignore[method-assign]
+    info = env(made)._info()
+    env(made).step = lambda actions: (observation, np.zeros(BOATS), never, never, info)
 
 
 STRIDE = (100_000 - 200) // 8 // 2000 + 1

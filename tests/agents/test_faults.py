@@ -88,10 +88,10 @@ def closed(run: Path) -> Iterator[None]:
 
 @contextmanager
 def moved(run: Path) -> Iterator[None]:
-    run.rename(run.with_name("elsewhere"))
+    run.rename(run.with_name("moved"))
     yield
     shutil.rmtree(run, ignore_errors=True)
-    run.with_name("elsewhere").rename(run)
+    run.with_name("moved").rename(run)
 
 
 def trainer(folder: Path) -> Trainer:

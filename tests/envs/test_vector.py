@@ -157,9 +157,9 @@ def test_a_scenario_whose_boat_starts_in_a_quay_is_rejected(tmp_path: Path) -> N
     ("argument", "code"),
     [({"render_mode": "human"}, "unknown_name"), ({"autoreset_mode": "Never"}, "unknown_name")],
 )
-def test_wrong_arguments_are_rejected(argument: dict[str, str], code: str) -> None:
+def test_wrong_arguments_are_rejected(argument: dict[str, Any], code: str) -> None:
     with pytest.raises(DockctlError) as caught:
-        DockingVectorEnv(S3, 1, worlds=[walled()], **argument)  # type: ignore[arg-type]
+        DockingVectorEnv(S3, 1, worlds=[walled()], **argument)
     assert caught.value.code == code
 
 

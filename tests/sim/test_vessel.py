@@ -161,8 +161,8 @@ def test_the_motion_does_not_depend_on_position_and_direction(
         return np.column_stack([c * x - s * y + shift, s * x + c * y - shift, heading + turn])
 
     after, velocity = simulate(model, eta, nu, command, 4)
-    elsewhere, same_velocity = simulate(model, moved(eta), nu, command, 4)
-    assert elsewhere == pytest.approx(moved(after), rel=1e-9, abs=1e-9)
+    shifted, same_velocity = simulate(model, moved(eta), nu, command, 4)
+    assert shifted == pytest.approx(moved(after), rel=1e-9, abs=1e-9)
     assert same_velocity == pytest.approx(velocity, rel=1e-9, abs=1e-9)
 
 
