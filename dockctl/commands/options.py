@@ -60,6 +60,13 @@ PolicyOption = Annotated[
 ScenarioOption = Annotated[
     str | None, typer.Option(help="Scenario to dock in, file or name; the policy's own by default.")
 ]
+Poses = Annotated[
+    list[str] | None,
+    typer.Option(
+        metavar="X,Y,HEADING",
+        help="Start pose [m, m, °]; can be repeated; the evaluation poses by default.",
+    ),
+]
 Overrides = Annotated[
     list[str] | None, typer.Option("--set", metavar="KEY=VALUE", help="Override a value of the scenario.")
 ]

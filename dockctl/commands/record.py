@@ -12,6 +12,7 @@ from dockctl.commands.options import (
     Ckpt,
     Plugins,
     PolicyOption,
+    Poses,
     ScenarioOption,
     Trust,
     parse_pose,
@@ -25,13 +26,7 @@ def record(
     scenario: ScenarioOption = None,
     plugin: Plugins = None,
     trust: Trust = False,
-    pose: Annotated[
-        list[str] | None,
-        typer.Option(
-            metavar="X,Y,HEADING",
-            help="Start pose [m, m, °]; can be repeated; the evaluation poses by default.",
-        ),
-    ] = None,
+    pose: Poses = None,
     out: Annotated[
         Path | None,
         typer.Option(help="Folder of the recording; transfer/<scenario> in the run folder by default."),

@@ -7,7 +7,7 @@ from typing import Annotated
 
 import typer
 
-from dockctl.commands.options import Plugins, ScenarioOption, Trust, parse_pose
+from dockctl.commands.options import Plugins, Poses, ScenarioOption, Trust, parse_pose
 
 
 def view(
@@ -20,13 +20,7 @@ def view(
         typer.Option(metavar="POLICY", help="Another policy from the same starts; can be repeated."),
     ] = None,
     scenario: ScenarioOption = None,
-    pose: Annotated[
-        list[str] | None,
-        typer.Option(
-            metavar="X,Y,HEADING",
-            help="Start pose [m, m, °]; can be repeated; the evaluation poses by default.",
-        ),
-    ] = None,
+    pose: Poses = None,
     out: Annotated[Path | None, typer.Option(help="The page; view-<name>.html by default.")] = None,
     plugin: Plugins = None,
     trust: Trust = False,
