@@ -17,24 +17,21 @@ from dockctl.console import SafeStream
 from dockctl.errors import DockctlError
 from dockctl.experiments.interrupt import INTERRUPTED
 
-COMMANDS = {
-    "train": "train",
-    "evaluate": "evaluate",
-    "compare": "compare",
-    "plot": "plot",
-    "record": "record",
-    "reproduce": "reproduce",
-    "map": "map_",
-    "returns": "returns",
-    "ship": "ship",
-    "latency": "latency",
-    "show": "show",
-    "view": "view",
-    "validate": "validate",
-    "verify": "verify",
-    "list": "list_registered",
+GROUPS = {
+    "Train": {"train": "train", "reproduce": "reproduce"},
+    "Evaluate": {
+        "evaluate": "evaluate",
+        "compare": "compare",
+        "map": "map_",
+        "returns": "returns",
+        "latency": "latency",
+        "verify": "verify",
+    },
+    "Look": {"view": "view", "plot": "plot", "show": "show", "list": "list_registered"},
+    "Manage": {"validate": "validate", "ship": "ship", "record": "record"},
 }
-"""Function of every command, in the module ``dockctl.commands.<command>``."""
+"""Commands by heading of the help; the value is the function in the module ``dockctl.commands.<command>``."""
+COMMANDS = {name: function for group in GROUPS.values() for name, function in group.items()}
 
 
 class _Commands(TyperGroup):
@@ -52,6 +49,14 @@ class _Commands(TyperGroup):
             for line in str(known).splitlines():
                 typer.secho(f"error: {line}", fg="red", err=True)
             raise typer.Exit(known.exit_code) from known
+
+    def format_commands(self, ctx: Any, formatter: Any) -> None:
+        """Write the first sentence of every command, under the headings of `GROUPS`."""
+        width = max(map(len, COMMANDS))
+        for heading, group in GROUPS.items():
+            with formatter.section(heading):
+                rows = [(f"{name:{width}}", self.commands[name].get_short_help_str(200)) for name in group]
+                formatter.write_dl(rows)
 
 
 def _known_error(error: Exception) -> DockctlError | None:

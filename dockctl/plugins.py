@@ -274,7 +274,7 @@ def discover() -> None:
 
 
 def policy(name: str, *, source: str = "") -> Callable[[Function], Function]:
-    """Register the function below under a name for ``--policy``.
+    """Register the function below under a name that commands take as POLICY.
 
     It takes a `Scenario`, and parameters by keyword, and returns a `dockctl.agents.interface.Policy`.
     """

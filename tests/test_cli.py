@@ -75,10 +75,17 @@ def test_every_command_has_a_help_with_an_example(command: str) -> None:
         assert "".join((parameter.help or "").split()) in shown
     (example,) = re.findall(rf"Example: dockctl {command} (.*(?:\n.+)*)", parsed.help)
     arguments = shlex.split(example)
-    parsed.make_context(command, list(arguments))
+    with parsed.make_context(command, list(arguments)):
+        pass
     for argument in arguments:
         if argument.endswith((".yaml", ".py")):
             assert (ROOT / argument).is_file()
+
+
+def test_the_help_groups_the_commands() -> None:
+    output = runner.invoke(cli.app, ["--help"]).output
+    words = [line.split()[0] for line in output[output.index("Train:") :].splitlines() if line[:3].strip()]
+    assert words == [word for heading, group in cli.GROUPS.items() for word in (f"{heading}:", *group)]
 
 
 def invoke(error: BaseException) -> tuple[int, str]:

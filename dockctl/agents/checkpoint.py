@@ -28,7 +28,7 @@ from dockctl.agents.interface import Policy, Spaces, Tensors
 from dockctl.errors import Code, DockctlError, UnknownNameError, nearest
 from dockctl.plugins import ALGORITHMS
 from dockctl.reading import read_bytes, read_json
-from dockctl.runs.directory import BEST, LAST, RunDirectory, shipped
+from dockctl.runs.directory import BEST, LAST, RunDirectory, named_checkpoints
 from dockctl.runs.files import write_atomically, write_json
 from dockctl.scenarios.base import Model, Name
 from dockctl.scenarios.schema import PolicyInterface
@@ -185,7 +185,7 @@ def save_policy(folder: Path, tensors: Tensors, card: PolicyCard) -> None:
 
 
 def load_policy(path: str | Path) -> tuple[Policy, PolicyCard]:
-    """Load a policy from a run folder, a checkpoint folder or file, or by the name of a shipped checkpoint.
+    """Load a policy from a run folder, a checkpoint folder or file, or by name (`named_checkpoints`).
 
     Raises:
         CheckpointError: there is none, or it is damaged.
@@ -311,18 +311,18 @@ def torch_device(name: str) -> torch.device:
 def find_policy(path: Path) -> Path:
     """Return the JSON file of the policy at `path`; in a run folder that of the best one, else of the last.
 
-    Existing files take precedence over a shipped checkpoint of the same name. In a run folder, a damaged
-    checkpoint is replaced by the one before it, with a warning.
+    Existing files take precedence over a checkpoint of the same name (`named_checkpoints`). In a run folder,
+    a damaged checkpoint is replaced by the one before it, with a warning.
 
     Raises:
         CheckpointError: there is none.
     """
-    names = shipped()
+    names = named_checkpoints()
     if not os.path.exists(path) and str(path) in names:
         path = names[str(path)]
     if not os.path.exists(path):
         listed = ", ".join(names) or "none"
-        message = f"{path}: no such run folder or checkpoint (shipped: {listed})"
+        message = f"{path}: no such run folder or checkpoint (known: {listed})"
         raise CheckpointError(message, code="not_found", suggestion=nearest(str(path), names))
     if os.path.isfile(path):
         if path.suffix not in (".json", ".safetensors"):
@@ -334,7 +334,7 @@ def find_policy(path: Path) -> Path:
         files = (folder / f"{POLICY}.{kind}" for folder in saved[:1] for kind in ("json", "safetensors"))
         if any(map(os.path.isfile, files)):
             return _intact([folder / f"{POLICY}.json" for folder in saved])
-    also = f"; the shipped '{path}' is in {names[str(path)]}" if str(path) in names else ""
+    also = f"; the checkpoint '{path}' is in {names[str(path)]}" if str(path) in names else ""
     message = f"{path}: contains no checkpoint; a run has one after its first validation{also}"
     raise CheckpointError(message, code="not_found")
 

@@ -10,9 +10,9 @@ from rich.console import Console
 from rich.table import Column, Table
 from rich.text import Text
 
-from dockctl.commands.options import Episodes, Plugins, StartSeed, Trust, save_figures
+from dockctl.commands.options import Episodes, Json, Plugins, StartSeed, Trust, save_figures
 from dockctl.console import make_table, numeric, print_text, table_console
-from dockctl.runs.files import require_writable, require_writable_file, write_atomically, write_json
+from dockctl.runs.files import require_writable, require_writable_file, write_atomically
 from dockctl.runs.tables import EVALUATION, START_KINDS, to_csv
 
 if TYPE_CHECKING:
@@ -37,7 +37,7 @@ def compare(
     trust: Trust = False,
     episodes: Episodes = None,
     seed: StartSeed = None,
-    json_: Annotated[Path | None, typer.Option("--json", help="Write the comparison to this file.")] = None,
+    json_: Json = None,
     csv: Annotated[Path | None, typer.Option(help="Write one row per episode to this file.")] = None,
     out: Annotated[Path, typer.Option(help="Folder of the figure.")] = FOLDER,
 ) -> None:
@@ -47,15 +47,14 @@ def compare(
     clearance and control changes are compared over the episodes that both dock, with bootstrap intervals. All
     intervals are at 95 %.
 
-    Example: dockctl compare s1 s2 runs/s2/20250101-120000-seed1 --scenario s2 --episodes 200
+    Example: dockctl compare s1 s2 --scenario s2 --episodes 200
     """
     from dockctl.evaluation import compare as run
     from dockctl.evaluation import load_policy
     from dockctl.reports.compare import compare_figure
 
-    for path, suffix in ((json_, ".json"), (csv, ".csv")):
-        if path:
-            require_writable_file(path, suffix)
+    if csv:
+        require_writable_file(csv, ".csv")
     require_writable(out)
     with Console(stderr=True).status("running episodes"):
         loaded = [load_policy(policy, plugin_files=plugin or (), trust=trust) for policy in policies]
@@ -64,7 +63,7 @@ def compare(
     if csv:
         write_atomically(csv, to_csv(result.rows(), ["policy", *EVALUATION]).encode())
     if json_:
-        write_json(json_, result.as_json())
+        json_.write(result.as_json())
     name = result.first.scenario.name
     caption = f"scenario {name}, the same starts for every policy, seed {result.first.seed}"
     save_figures(lambda: {f"compare-{name}": compare_figure(result.table, START_KINDS, caption)}, out)

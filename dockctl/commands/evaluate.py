@@ -14,9 +14,10 @@ from rich.table import Column, Table
 from dockctl.commands.options import (
     Ckpt,
     Episodes,
+    Json,
     Overrides,
     Plugins,
-    PolicyOption,
+    PolicyArgument,
     ScenarioOption,
     StartSeed,
     Trust,
@@ -24,7 +25,7 @@ from dockctl.commands.options import (
     select_policy,
 )
 from dockctl.console import make_table, numeric, print_text, table_console
-from dockctl.runs.files import make_folder, require_writable_file, write_atomically, write_json, writing
+from dockctl.runs.files import make_folder, require_writable_file, write_atomically, writing
 from dockctl.runs.results import write_measurement
 from dockctl.runs.tables import EVALUATION, START_KINDS, to_csv
 
@@ -44,8 +45,8 @@ MEANS = (
 
 
 def evaluate(
+    policy: PolicyArgument = None,
     ckpt: Ckpt = None,
-    policy: PolicyOption = None,
     scenario: ScenarioOption = None,
     set_: Overrides = None,
     plugin: Plugins = None,
@@ -61,7 +62,7 @@ def evaluate(
             help="Exit with 1 if a smaller fraction docks, of the evaluation poses or of the random starts.",
         ),
     ] = None,
-    json_: Annotated[Path | None, typer.Option("--json", help="Write the result to this file.")] = None,
+    json_: Json = None,
     csv: Annotated[Path | None, typer.Option(help="Write one row per episode to this file.")] = None,
 ) -> None:
     """Run greedy episodes from the evaluation poses and from random starts around the initial poses.
@@ -69,22 +70,21 @@ def evaluate(
     The result is also stored in the run folder of a checkpoint. The names of its files include the scenario,
     if it is not the policy's own, and values that are set.
 
-    Example: dockctl evaluate --ckpt runs/s3/20250101-120000-seed0 --episodes 200 --min-success 0.9
+    Example: dockctl evaluate s3 --episodes 200 --min-success 0.9
     """
     from dockctl.evaluation import evaluate as run
     from dockctl.sim.starts import UNREACHABLE
 
-    given = select_policy(ckpt, policy, plugin, trust, scenario)
-    for path, suffix in ((json_, ".json"), (csv, ".csv")):
-        if path:
-            require_writable_file(path, suffix)
+    given = select_policy(policy, ckpt, plugin, trust, scenario)
+    if csv:
+        require_writable_file(csv, ".csv")
     with Console(stderr=True).status("running episodes"):
         result = run(given, scenario, episodes=episodes, seed=seed, overrides=set_ or ())
     table = to_csv(result.rows(), EVALUATION)
     if csv:
         write_atomically(csv, table.encode())
     if json_:
-        write_json(json_, result.as_json())
+        json_.write(result.as_json())
     if given.run and given.results and os.access(given.run.path, os.W_OK):
         with writing(given.results):
             make_folder(given.results)

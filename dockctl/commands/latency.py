@@ -3,39 +3,32 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import Annotated
 
 import typer
 from rich.console import Console
 from rich.table import Table
 
 from dockctl.commands.options import (
-    DEFAULT_SCENARIO,
     Ckpt,
     Outputs,
     Plugins,
-    PolicyOption,
+    PolicyArgument,
+    ScenarioOption,
     Trust,
     save_figures,
     select_policy,
 )
 from dockctl.console import make_table, numeric, print_text, table_console
-from dockctl.errors import DockctlError
-from dockctl.runs.directory import RUNS, RunDirectory
 from dockctl.runs.results import write_measurement
-
-if TYPE_CHECKING:
-    from dockctl.evaluation.policies import LoadedPolicy
 
 
 def latency(
+    policy: PolicyArgument = None,
     ckpt: Ckpt = None,
-    policy: PolicyOption = None,
+    scenario: ScenarioOption = None,
     plugin: Plugins = None,
     trust: Trust = False,
-    scenario: Annotated[
-        str | None, typer.Option(help="Scenario file or name; the policy's own, or s3, by default.")
-    ] = None,
     decisions: Annotated[
         int, typer.Option(min=10, max=1_000_000, help="Decisions to time at least, in complete episodes.")
     ] = 500,
@@ -46,17 +39,15 @@ def latency(
 ) -> None:
     """Time the LiDAR scan, the observation and the forward pass of greedy decisions.
 
-    Without any run, a new network with random weights is timed, which takes as long as a trained one.
-
     Writes a histogram (PNG, SVG), every sample (CSV) and the summary (JSON).
 
-    Example: dockctl latency --ckpt runs/s3/20250101-120000-seed0
+    Example: dockctl latency s3 --decisions 100
     """
     from dockctl.analysis.latency import verdict
     from dockctl.evaluation.latency import latency as run
     from dockctl.reports.latency import latency_figure
 
-    given = _policy(ckpt, policy, scenario, plugin, trust)
+    given = select_policy(policy, ckpt, plugin, trust, scenario)
     outputs = Outputs.select("latency", given, scenario, out, None)
     folder, stem = outputs.figures, outputs.stem
     with Console(stderr=True).status("timing decisions"):
@@ -70,20 +61,6 @@ def latency(
     csv = result.samples.to_csv(index_label="decision", float_format="%.6g", lineterminator="\n")
     for path in write_measurement(folder / stem, csv, result.as_json()):
         print_text(console, str(path))
-
-
-def _policy(
-    ckpt: Path | None, policy: str | None, scenario: str | None, plugin: list[Path] | None, trust: bool
-) -> LoadedPolicy:
-    """Return the given policy, that of the latest run, or a new network if there is no run."""
-    from dockctl.evaluation.policies import untrained
-
-    if ckpt is None and policy is None:
-        try:
-            ckpt = RunDirectory.latest(RUNS).path
-        except DockctlError:
-            return untrained(scenario or DEFAULT_SCENARIO)
-    return select_policy(ckpt, policy, plugin, trust, scenario)
 
 
 def _table(summary: dict[str, dict[str, float]]) -> Table:

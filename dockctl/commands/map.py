@@ -12,7 +12,7 @@ from dockctl.commands.options import (
     Ckpt,
     Outputs,
     Plugins,
-    PolicyOption,
+    PolicyArgument,
     ScenarioOption,
     Trust,
     finite,
@@ -27,8 +27,8 @@ if TYPE_CHECKING:
 
 
 def map_(
+    policy: PolicyArgument = None,
     ckpt: Ckpt = None,
-    policy: PolicyOption = None,
     scenario: ScenarioOption = None,
     plugin: Plugins = None,
     trust: Trust = False,
@@ -54,7 +54,7 @@ def map_(
 
     Starts at which the boat would touch an obstacle are marked as blocked and do not count.
 
-    Example: dockctl map --ckpt runs/s3/20250101-120000-seed0 --reach-m 6 --headings 0,20,-20
+    Example: dockctl map s3 --reach-m 6 --headings 0,20,-20
     """
     from dockctl.evaluation import success_map
     from dockctl.evaluation.success_map import Grid
@@ -64,7 +64,7 @@ def map_(
     offsets = None if headings is None else parse_numbers("--headings", headings, example)
     given: dict[str, Any] = {"reach_m": reach_m, "step_m": step_m, "headings_deg": offsets}
     grid = Grid(**{name: value for name, value in given.items() if value is not None})
-    loaded_policy = select_policy(ckpt, policy, plugin, trust, scenario)
+    loaded_policy = select_policy(policy, ckpt, plugin, trust, scenario)
     outputs = Outputs.select(MAP, loaded_policy, scenario, out, csv)
     with Console(stderr=True).status("running episodes"):
         result = success_map(loaded_policy, scenario, grid)

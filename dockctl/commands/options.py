@@ -4,22 +4,26 @@ from __future__ import annotations
 
 import math
 import os
+import sys
 from collections.abc import Sequence
+from contextlib import redirect_stdout
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 from rich.console import Console
 
 from dockctl.console import print_text
 from dockctl.errors import DockctlError
-from dockctl.runs.directory import FIGURES
+from dockctl.runs.directory import FIGURES, RUNS, RunDirectory, shipped
 from dockctl.runs.files import (
+    json_text,
     make_folder,
     require_writable,
     require_writable_file,
     write_atomically,
+    write_json,
     writing,
 )
 from dockctl.runs.results import require_same_policy, write_measurement
@@ -45,17 +49,64 @@ def finite(value: float | None) -> float | None:
     return value
 
 
-Ckpt = Annotated[
-    Path | None, typer.Option(help="Run folder or checkpoint; the latest run in ./runs by default.")
-]
-PolicyOption = Annotated[
-    str | None,
+class JsonOutput:
+    """Where ``--json`` writes: a file, or standard output, on which nothing else is printed then.
+
+    Args:
+        target: path that ends in ``.json``, or ``-``.
+
+    Raises:
+        DockctlError: the file cannot be written.
+    """
+
+    def __init__(self, target: str) -> None:
+        self._stdout = sys.stdout if target == "-" else None
+        self._file = Path(target)
+        if self._stdout is None:
+            require_writable_file(self._file, ".json")
+
+    def write(self, value: Any) -> None:
+        """Write plain data; NaN and infinity, which JSON lacks, become null.
+
+        Raises:
+            DockctlError: the file cannot be written.
+        """
+        if self._stdout is None:
+            write_json(self._file, value)
+        else:
+            self._stdout.write(json_text(value))
+
+    @staticmethod
+    def reserve(context: typer.Context, output: JsonOutput | None) -> JsonOutput | None:
+        """Print all other text on standard error until the command ends, if `output` is standard output."""
+        if output is not None and output._stdout is not None:
+            context.with_resource(redirect_stdout(sys.stderr))
+        return output
+
+
+Json = Annotated[
+    JsonOutput | None,
     typer.Option(
-        "--policy",
-        metavar="POLICY",
-        help="Any policy: a checkpoint, a registered name, file.py:factory, module:factory, model.zip:DQN"
-        " (Stable-Baselines3), policy.onnx.",
+        "--json",
+        metavar="FILE",
+        parser=JsonOutput,
+        callback=JsonOutput.reserve,
+        help="Write the result to this file; - is standard output, and other text goes to standard error.",
     ),
+]
+
+
+PolicyArgument = Annotated[
+    str | None,
+    typer.Argument(
+        metavar="POLICY",
+        help="Run folder, checkpoint, name of a shipped one or of one in ./checkpoints, registered name,"
+        " file.py:factory, module:factory, model.zip:DQN (Stable-Baselines3) or policy.onnx; the latest run"
+        " in ./runs by default, and without any run a shipped policy.",
+    ),
+]
+Ckpt = Annotated[
+    list[str] | None, typer.Option("--ckpt", "--policy", metavar="POLICY", help="The same as POLICY.")
 ]
 ScenarioOption = Annotated[
     str | None, typer.Option(help="Scenario to dock in, file or name; the policy's own by default.")
@@ -85,35 +136,57 @@ Episodes = Annotated[
 StartSeed = Annotated[int | None, typer.Option(min=0, help="Seed of the random starts.")]
 
 
+def choose_policy(policy: str | None, ckpt: Sequence[str] | None, scenario: str | None = None) -> str:
+    """Return the policy that the command line names: by default the latest run, else a shipped policy.
+
+    Args:
+        policy: argument of the command.
+        ckpt: values of its option of the same meaning.
+        scenario: that it will run in; its shipped policy comes before that of `DEFAULT_SCENARIO`.
+
+    Raises:
+        DockctlError: several are given.
+    """
+    given = [*([] if policy is None else [policy]), *(ckpt or ())]
+    if len(given) > 1:
+        message = f"{' and '.join(given)}: POLICY, --ckpt and --policy mean the same: give one of them"
+        raise DockctlError(message)
+    if given:
+        return given[0]
+    try:
+        return str(RunDirectory.latest(RUNS).path)
+    except DockctlError:
+        name = scenario if scenario in shipped() else DEFAULT_SCENARIO
+        note = f"note: no run with a checkpoint in ./{RUNS} yet; using the shipped policy {name}"
+        print_text(Console(stderr=True), note)
+        return str(name)
+
+
 def select_policy(
-    ckpt: Path | None,
     policy: str | None,
+    ckpt: Sequence[str] | None,
     plugin: Sequence[Path] | None,
     trust: bool,
     scenario: str | None = None,
 ) -> LoadedPolicy:
-    """Return the policy that the options name; without any, that of the latest run.
+    """Load the policy of `choose_policy`.
 
     Args:
         scenario: that it will run in.
 
     Raises:
-        DockctlError: there is no such scenario; both are given, there is no such policy, or it cannot be
+        DockctlError: there is no such scenario; there are several policies or no such policy, or it cannot be
             loaded.
     """
     from dockctl import plugins
-    from dockctl.evaluation.policies import load_checkpoint, load_policy
+    from dockctl.evaluation.policies import load_policy
     from dockctl.scenarios import catalog
 
     for path in plugin or ():
         plugins.load_file(path)
     if scenario is not None:
         catalog.find(plugins.SCENARIOS, scenario, Path())
-    if ckpt is not None and policy is not None:
-        raise DockctlError("--ckpt and --policy: give one of them")
-    if ckpt is not None:
-        return load_checkpoint(ckpt, plugin_files=plugin or (), trust=trust)
-    return load_policy(policy, plugin_files=plugin or (), trust=trust)
+    return load_policy(choose_policy(policy, ckpt, scenario), plugin_files=plugin or (), trust=trust)
 
 
 def parse_numbers(option: str, text: str, expected: str) -> tuple[float, ...]:

@@ -11,7 +11,7 @@ import typer
 from dockctl.commands.options import (
     Ckpt,
     Plugins,
-    PolicyOption,
+    PolicyArgument,
     Poses,
     ScenarioOption,
     Trust,
@@ -21,8 +21,8 @@ from dockctl.commands.options import (
 
 
 def record(
+    policy: PolicyArgument = None,
     ckpt: Ckpt = None,
-    policy: PolicyOption = None,
     scenario: ScenarioOption = None,
     plugin: Plugins = None,
     trust: Trust = False,
@@ -44,7 +44,7 @@ def record(
     from dockctl.runs.results import require_same_policy
 
     poses = [parse_pose(text) for text in pose or ()]
-    given = select_policy(ckpt, policy, plugin, trust, scenario)
+    given = select_policy(policy, ckpt, plugin, trust, scenario)
     name = given.scenario(scenario).scenario.name
     if given.results and not out:
         folder = given.results / TRANSFER / name

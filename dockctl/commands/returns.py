@@ -9,7 +9,16 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 from rich.console import Console
 
-from dockctl.commands.options import Ckpt, Outputs, Plugins, PolicyOption, Trust, parse_numbers, select_policy
+from dockctl.commands.options import (
+    Ckpt,
+    Outputs,
+    Plugins,
+    PolicyArgument,
+    ScenarioOption,
+    Trust,
+    parse_numbers,
+    select_policy,
+)
 from dockctl.console import make_table, numeric, print_text, table_console
 from dockctl.errors import DockctlError
 from dockctl.runs.directory import RETURNS
@@ -19,11 +28,9 @@ if TYPE_CHECKING:
 
 
 def returns(
-    scenario: Annotated[
-        str | None, typer.Argument(help="Scenario file or name; the policy's own by default.")
-    ] = None,
+    policy: PolicyArgument = None,
     ckpt: Ckpt = None,
-    policy: PolicyOption = None,
+    scenario: ScenarioOption = None,
     plugin: Plugins = None,
     trust: Trust = False,
     units: Annotated[
@@ -41,13 +48,13 @@ def returns(
     The return of docking is taken from a greedy episode of the policy; the other behaviors apply constant
     commands. All start at the first initial pose, and the reward is computed with each distance unit.
 
-    Example: dockctl returns s3 --ckpt runs/s3/20250101-120000-seed0
+    Example: dockctl returns s3 --units 20
     """
     from dockctl.evaluation.returns import returns as run
     from dockctl.reports.returns import returns_figure
 
     units_m = parse_units(units)
-    loaded_policy = select_policy(ckpt, policy, plugin, trust, scenario)
+    loaded_policy = select_policy(policy, ckpt, plugin, trust, scenario)
     outputs = Outputs.select(RETURNS, loaded_policy, scenario, out, csv)
     with Console(stderr=True).status("simulating behaviors"):
         result = run(loaded_policy, scenario, units_m)

@@ -2,7 +2,7 @@
 
 Sources:
 
-- a checkpoint: a run folder, a checkpoint folder or file, or the name of a shipped checkpoint;
+- a checkpoint: a run folder, a checkpoint folder or file, or its name (`named_checkpoints`);
 - the name of a registered policy (`dockctl.plugins.policy`);
 - a factory ``(scenario) -> Policy``: ``file.py:factory`` or ``module:factory``;
 - a file of another library: ``model.zip:DQN`` (Stable-Baselines3) or ``policy.onnx`` (ONNX Runtime).
@@ -21,18 +21,17 @@ from functools import partial
 from pathlib import Path
 from typing import Any
 
-from gymnasium.spaces import flatdim
-
 from dockctl import plugins
 from dockctl.agents import checkpoint
 from dockctl.agents.checkpoint import PolicyCard, require_spaces
-from dockctl.agents.dqn.network import DuelingQNetwork, GreedyPolicy
 from dockctl.agents.interface import Policy, Spaces
 from dockctl.envs.vector import DockingVectorEnv
 from dockctl.errors import DockctlError, nearest, plugin_errors
 from dockctl.evaluation.libraries import CheckedPolicy, factory_of, imported, onnx_policy, sb3_policy
 from dockctl.plugins import OBSERVATION_PARTS, POLICIES, Entry
-from dockctl.runs.directory import RUNS, SCENARIO, RunDirectory, shipped
+from dockctl.runs.directory import RUNS, SCENARIO, RunDirectory, named_checkpoints
+from dockctl.scenarios import catalog
+from dockctl.scenarios.catalog import SUFFIXES
 from dockctl.scenarios.content import first_difference
 from dockctl.scenarios.loader import LoadedScenario, load
 from dockctl.scenarios.schema import PolicyInterface, Scenario
@@ -280,14 +279,22 @@ def _from_code(given: str, params: Mapping[str, Any], *, trust: bool) -> BuiltPo
         return _built(given, partial(sb3_policy, file, attribute), file)
     if suffix == ".py":
         return _from_factory(given, factory_of(plugins.load_file(Path(source)), attribute, given), params)
-    if os.path.exists(given) or given in shipped():
+    if suffix in SUFFIXES:
+        raise DockctlError(f"{given}: a scenario, not a policy; give it with --scenario", code="wrong_type")
+    if os.path.exists(given) or given in named_checkpoints():
         return None
     if colon and source:
         return _from_factory(given, factory_of(imported(source, given), attribute, given), params)
     plugins.discover()
     if given in POLICIES:
         return _from_factory(given, POLICIES.get(given).value, params)
-    known = [*shipped(), *POLICIES.names()]
+    catalog.fill()
+    if given in plugins.SCENARIOS:
+        raise DockctlError(
+            f"{given}: a scenario for which there is no policy; give a policy, and --scenario {given}",
+            code="not_found",
+        )
+    known = [*named_checkpoints(), *POLICIES.names()]
     raise DockctlError(
         f"{given}: no such run folder, checkpoint or policy (known: {', '.join(known)}); a controller is"
         " given as file.py:factory or module:factory",
@@ -299,7 +306,7 @@ def _from_code(given: str, params: Mapping[str, Any], *, trust: bool) -> BuiltPo
 def load_checkpoint(
     path: Path | None = None, *, plugin_files: Sequence[Path] = (), trust: bool = False
 ) -> CheckpointPolicy:
-    """Load the policy of a run folder, a checkpoint or a shipped name; by default of the latest run.
+    """Load the policy of a run folder, a checkpoint or its name; by default of the latest run.
 
     Args:
         plugin_files, trust: see `load_policy`.
@@ -334,22 +341,6 @@ def load_checkpoint(
         file=file,
         policy=policy,
         card=card,
-    )
-
-
-def untrained(scenario: str) -> LoadedPolicy:
-    """Return a new network with random weights; it takes as long per decision as a trained one."""
-
-    def build(env: DockingVectorEnv) -> Policy:
-        sizes = env.scenario.training.hidden_sizes
-        actions = flatdim(env.single_action_space)
-        return GreedyPolicy(DuelingQNetwork(len(env.observation_names), actions, sizes))
-
-    return BuiltPolicy(
-        name="with random weights",
-        long_name="a new network with random weights",
-        own_scenario=scenario,
-        build=build,
     )
 
 

@@ -115,7 +115,7 @@ def read_candidate(path: Path, policy: CheckpointPolicy) -> Candidate:
         DockctlError: it is not a run, has no policy, or this policy is not evaluated.
     """
     run = RunDirectory.open(path)
-    command = f"run: {command_line('evaluate', '--ckpt', path)}"
+    command = f"run: {command_line('evaluate', path)}"
     if not all((run.path / f"{EVALUATION}.{suffix}").is_file() for suffix in ("json", "csv")):
         raise DockctlError(f"{path}: is not evaluated; {command}", code="not_found")
     if not is_of_policy(policy.card, run, EVALUATION):

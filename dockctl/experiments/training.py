@@ -325,6 +325,6 @@ def _report(console: Console, run: TrainedRun) -> None:
     if run.reason == "interrupted":
         lines += ["Saved. To continue:", f"  {command_line('train', '--resume', run.path)}"]
     else:
-        following = (("evaluate", "--ckpt", run.path), ("plot", run.path))
+        following = (("evaluate", run.path), ("plot", run.path))
         lines += ["Next:", *(f"  {command_line(*words)}" for words in following)]
     print_text(console, "\n".join(lines))

@@ -82,6 +82,12 @@ def shipped() -> dict[str, Path]:
     return {file.parent.name: file.parent for file in sorted(SHIPPED.glob("*/policy.json"))}
 
 
+def named_checkpoints() -> dict[str, Path]:
+    """Return the folder of each checkpoint that has a name: the shipped ones, then those in ./checkpoints."""
+    own = {file.parent.name: file.parent for file in sorted(Path(CHECKPOINTS).glob("*/policy.json"))}
+    return shipped() | {name: folder for name, folder in own.items() if name not in shipped()}
+
+
 class RunDirectory:
     """One training run on disk. Files are replaced atomically; tables grow by complete rows."""
 

@@ -70,12 +70,17 @@ def write_atomically(path: Path, content: bytes) -> Path:
 
 
 def write_json(path: Path, value: Any) -> Path:
-    """Write a JSON file atomically; NaN and infinity, which JSON lacks, become null.
+    """Write a JSON file atomically; see `json_text`.
 
     Raises:
         DockctlError: the file cannot be written.
     """
-    return write_atomically(path, (json.dumps(_standard(value), indent=2) + "\n").encode())
+    return write_atomically(path, json_text(value).encode())
+
+
+def json_text(value: Any) -> str:
+    """Return plain data as JSON; NaN and infinity, which JSON lacks, become null."""
+    return json.dumps(_standard(value), indent=2) + "\n"
 
 
 def _standard(value: Any) -> Any:

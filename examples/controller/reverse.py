@@ -1,6 +1,6 @@
 """A controller that docks in reverse: it backs along the axis of the berth and slows down near the goal.
 
-dockctl evaluate --policy examples/controller/reverse.py:Reverse --scenario s1
+dockctl evaluate examples/controller/reverse.py:Reverse --scenario s1
 dockctl compare s1 examples/controller/reverse.py:Reverse --scenario s1
 """
 

@@ -12,6 +12,7 @@ import pytest
 import typer
 
 from dockctl.commands.options import finite
+from dockctl.runs.directory import SHIPPED
 from dockctl.runs.results import read_results
 from dockctl.runs.tables import EVALUATION
 from tests.commands.conftest import Outcome, dockctl, forget_interface, only_run, quick_train
@@ -207,6 +208,45 @@ def test_set_values_are_in_the_file_name(run: Path) -> None:
     assert json.loads(file.read_text())["set"] == list(settings[1::2])
 
 
+def test_the_policy_is_an_argument_or_an_option(run: Path) -> None:
+    results = []
+    for words in ((run,), ("--ckpt", run), ("--policy", run)):
+        assert dockctl("evaluate", *words, "--episodes", 0).code == 0
+        results.append((run / "evaluation.csv").read_bytes())
+        (run / "evaluation.csv").unlink()
+    assert results[0] == results[1] == results[2]
+
+
+def test_without_a_run_the_shipped_policy_of_the_scenario_is_evaluated(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    outcome = dockctl("evaluate", "--scenario", "s1", "--episodes", 0, "--json", "-")
+    assert outcome.code == 0
+    assert "shipped policy s1" in outcome.err
+    result = json.loads(outcome.out)
+    assert Path(result["policy"]["file"]).parent.name == result["scenario"] == "s1"
+
+
+def test_with_json_on_standard_output_other_text_is_on_standard_error(run: Path) -> None:
+    outcome = dockctl("evaluate", run, "--episodes", 0, "--json", "-")
+    assert json.loads(outcome.out)["scenario"] == "s1"
+    assert "evaluation poses" in outcome.err
+
+
+def test_a_policy_in_checkpoints_has_a_name(
+    run: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """A shipped policy comes before one of the same name."""
+    monkeypatch.chdir(tmp_path)
+    for name in ("mine", "s1"):
+        shutil.copytree(run / "checkpoints" / "last", tmp_path / "checkpoints" / name)
+    for name, folder in (("mine", Path("checkpoints")), ("s1", SHIPPED)):
+        outcome = dockctl("evaluate", name, "--scenario", "s1", "--episodes", 0, "--json", "-")
+        assert outcome.code == 0, outcome.err
+        assert Path(json.loads(outcome.out)["policy"]["file"]) == folder / name / "policy.json"
+
+
 @pytest.mark.parametrize(
     ("broken", "location"),
     [
@@ -216,8 +256,9 @@ def test_set_values_are_in_the_file_name(run: Path) -> None:
         ("truncated", "policy.safetensors"),
         ("json", "policy.json"),
         ("output", "no/such/folder.csv"),
-        ("no runs", "runs"),
-        ("both", "--ckpt and --policy"),
+        ("both", "{run} and {run}"),
+        ("a scenario", "s3-opposite"),
+        ("a scenario file", "mine.yaml"),
     ],
 )
 def test_errors(
@@ -241,11 +282,12 @@ def test_errors(
         arguments += ["--csv", "no/such/folder.csv"]
     elif broken == "both":
         arguments += ["--policy", run]
-    elif broken == "no runs":
-        shutil.rmtree(tmp_path / "runs")
-        arguments = []
+    elif broken == "a scenario":
+        arguments = ["s3-opposite"]
+    elif broken == "a scenario file":
+        arguments = ["mine.yaml"]
     outcome = dockctl("evaluate", *arguments)
     assert outcome.code == 2
-    place = run if location == "run" else location
+    place = run if location == "run" else location.format(run=run)
     assert outcome.error is not None and str(outcome.error).partition(": ")[0].endswith(str(place))
     assert outcome.err.count("error:") == 1

@@ -16,7 +16,7 @@ ENDS = ("png", "svg", "csv", "json")
 
 
 @pytest.mark.slow
-def test_without_a_run_a_new_network_is_timed(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_without_a_run_a_shipped_policy_is_timed(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.chdir(tmp_path)
     outcome = dockctl("latency", "--decisions", 10, "--scenario", "s1")
     assert outcome.code == 0

@@ -75,7 +75,7 @@ def test_rewards_by_term_add_up_and_trajectories_start_at_the_test_pose(trained:
 def test_it_reports_the_result_and_the_next_command(trained: Trained) -> None:
     run, outcome = trained
     assert "300 steps" in outcome.out
-    assert f"dockctl evaluate --ckpt {run}" in outcome.out
+    assert f"dockctl evaluate {run}" in outcome.out
     assert "\x1b" not in outcome.out
 
 
