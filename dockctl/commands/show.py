@@ -14,6 +14,7 @@ from dockctl.console import make_table, numeric, print_text
 from dockctl.errors import DockctlError
 
 if TYPE_CHECKING:
+    from dockctl.geometry import Floats
     from dockctl.reports.show import Scan
     from dockctl.reports.view3d import Body
     from dockctl.scenarios.base import Pose
@@ -56,7 +57,7 @@ def show(
     print_text(console, f"{len(measured.points):,} LiDAR points from {measured.label}")
     console.print(sector_table(measured))
     plan = build_scene(harbor, spec.vessel.hull)
-    save_figures(lambda: figures(plan, spec, *bodies(spec, harbor), measured), folder)
+    save_figures(lambda: figures(plan, spec, *bodies(spec, harbor), measured, berths(spec)), folder)
 
 
 def scan(scenario: Scenario, harbor: Harbor, pose: Pose) -> Scan:
@@ -81,6 +82,19 @@ def bodies(scenario: Scenario, harbor: Harbor) -> tuple[list[Body], Body]:
         [Body(name, solid.kind, np.array(solid.mesh.triangles)) for name, solid in solids],
         Body("own boat", "own", np.array(hull_mesh(scenario.vessel.hull).triangles)),
     )
+
+
+def berths(scenario: Scenario) -> dict[str, Floats]:
+    """Return the final poses (k, 3) at the berths of the task, by kind; empty for a task of one berth."""
+    import numpy as np
+
+    from dockctl.sim.starts import sites
+
+    poses: dict[str, list[Floats]] = {}
+    for site in sites(scenario):
+        if site.kind:
+            poses.setdefault(site.kind, []).append(site.goals[1])
+    return {kind: np.unique(found, axis=0) for kind, found in poses.items()}
 
 
 def sector_table(scan: Scan) -> Table:

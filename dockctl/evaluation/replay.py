@@ -37,7 +37,7 @@ MAX_TRIANGLES = 200_000
 """Of a harbor in the page; of larger ones the smallest triangles are left out."""
 OPEN_WATER_M = 15.0
 REWARD = "reward_"
-FLOWS = ("current",)
+FLOWS = ("current", "wind")
 """Velocities (n, 2) in the world frame [m/s], drawn as arrows."""
 FLOATS = ("pose", "velocity", "command", "distance_m", "heading_error_rad", "reward")
 

@@ -37,7 +37,7 @@ class HasPose(Protocol):
 Clearance = Callable[[Any, Floats], float]
 
 RECORDED = ("pose", "velocity", "command", "distance_m", "heading_error_rad", "phase", "sector_ranges_m")
-OPTIONAL = ("current",)
+OPTIONAL = ("current", "wind")
 READ = (*RECORDED, *OPTIONAL, "outcome", "collided_with", "reward_terms")
 
 

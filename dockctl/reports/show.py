@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -18,7 +18,7 @@ from dockctl.drawing.scene import Scene, water
 from dockctl.geometry import Floats, sector_index
 from dockctl.reports import plan_view, view3d
 from dockctl.reports.plan_view import pose_label
-from dockctl.reports.style import HALO, make_axes, make_figure
+from dockctl.reports.style import HALO, legend_above, make_axes, make_figure
 from dockctl.reports.view3d import Body, Camera
 from dockctl.scenarios.schema import Scenario
 
@@ -37,6 +37,8 @@ HEIGHTS = LinearSegmentedColormap.from_list(
 )
 """Colors of the point cloud from the water to the mastheads, all in contrast with the dark water."""
 LARGEST_VIEW_M = 30.0
+BERTHS = {"trained": ("trained berths", palette.DOCKED), "held_out": ("held-out berths", palette.PURPLE)}
+"""Name and color of the berths of a task, by kind."""
 SECTOR_RINGS_M = (1.0, 2.0, 5.0, 10.0, 20.0)
 
 
@@ -62,7 +64,12 @@ class Scan:
 
 
 def figures(
-    plan: Scene, scenario: Scenario, bodies: Sequence[Body], hull: Body, scan: Scan
+    plan: Scene,
+    scenario: Scenario,
+    bodies: Sequence[Body],
+    hull: Body,
+    scan: Scan,
+    berths: Mapping[str, Floats],
 ) -> dict[str, Figure]:
     """Return the four drawings by file name.
 
@@ -71,19 +78,20 @@ def figures(
         bodies: solids of the harbor in the world frame.
         hull: the docking boat in the body frame.
         scan: one scan.
+        berths: final poses (k, 3) at the berths of the task, by kind, keys of `BERTHS`.
     """
     plan = plan_view.extended(plan, plan_view.task_points(scenario.task, scenario.evaluation.poses))
     boat = replace(hull, triangles=view3d.to_world(hull.triangles, scan.pose))
     return {
-        "harbor": harbor_figure(plan, scenario),
+        "harbor": harbor_figure(plan, scenario, berths),
         "marina-3d": marina_figure(plan, scenario, [*bodies, boat]),
         "point-cloud": cloud_figure(plan, scenario, boat, scan),
         "sectors": sectors_figure(plan, scenario, scan),
     }
 
 
-def harbor_figure(plan: Scene, scenario: Scenario) -> Figure:
-    """The whole harbor, and a close-up of the poses of the task (Figs. 3.13-3.15)."""
+def harbor_figure(plan: Scene, scenario: Scenario, berths: Mapping[str, Floats]) -> Figure:
+    """The whole harbor with the berths of the task, and a close-up of its poses (Figs. 3.13-3.15)."""
     task, tests = scenario.task, scenario.evaluation.poses
     whole = plan_view.whole_view(plan)
     close = plan_view.close_view(plan, plan_view.task_points(task, tests), aspect=(1.0, 1.0))
@@ -100,6 +108,10 @@ def harbor_figure(plan: Scene, scenario: Scenario) -> Figure:
     plan_view.draw_harbor(right, plan, close)
     for ax, named in ((left, False), (right, True)):
         plan_view.draw_poses(ax, plan, task, tests, named=named)
+    for kind, poses in berths.items():
+        name, color = BERTHS[kind]
+        left.plot(*poses[:, :2].T, "o", ms=6.5, color=color, mec="white", mew=0.9, zorder=8, label=name)
+    legend_above(left, [BERTHS[kind] for kind in berths], columns=1)
     plan_view.draw_compass(right, close)
     return figure
 

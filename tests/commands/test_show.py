@@ -8,16 +8,46 @@ import numpy as np
 import pytest
 
 from dockctl.commands.options import parse_pose
-from dockctl.commands.show import sector_table
+from dockctl.commands.show import berths, sector_table
 from dockctl.errors import DockctlError
-from dockctl.reports.show import Scan
+from dockctl.reports.show import Scan, harbor_figure
+from dockctl.reports.style import figure_style
 from dockctl.scenarios.loader import load
 from dockctl.sim.harbor.build import build_harbor
 from dockctl.sim.lidar.spinning_sensor import SpinningSensor
 from tests.commands.conftest import dockctl
+from tests.reports.synthetic import marina
 
 PONTOON = Path(__file__).parents[2] / "examples" / "custom-harbor" / "s1-pontoon.yaml"
 DRAWINGS = ("harbor", "marina-3d", "point-cloud", "sectors")
+
+
+def test_the_berths_of_a_task_by_kind() -> None:
+    """Poses of the berths that the file lists: x of the east and west berths, y as in the list."""
+    found = berths(load("marina").scenario)
+    expected = {
+        "trained": {
+            36.0: [-27, -18, -14, -5, 4, 13, 18, 22, 31],
+            7.0: [-33, -24, -20, -11, -6, 3, 12, 21, 25],
+        },
+        "held_out": {36.0: [-23, -9, 0, 9, 27], 7.0: [-29, -15, -2, 7, 16]},
+    }
+    for kind, columns in expected.items():
+        for x, y in columns.items():
+            poses = found[kind][np.isclose(found[kind][:, 0], x)]
+            np.testing.assert_allclose(np.sort(poses[:, 1]), y, atol=1e-9)
+    assert berths(load("s3").scenario) == {}
+
+
+def test_berths_are_drawn_with_a_legend() -> None:
+    scenario = load("marina").scenario
+    with figure_style():
+        ax = harbor_figure(marina(), scenario, berths(scenario)).axes[0]
+    drawn = {line.get_label(): len(np.asarray(line.get_xdata())) for line in ax.lines}
+    assert drawn == {"trained berths": 18, "held-out berths": 10}
+    legend = ax.get_legend()
+    assert legend is not None
+    assert [text.get_text() for text in legend.get_texts()] == ["trained berths", "held-out berths"]
 
 
 @pytest.mark.slow

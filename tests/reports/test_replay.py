@@ -9,6 +9,7 @@ import re
 import shutil
 import time
 from collections.abc import Iterator
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -27,10 +28,14 @@ CONTROLLER = "examples/controller/reverse.py:Reverse"
 
 
 @pytest.fixture(scope="module")
-def played() -> Iterator[Replay]:
+def played() -> Replay:
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr("dockctl.evaluation.replay.MAX_SCANS", 24)
-        yield replay(["s1", CONTROLLER], "s1", POSES)
+        shown = replay(["s1", CONTROLLER], "s1", POSES)
+    first, *others = shown.tracks
+    wind = np.tile([3.0, -4.0], (first.episode.steps + 1, 1))
+    blown = replace(first.episode, trajectory={**first.episode.trajectory, "wind": wind})
+    return replace(shown, tracks=[replace(first, episode=blown), *others])
 
 
 @pytest.fixture(scope="module")
@@ -119,6 +124,13 @@ def test_currents_are_in_the_page() -> None:
     np.testing.assert_allclose(stored(block, given["arrays"]["current"]), [[0.0, 0.1]], atol=1e-6)
 
 
+def test_wind_is_in_the_page_of_the_episode_that_has_it(html: str) -> None:
+    header, block = contents(html)
+    assert [given["flow"] for given in header["episodes"]] == [["wind"], [], [], []]
+    wind = stored(block, header["episodes"][0]["arrays"]["wind"])
+    np.testing.assert_allclose(wind[[0, -1]], [[3.0, -4.0]] * 2)
+
+
 @pytest.fixture(scope="module")
 def browser(html: str, tmp_path_factory: pytest.TempPathFactory) -> Iterator[Any]:
     """Headless Chromium with the page."""
@@ -158,6 +170,9 @@ def test_in_a_browser(browser: Any, played: Replay, tmp_path: Path) -> None:
     def drawn() -> list[float]:
         return list(browser.execute_script("return replay.pose()"))
 
+    # From the direction (-3, 4): 126.9° counterclockwise from +x.
+    state = browser.find_element("id", "state").get_attribute("textContent")
+    assert "Wind5.00 m/s from 127°" in state
     browser.execute_script(
         "const t = document.getElementById('time'); t.value = 12; t.dispatchEvent(new Event('input'))"
     )

@@ -21,6 +21,13 @@ const episodes = header.episodes.map((given) => {
 const lastStep = Math.max(...episodes.map((e) => e.last));
 const now = { step: 0, playing: false, selected: 0, camera: "free", layout: "one", lidar: true };
 
+/** How velocities of water and air are drawn: the length of an arrow grows with the root of the speed [m/s]. */
+const ARROW_M = 3;
+const FLOWS = {
+  current: { color: "#1456b8", scale: (speed) => 0.5 + Math.sqrt(speed), aside: 0, height: 0.3, from: false },
+  wind: { color: "#e8edf1", scale: (speed) => 0.4 + 0.35 * Math.sqrt(speed), aside: 1.3, height: 1.6, from: true },
+};
+
 // Scene. World frame: x and y in the water plane, z up [m], as in the simulator.
 const renderer = new THREE.WebGLRenderer({ canvas: $("view"), antialias: true, preserveDrawingBuffer: true });
 renderer.shadowMap.enabled = true;
@@ -174,7 +181,7 @@ function episodeGroup(episode) {
   boat.add(arcs);
   group.add(boat);
   const arrows = episode.flow.map((name) => {
-    const arrow = flowArrow(name === "current" ? "#1456b8" : "#5d6b78");
+    const arrow = flowArrow(FLOWS[name].color);
     group.add(arrow);
     return { arrow, name };
   });
@@ -182,7 +189,7 @@ function episodeGroup(episode) {
   return { group, boat, drive, propeller, thrust, trail, cloud, returns, arcs, arrows };
 }
 
-/** An arrow along x, 3 m long, that lies flat above the water. */
+/** An arrow along x, ARROW_M long, that lies flat above the water. */
 function flowArrow(color) {
   const corners = [[0, -0.16], [2, -0.16], [2, 0.16], [0, 0.16], [1.9, -0.5], [3, 0], [1.9, 0.5]];
   const faces = [[0, 1, 2], [0, 2, 3], [4, 5, 6]].flat();
@@ -238,9 +245,12 @@ function place(index) {
     const [vx, vy] = episode[name].row(i), speed = Math.hypot(vx, vy);
     arrow.visible = speed > 1e-3;
     if (!arrow.visible) continue;
-    arrow.position.set(x - (5.5 * vx) / speed, y - (5.5 * vy) / speed, 0.3);
+    // The tip ends beside the boat; the wind is higher and to the side, so that it does not cover the current.
+    const { scale, aside, height } = FLOWS[name], length = scale(speed), [cx, cy] = [vx / speed, vy / speed];
+    const away = 2.6 + ARROW_M * length;
+    arrow.position.set(x - away * cx - aside * cy, y - away * cy + aside * cx, height);
     arrow.rotation.z = Math.atan2(vy, vx);
-    arrow.scale.x = 0.5 + Math.sqrt(speed);
+    arrow.scale.x = length;
   }
 }
 
@@ -358,8 +368,8 @@ function drawState(episode, i) {
     ["Distance", `${fixed(episode.distance_m.data[i], 2)} m`],
     ["Heading error", `${fixed(degrees(episode.heading_error_rad.data[i]), 1)}°`],
     ...episode.flow.map((name) => {
-      const [vx, vy] = episode[name].row(i);
-      return [name[0].toUpperCase() + name.slice(1), `${fixed(Math.hypot(vx, vy), 2)} m/s to ${fixed((degrees(Math.atan2(vy, vx)) + 360) % 360, 0)}°`];
+      const [vx, vy] = episode[name].row(i), { from } = FLOWS[name], toward = degrees(Math.atan2(vy, vx)) + (from ? 180 : 0);
+      return [name[0].toUpperCase() + name.slice(1), `${fixed(Math.hypot(vx, vy), 2)} m/s ${from ? "from" : "to"} ${fixed((toward + 360) % 360, 0)}°`];
     }),
     ["Outcome", ended ? episode.text : "under way", ended ? episode.outcome : ""],
   ];
