@@ -75,3 +75,19 @@ def sector_index(x: float, y: float, sectors: int) -> int:
     The circle is cut into equal sectors of azimuth from -pi to pi. The LiDAR scan compiles this function.
     """
     return min(int((math.atan2(y, x) + math.pi) / (2 * math.pi) * sectors), sectors - 1)
+
+
+def nearest_in_sectors(points: Floats, sectors: int, range_m: float) -> Floats:
+    """Return the horizontal distance of the nearest point in each sector, (sectors,) [m] (eqs. 3.7, 3.8).
+
+    Args:
+        points: (k, 2) or (k, 3) in the body frame [m].
+        range_m: the value of a sector without a nearer point.
+    """
+    x, y = points[:, 0], points[:, 1]
+    share = (np.arctan2(y, x) + np.pi) / (2 * np.pi)
+    nearest = np.full(sectors, range_m, float)
+    # As `sector_index`, for all points at once.
+    sector = np.minimum((share * sectors).astype(np.int64), sectors - 1)
+    np.minimum.at(nearest, sector, np.sqrt(x * x + y * y))
+    return nearest

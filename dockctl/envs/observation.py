@@ -15,10 +15,11 @@ from gymnasium.spaces import Box
 from numpy.typing import ArrayLike, NDArray
 
 from dockctl.errors import DockctlError
-from dockctl.geometry import Floats, Ints, wrap
+from dockctl.geometry import Floats, Ints
 from dockctl.plugins import OBSERVATION_PARTS, Guard
 from dockctl.scenarios.base import Positive
 from dockctl.scenarios.schema import ObservationPart
+from dockctl.sim.goal import bearing as goal_bearing
 
 if TYPE_CHECKING:  # slow to import, and not needed to check a scenario
     from dockctl.sim.simulator import Simulator
@@ -67,18 +68,22 @@ class View:
 
 @dataclass(frozen=True)
 class Columns:
-    """k columns of the observation.
+    """k columns of the observation: values / scale, clipped to the bounds.
 
     Attributes:
         names: k names.
         values: (n, k).
-        low, high: bounds, one number or (k,).
+        low, high: bounds after scaling, one number or (k,).
+        scale: what the values are divided by, one number or (k,).
+        units: of the values, one per name; none by default.
     """
 
     names: Sequence[str]
     values: Floats
     low: ArrayLike
     high: ArrayLike
+    scale: ArrayLike = 1.0
+    units: Sequence[str] = ()
 
 
 Part = Callable[..., Columns]
@@ -109,13 +114,13 @@ def phase(view: View) -> Columns:
 @observation_part("distance", source="eq. 3.5")
 def distance(view: View, *, scale_m: Positive = 10.0, cap_m: Positive = 100.0) -> Columns:
     """Return delta d / scale, capped."""
-    return Columns(["distance"], view.distance_m[:, None] / scale_m, 0, cap_m / scale_m)
+    return Columns(["distance"], view.distance_m[:, None], 0, cap_m / scale_m, scale_m, ["m"])
 
 
 @observation_part("heading_error", source="eq. 3.6")
 def heading_error(view: View) -> Columns:
     """Return delta psi [rad]."""
-    return Columns(["heading_error"], view.heading_error_rad[:, None], -np.pi, np.pi)
+    return Columns(["heading_error"], view.heading_error_rad[:, None], -np.pi, np.pi, units=["rad"])
 
 
 @observation_part("velocity", source="eq. 3.9")
@@ -128,27 +133,27 @@ def velocity(
     cap: Positive = 5.0,
 ) -> Columns:
     """Return u, v and r, each divided by its scale, clipped to +- cap."""
-    return Columns(["u", "v", "r"], view.nu / [surge_mps, sway_mps, yaw_radps], -cap, cap)
+    scale, units = [surge_mps, sway_mps, yaw_radps], ["m/s", "m/s", "rad/s"]
+    return Columns(["u", "v", "r"], view.nu, -cap, cap, scale, units)
 
 
 @observation_part("command", source="eq. 3.9")
 def command(view: View) -> Columns:
     """Return the last propeller force and rudder angle as fractions of the vessel's limits."""
-    return Columns(["propeller", "rudder"], view.command / view.command_limit, -1, 1)
+    return Columns(["propeller", "rudder"], view.command, -1, 1, view.command_limit, ["N", "rad"])
 
 
 @observation_part("lidar", source="eqs. 3.7, 3.8")
 def lidar(view: View, *, cap_m: Positive = 20.0, scale_m: Positive = 10.0) -> Columns:
     """Return the nearest return of each sector, capped, divided by the scale."""
     names = [f"range_{sector + 1}" for sector in range(view.sector_ranges_m.shape[1])]
-    return Columns(names, view.sector_ranges_m / scale_m, 0, cap_m / scale_m)
+    return Columns(names, view.sector_ranges_m, 0, cap_m / scale_m, scale_m, ["m"] * len(names))
 
 
 @observation_part("bearing", source="not in the thesis")
 def bearing(view: View) -> Columns:
     """Return sine and cosine of the bearing of the goal in the body frame."""
-    offset = view.goal - view.eta
-    angle = wrap(np.arctan2(offset[:, 1], offset[:, 0]) - view.eta[:, 2])
+    angle = goal_bearing(view.eta, view.goal)
     return Columns(["bearing_sin", "bearing_cos"], np.column_stack([np.sin(angle), np.cos(angle)]), -1, 1)
 
 
@@ -174,7 +179,7 @@ class ObservationEncoder:
             (Guard(OBSERVATION_PARTS, given.part), OBSERVATION_PARTS.get(given.part).bind(given.params))
             for given in parts
         ]
-        blank, columns = _blank_view(sectors), []
+        blank, columns = blank_view(sectors), []
         for given, (guard, part) in zip(parts, self._parts, strict=True):
             with guard:
                 columns.append(_checked(given.part, part(blank)))
@@ -202,8 +207,20 @@ class ObservationEncoder:
             with guard:
                 columns = part(view)
                 end += len(columns.names)
-                values[:, end - len(columns.names) : end] = columns.values
+                values[:, end - len(columns.names) : end] = np.divide(columns.values, columns.scale)
         return np.clip(values, self.space.low, self.space.high)
+
+    def columns(self, view: View) -> list[Columns]:
+        """Return the columns of every part, before scaling and clipping.
+
+        Raises:
+            DockctlError: a part failed.
+        """
+        columns = []
+        for guard, part in self._parts:
+            with guard:
+                columns.append(part(view))
+        return columns
 
 
 def _checked(part: str, columns: Columns) -> Columns:
@@ -215,10 +232,10 @@ def _checked(part: str, columns: Columns) -> Columns:
             f" {expected[0]} boats, expected one row per boat and one column per name, {expected}",
             code="plugin",
         )
-    for bound in (columns.low, columns.high):
+    for bound in (columns.low, columns.high, columns.scale):
         if np.shape(bound) not in ((), expected[1:]):
             raise DockctlError(
-                f"observation part '{part}' returned a bound of shape {np.shape(bound)},"
+                f"observation part '{part}' returned a bound or scale of shape {np.shape(bound)},"
                 f" expected one number, or one per name, {expected[1:]}",
                 code="plugin",
             )
@@ -231,7 +248,8 @@ def _bounds(columns: Columns) -> tuple[NDArray[np.float32], NDArray[np.float32]]
     return low, high
 
 
-def _blank_view(sectors: int) -> View:
+def blank_view(sectors: int, command_limit: Floats | None = None) -> View:
+    """Return the view of `BLANK_BOATS` boats at rest; `command_limit` (2,) [N, rad] is 1 by default."""
     n, zeros = BLANK_BOATS, np.zeros
     return View(
         phase=zeros(n, np.int64),
@@ -241,6 +259,6 @@ def _blank_view(sectors: int) -> View:
         goal=zeros((n, 3)),
         nu=zeros((n, 3)),
         command=zeros((n, 2)),
-        command_limit=np.ones(2),
+        command_limit=np.ones(2) if command_limit is None else command_limit,
         sector_ranges_m=zeros((n, sectors)),
     )

@@ -20,7 +20,7 @@ from dockctl.evaluation.policies import CheckpointPolicy, load_checkpoint
 from dockctl.evaluation.rollout import Episode, Rollout
 from dockctl.evaluation.starts import TRAINING, training_starts
 from dockctl.experiments.model_card import card_text, is_of_policy, read_evaluations
-from dockctl.runs.directory import EVALUATION, MESHES, PLUGINS, SCENARIO, RunDirectory
+from dockctl.runs.directory import EVALUATION, MESHES, PLUGINS, RUNS, SCENARIO, RunDirectory
 from dockctl.runs.files import new_folder, require_replaceable
 from dockctl.scenarios.base import NAME
 from dockctl.scenarios.content import mesh_files, with_paths
@@ -62,8 +62,8 @@ class Candidate:
         return -poses, -test, -self.transfer, self.policy.card.seed
 
 
-def ship(
-    runs: Sequence[Path],
+def export_checkpoint(
+    runs: Sequence[Path] | None,
     name: str | None,
     out: Path,
     *,
@@ -73,12 +73,14 @@ def ship(
     """Write the best policy of `runs` to ``<out>/<name>/``: policy, scenario, local files and model card.
 
     Args:
+        runs: run folders; the latest run by default.
         plugin_files, trust: see `dockctl.evaluation.load_policy`.
 
     Raises:
         DockctlError: a run does not exist or is not evaluated, the runs have different scenarios, no policy
             docks from all its training poses, or the folder cannot be written or contains something else.
     """
+    runs = runs or [RunDirectory.latest(RUNS).path]
     policies = [load_checkpoint(path, plugin_files=plugin_files, trust=trust) for path in runs]
     candidates = sorted(map(read_candidate, runs, policies), key=lambda candidate: candidate.rank)
     names = sorted({candidate.policy.card.scenario for candidate in candidates})

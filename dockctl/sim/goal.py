@@ -3,14 +3,34 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Protocol
 
 import numpy as np
 from numpy.typing import NDArray
 
 from dockctl.geometry import Bools, Floats, Ints, wrap
-from dockctl.scenarios.schema import Task, Tolerance
 
 TO_INTERMEDIATE, TO_FINAL = 0, 1
+
+
+class Limit(Protocol):
+    """When a pose is reached: distance [m], heading [rad] and speed [m/s]."""
+
+    @property
+    def distance_m(self) -> float: ...
+    @property
+    def heading(self) -> float: ...
+    @property
+    def speed_mps(self) -> float: ...
+
+
+class Limits(Protocol):
+    """The limits of both poses, as a `dockctl.scenarios.schema.Task` has them."""
+
+    @property
+    def intermediate_tolerance(self) -> Limit: ...
+    @property
+    def final_tolerance(self) -> Limit: ...
 
 
 def measure(eta: Floats, goal: Floats) -> tuple[Floats, Floats]:
@@ -19,20 +39,26 @@ def measure(eta: Floats, goal: Floats) -> tuple[Floats, Floats]:
     return np.hypot(offset[:, 0], offset[:, 1]), wrap(offset[:, 2])
 
 
-def final_reached(limit: Tolerance, distance: Floats, heading_error: Floats, speed: Floats) -> Bools:
+def bearing(eta: Floats, goal: Floats) -> Floats:
+    """Return the direction of the goals (n,) [rad] in the body frame of poses; both (n, 3)."""
+    offset = goal - eta
+    return wrap(np.arctan2(offset[:, 1], offset[:, 0]) - eta[:, 2])
+
+
+def final_reached(limit: Limit, distance: Floats, heading_error: Floats, speed: Floats) -> Bools:
     """Return whether the final pose is reached: distance and heading < limits, speed <= its limit."""
     inside = (distance < limit.distance_m) & (np.abs(heading_error) < limit.heading)
     return inside & (speed <= limit.speed_mps)
 
 
-def intermediate_reached(limit: Tolerance, distance: Floats, heading_error: Floats, speed: Floats) -> Bools:
+def intermediate_reached(limit: Limit, distance: Floats, heading_error: Floats, speed: Floats) -> Bools:
     """Return whether the intermediate pose is reached: distance and heading <= limits, speed < its limit."""
     inside = (distance <= limit.distance_m) & (np.abs(heading_error) <= limit.heading)
     return inside & (speed < limit.speed_mps)
 
 
 def reached(
-    task: Task, phase: Ints, distance: Floats, heading_error: Floats, speed: Floats
+    task: Limits, phase: Ints, distance: Floats, heading_error: Floats, speed: Floats
 ) -> tuple[Bools, Bools]:
     """Return whether the intermediate and the final pose are reached, each in its own phase; all (n,)."""
     intermediate = intermediate_reached(task.intermediate_tolerance, distance, heading_error, speed)

@@ -39,7 +39,7 @@ COMMANDS = {
     "latency": ("latency", "--decisions", 10, "--ckpt", "RUN"),
     "compare": ("compare", "RUN", "s1", "--episodes", 0, "--out", "OUT"),
     "compare with": ("compare", "s1", "RUN", "--scenario", "RUN/scenario.yaml", "--out", "OUT"),
-    "ship": ("ship", "RUN", "--out", "OUT"),
+    "export": ("export", "RUN", "--out", "OUT"),
     "show": ("show", "RUN/scenario.yaml", "--out", "OUT"),
     "validate": ("validate", "RUN/scenario.yaml"),
     "train": ("train", "RUN/scenario.yaml", "--out", "OUT", "--steps", 10),

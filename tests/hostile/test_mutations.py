@@ -127,8 +127,8 @@ def plot(run: Path) -> None:
         pass
 
 
-def ship(run: Path) -> Outcome:
-    return dockctl("ship", run, "--name", "x", "--out", run.parent / "out")
+def export_(run: Path) -> Outcome:
+    return dockctl("export", run, "--name", "x", "--out", run.parent / "out")
 
 
 def resume(run: Path) -> Outcome:
@@ -152,20 +152,20 @@ def compare(run: Path) -> Outcome:
 
 
 READERS: dict[str, tuple[Callable[[Path], Any], ...]] = {
-    "scenario.yaml": (evaluate, plot, resume, ship, record),
-    "provenance.json": (resume, ship),
+    "scenario.yaml": (evaluate, plot, resume, export_, record),
+    "provenance.json": (resume, export_),
     "scene.json": (plot,),
     "episodes.csv": (plot, resume),
     "updates.csv": (plot, resume),
     "evaluations.csv": (plot, resume),
     "timing.csv": (resume,),
     "trajectories.csv": (plot,),
-    "evaluation.csv": (ship,),
-    "evaluation.json": (ship,),
-    "map.csv": (ship,),
-    "map.json": (ship,),
-    "figures/latency.json": (ship,),
-    "checkpoints/best/policy.json": (evaluate, record, map_, returns, compare, ship),
+    "evaluation.csv": (export_,),
+    "evaluation.json": (export_,),
+    "map.csv": (export_,),
+    "map.json": (export_,),
+    "figures/latency.json": (export_,),
+    "checkpoints/best/policy.json": (evaluate, record, map_, returns, compare, export_),
     "checkpoints/best/policy.safetensors": (evaluate, compare),
     "LAST/policy.json": (resume,),
     "LAST/policy.safetensors": (resume,),
@@ -193,7 +193,7 @@ def original(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 @pytest.fixture(autouse=True)
 def _cheap(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Ship any policy: those of a short training do not dock."""
+    """Export any policy: those of a short training do not dock."""
     episodes = export.training_episodes
     monkeypatch.setattr(export, "ending", model_card.ending)
     monkeypatch.setattr(export, "training_episodes", lambda policy, loaded: episodes(policy, loaded)[:0])

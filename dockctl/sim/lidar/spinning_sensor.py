@@ -15,11 +15,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dockctl.compute import Arrays, cached, usable_cores, workers
-from dockctl.geometry import Floats
+from dockctl.geometry import Floats, nearest_in_sectors
 from dockctl.sim.lidar import height_grid, scan
 from dockctl.sim.lidar.height_grid import FINEST_CELL_M, MAX_CELLS, HeightGrid
 from dockctl.sim.lidar.raycast import BoundingVolumes
-from dockctl.sim.lidar.scan import Levels, ShellTable, needed_radii, sector_of, sector_ranges
+from dockctl.sim.lidar.scan import Levels, ShellTable, needed_radii, sector_ranges
 from dockctl.sim.lidar.spinning import LidarMount, SpinningLidars
 
 Ints = NDArray[np.int32]
@@ -165,12 +165,8 @@ class SpinningSensor:
         Returns:
             (n, sectors) [m].
         """
-        out = np.full((len(eta), self.spec.sectors), self.spec.range_m)
-        for row, pose in enumerate(eta):
-            for x, y in self.points(pose)[:, :2]:
-                sector = sector_of(x, y, self.spec.sectors)
-                out[row, sector] = min(out[row, sector], math.sqrt(x * x + y * y))
-        return out
+        sectors, range_m = self.spec.sectors, self.spec.range_m
+        return np.array([nearest_in_sectors(self.points(pose), sectors, range_m) for pose in eta])
 
     def points(self, pose: Floats) -> Floats:
         """Return the points (k, 3) of a scan from one pose (3,), in the body frame [m]."""

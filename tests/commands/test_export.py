@@ -1,4 +1,4 @@
-"""``dockctl ship``: selection, checkpoint folder, model card and errors. The policies are untrained."""
+"""``dockctl export``: selection, checkpoint folder, model card and errors. The policies are untrained."""
 
 from __future__ import annotations
 
@@ -67,7 +67,7 @@ def test_best_policy_that_docks_from_its_training_poses_is_exported(runs: MakeRu
         runs(4, "+", "++-"),
     ]
     forget_interface(given[1])
-    outcome = dockctl("ship", *given, "--name", "mine", "--out", tmp_path / "out")
+    outcome = dockctl("export", *given, "--name", "mine", "--out", tmp_path / "out")
     assert outcome.code == 0, outcome.err
     assert f"{given[2]}: " in outcome.err
     _, card = load_policy(tmp_path / "out" / "mine")
@@ -91,7 +91,7 @@ def test_measurements_of_another_policy_are_not_in_the_card(runs: MakeRun, tmp_p
     assert dockctl("latency", "--ckpt", run, "--decisions", 10).code == 0
 
     def card() -> str:
-        assert dockctl("ship", run, "--name", "mine", "--out", tmp_path / "out").code == 0
+        assert dockctl("export", run, "--name", "mine", "--out", tmp_path / "out").code == 0
         return (tmp_path / "out" / "mine" / "card.md").read_text()
 
     passages = ("| `s2` |", "free starts within", "A decision takes")
@@ -105,7 +105,7 @@ def test_measurements_of_another_policy_are_not_in_the_card(runs: MakeRun, tmp_p
 def test_candidate_without_random_starts_has_no_rate(runs: MakeRun, tmp_path: Path) -> None:
     given = [runs(1, "+", "+++"), runs(2, "+", "+++")]
     assert dockctl("evaluate", "--ckpt", given[1], "--episodes", 0).code == 0
-    outcome = dockctl("ship", *given, "--name", "mine", "--out", tmp_path / "out")
+    outcome = dockctl("export", *given, "--name", "mine", "--out", tmp_path / "out")
     assert outcome.code == 0, outcome.err
     assert "100% (seed 1), - (seed 2)" in (tmp_path / "out" / "mine" / "card.md").read_text()
 
@@ -113,11 +113,11 @@ def test_candidate_without_random_starts_has_no_rate(runs: MakeRun, tmp_path: Pa
 def test_only_an_earlier_checkpoint_is_replaced(runs: MakeRun, tmp_path: Path) -> None:
     run = runs(1, "+", "+++")
     for _ in range(2):
-        assert dockctl("ship", run, "--out", tmp_path, "--name", "mine").code == 0
+        assert dockctl("export", run, "--out", tmp_path, "--name", "mine").code == 0
     (tmp_path / "all" / "run1").mkdir(parents=True)
     for folder in (run, tmp_path / "all", run / "checkpoints" / "best"):
         before = sorted(path.name for path in folder.iterdir())
-        outcome = dockctl("ship", run, "--out", folder.parent, "--name", folder.name)
+        outcome = dockctl("export", run, "--out", folder.parent, "--name", folder.name)
         assert outcome.code == 2
         assert outcome.error is not None and str(outcome.error).startswith(f"{folder}: ")
         assert sorted(path.name for path in folder.iterdir()) == before
@@ -129,7 +129,7 @@ def test_errors(runs: MakeRun, trained: tuple[Path, Outcome], tmp_path: Path) ->
 
     def code_of(*paths: Path, name: str | None = None) -> str:
         with pytest.raises(DockctlError) as caught:
-            export.ship(paths, name, out)
+            export.export_checkpoint(paths, name, out)
         assert not out.exists()
         return caught.value.code
 
@@ -147,5 +147,5 @@ def test_errors(runs: MakeRun, trained: tuple[Path, Outcome], tmp_path: Path) ->
     assert dockctl("evaluate", "--ckpt", run, "--episodes", 2).code == 0
     (run / "evaluation.csv").write_bytes(table)  # of another evaluation
     assert code_of(run) == "mismatch"
-    outcome = dockctl("ship", run, "--out", out)
+    outcome = dockctl("export", run, "--out", out)
     assert (outcome.code, str(run) in outcome.err) == (2, True)

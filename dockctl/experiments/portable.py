@@ -1,0 +1,253 @@
+"""Write a policy for machines without dockctl's dependencies: a pilot file (NumPy) or an ONNX model.
+
+Both have the same description as JSON: `description`.
+"""
+
+from __future__ import annotations
+
+import io
+import json
+import math
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from gymnasium.spaces import Discrete
+from rich.console import Console
+
+import dockctl
+from dockctl.agents.checkpoint import load_pair
+from dockctl.console import print_text
+from dockctl.envs.observation import ObservationEncoder, blank_view
+from dockctl.errors import DockctlError
+from dockctl.evaluation.policies import CheckpointPolicy, load_checkpoint
+from dockctl.geometry import pose_array
+from dockctl.pilot import DESCRIPTION, FORMAT, PARTS, Layers
+from dockctl.plugins import OBSERVATION_PARTS, PACKAGE_ORIGIN
+from dockctl.runs.files import require_writable_file, write_atomically
+from dockctl.scenarios.schema import Scenario, Tolerance
+from dockctl.sim.vessel import VesselModel
+
+OPSET, IR_VERSION = 17, 8
+"""Of ONNX: old enough for the runtimes of 2022 and later."""
+
+
+def export_files(
+    ckpts: Sequence[Path] | None,
+    onnx: Path | None,
+    pilot: Path | None,
+    *,
+    plugin_files: Sequence[Path] = (),
+    trust: bool = False,
+) -> None:
+    """Write one policy, by default that of the latest run, as an ONNX model, a pilot file, or both.
+
+    Args:
+        plugin_files, trust: see `dockctl.evaluation.load_policy`.
+
+    Raises:
+        DockctlError: several policies are given, there is no such policy, it cannot be exported, or a file
+            cannot be written; nothing is written then.
+    """
+    if len(ckpts or ()) > 1:
+        raise DockctlError("--onnx and --pilot export one policy: give one run folder or checkpoint")
+    for file, suffix in ((onnx, ".onnx"), (pilot, ".npz")):
+        if file:
+            require_writable_file(file, suffix)
+    policy = load_checkpoint(ckpts[0] if ckpts else None, plugin_files=plugin_files, trust=trust)
+    scenario = policy.scenario().scenario
+    contents = [
+        (file, encode(policy, scenario)) for file, encode in ((onnx, onnx_model), (pilot, pilot_file)) if file
+    ]
+    for file, content in contents:
+        print_text(Console(), f"{policy.file} exported to {write_atomically(file, content)}")
+
+
+def pilot_file(policy: CheckpointPolicy, scenario: Scenario) -> bytes:
+    """Return the content of a file that `dockctl.pilot.Pilot.load` reads.
+
+    Raises:
+        DockctlError: the policy is not a network of the built-in DQN, or observes what a pilot does not
+            compute.
+    """
+    layers = _layers(policy)
+    for given in scenario.observation:
+        if given.part not in PARTS or OBSERVATION_PARTS.origin(given.part) != PACKAGE_ORIGIN:
+            raise DockctlError(
+                f"{policy.file}: observes '{given.part}', which the pilot does not compute"
+                f" (it knows {', '.join(sorted(PARTS))}); export an ONNX model instead",
+                code="unavailable",
+            )
+    arrays = {
+        f"{stream}.{2 * number}.{kind}": array
+        for stream, pairs in layers._asdict().items()
+        for number, pair in enumerate(pairs)
+        for kind, array in zip(("weight", "bias"), pair, strict=True)
+    }
+    content = io.BytesIO()
+    text = np.array(json.dumps(description(policy, scenario), allow_nan=False))
+    np.savez(content, allow_pickle=False, **{DESCRIPTION: text, **arrays})
+    return content.getvalue()
+
+
+def onnx_model(policy: CheckpointPolicy, scenario: Scenario) -> bytes:
+    """Return an ONNX model of the greedy policy, with the scaling of the observation and the commands.
+
+    Input: ``observation`` (n, k) float32, in the units of the description. Outputs: ``action`` (n,) int64,
+    ``propeller_n`` and ``rudder_rad`` (n,) float32, ``q_values`` (n, actions) float32.
+
+    Raises:
+        DockctlError: the policy is not a network of the built-in DQN, or the package onnx is missing.
+    """
+    try:
+        from onnx import TensorProto, checker, helper, numpy_helper
+    except ImportError:
+        raise DockctlError(
+            "--onnx: needs the package onnx; install it with: pip install 'dockctl[onnx]'",
+            code="unavailable",
+        ) from None
+    layers = _layers(policy)
+    facts = description(policy, scenario)
+    constants: dict[str, Any] = {}
+    nodes: list[Any] = []
+
+    def constant(name: str, values: Any) -> str:
+        constants[name] = np.asarray(values, np.float32)
+        return name
+
+    def node(kind: str, *inputs: str, name: str = "", **attributes: Any) -> str:
+        output = name or f"{kind.lower()}_{len(nodes)}"
+        nodes.append(helper.make_node(kind, inputs, [output], **attributes))
+        return output
+
+    columns = facts["observation"]
+    scale = constant("scale", [column["scale"] for column in columns])
+    x = node("Div", "observation", scale)
+    for kind, bound, unbounded in (("Max", "low", -math.inf), ("Min", "high", math.inf)):
+        values = [unbounded if column[bound] is None else column[bound] for column in columns]
+        x = node(kind, x, constant(bound, values))
+    streams: dict[str, str] = {}
+    for stream, pairs in layers._asdict().items():
+        out = streams.get("shared", x)
+        for number, (weight, bias) in enumerate(pairs):
+            named = [
+                constant(f"{stream}.{number}.{kind}", a) for kind, a in (("weight", weight), ("bias", bias))
+            ]
+            out = node("Gemm", out, *named, transB=1)
+            if stream == "shared" or number + 1 < len(pairs):
+                out = node("Relu", out)
+        streams[stream] = out
+    mean = node("ReduceMean", streams["advantage"], axes=[1], keepdims=1)
+    q = node("Sub", node("Add", streams["value"], streams["advantage"]), mean, name="q_values")
+    action = node("ArgMax", q, axis=1, keepdims=0, name="action")
+    for column, name in enumerate(("propeller_n", "rudder_rad")):
+        table = constant(f"{name} of actions", [command[column] for command in facts["commands"]])
+        node("Gather", table, action, name=name)
+    real, whole, rows = TensorProto.FLOAT, TensorProto.INT64, "n"
+    outputs: dict[str, tuple[Any, list[Any]]] = {
+        "action": (whole, [rows]),
+        "propeller_n": (real, [rows]),
+        "rudder_rad": (real, [rows]),
+        "q_values": (real, [rows, len(facts["commands"])]),
+    }
+    graph = helper.make_graph(
+        nodes,
+        "dockctl",
+        [helper.make_tensor_value_info("observation", real, [rows, len(columns)])],
+        [helper.make_tensor_value_info(name, *shape) for name, shape in outputs.items()],
+        [numpy_helper.from_array(array, name) for name, array in constants.items()],
+    )
+    model = helper.make_model(
+        graph,
+        opset_imports=[helper.make_opsetid("", OPSET)],
+        ir_version=IR_VERSION,
+        producer_name="dockctl",
+        producer_version=dockctl.__version__,
+    )
+    helper.set_model_props(model, {DESCRIPTION: json.dumps(facts, allow_nan=False)})
+    checker.check_model(model, full_check=True)
+    return bytes(model.SerializeToString(deterministic=True))
+
+
+def description(policy: CheckpointPolicy, scenario: Scenario) -> dict[str, Any]:
+    """Return what a machine needs to know to use the policy, as plain data for JSON.
+
+    Raises:
+        DockctlError: its actions are not numbered.
+    """
+    vessel, lidar, task, card = scenario.vessel, scenario.sensors.lidar, scenario.task, policy.card
+    space = scenario.actions.space(vessel)
+    if not isinstance(space, Discrete):
+        raise DockctlError(
+            f"{policy.file}: has the actions {space}; expected numbered ones", code="unavailable"
+        )
+    commands = scenario.actions.commands(np.arange(int(space.n)), vessel)
+    return {
+        "format": FORMAT,
+        "dockctl": dockctl.__version__,
+        "scenario": scenario.name,
+        "seed": card.seed,
+        "env_steps": card.env_steps,
+        "checkpoint_sha256": card.sha256,
+        "control_period_s": vessel.control_period_s,
+        "max_steps": task.max_steps,
+        "limits": {"propeller_n": vessel.max_propeller_n, "rudder_rad": math.radians(vessel.max_rudder_deg)},
+        "lidar": {"sectors": lidar.sectors, "range_m": lidar.range_m},
+        "observation": _columns(scenario),
+        "actions": scenario.actions.model_dump(mode="json"),
+        "commands": np.asarray(commands, float).tolist(),
+        "goals": {
+            "intermediate": pose_array(task.intermediate).tolist() if task.intermediate else None,
+            "final": pose_array(task.final).tolist(),
+        },
+        "tolerances": {
+            "intermediate": _tolerance(task.intermediate_tolerance),
+            "final": _tolerance(task.final_tolerance),
+        },
+    }
+
+
+def _columns(scenario: Scenario) -> list[dict[str, Any]]:
+    """Return name, unit, scale and bounds after scaling of each column of the observation."""
+    vessel, sectors = scenario.vessel, scenario.sensors.lidar.sectors
+    limit = VesselModel(vessel).command_limit
+    encoder = ObservationEncoder(scenario.observation, sectors)
+    low, high = (
+        [bound if math.isfinite(bound) else None for bound in bounds.tolist()]
+        for bounds in (encoder.space.low, encoder.space.high)
+    )
+    columns = []
+    for given in encoder.columns(blank_view(sectors, limit)):
+        scales = np.broadcast_to(np.asarray(given.scale, float), len(given.names)).tolist()
+        units = given.units or [""] * len(given.names)
+        columns += [
+            {"name": name, "unit": unit, "scale": scale}
+            for name, unit, scale in zip(given.names, units, scales, strict=True)
+        ]
+    return [{**column, "low": low[i], "high": high[i]} for i, column in enumerate(columns)]
+
+
+def _tolerance(tolerance: Tolerance) -> dict[str, float]:
+    return {
+        "distance_m": tolerance.distance_m,
+        "heading_rad": tolerance.heading,
+        "speed_mps": tolerance.speed_mps,
+    }
+
+
+def _layers(policy: CheckpointPolicy) -> Layers:
+    """Return the network of a policy.
+
+    Raises:
+        DockctlError: it is not that of the built-in DQN.
+    """
+    kind = policy.card.algorithm.get("kind")
+    try:
+        return Layers.of(load_pair(policy.file)[0])
+    except (ValueError, KeyError) as error:
+        raise DockctlError(
+            f"{policy.file}: a policy of the algorithm '{kind}', which cannot be exported: {error};"
+            " only those of 'dqn' can",
+            code="unavailable",
+        ) from None

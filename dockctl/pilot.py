@@ -1,0 +1,424 @@
+"""Run a trained policy on a boat: from point clouds, pose and velocity to a command, with NumPy alone.
+
+    pilot = Pilot.load("s3.npz")  # written by: dockctl export s3 --pilot s3.npz
+    decision = pilot.decide(now_s, pose, velocity, {"bow": cloud})  # once per control period
+
+Frames and units are those of the simulator: the world frame of the goals has x and y horizontal [m] and
+headings counterclockwise from +x [rad]; the body frame has x forward, y to port and z up [m], and its origin
+at the center of gravity. Sectors, goals and the switch to the final pose are computed by the functions that
+the simulator uses, in `dockctl.geometry` and `dockctl.sim.goal`.
+
+A `Decision` without a command of the policy is a stop, 0 N and rudder amidships, with the reason: an input is
+missing, older than allowed or implausible, the boat has arrived, or the time is over. The next decision with
+good inputs continues.
+"""
+
+from __future__ import annotations
+
+import json
+import math
+import zipfile
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+from itertools import pairwise
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from dockctl.errors import DockctlError
+from dockctl.geometry import Floats, nearest_in_sectors
+from dockctl.sim.goal import TO_FINAL, TO_INTERMEDIATE, bearing, measure, reached
+
+FORMAT = 1
+DESCRIPTION = "description"
+"""Name of the JSON text among the arrays of a pilot file."""
+PARTS = frozenset({"phase", "distance", "heading_error", "velocity", "command", "lidar", "bearing"})
+"""Parts of the observation that a pilot computes."""
+RANGE_MARGIN = 1.1
+"""A point may be farther from the body's origin than from its LiDAR."""
+MAX_MAGNITUDE = 1e9
+"""Of positions, headings and velocities, as in the simulator."""
+
+Tensors = Mapping[str, NDArray[Any]]
+Layer = tuple[NDArray[Any], NDArray[Any]]
+
+
+class Layers(NamedTuple):
+    """Weights (outputs, inputs) and biases of a dueling network: shared layers and the two streams."""
+
+    shared: list[Layer]
+    value: list[Layer]
+    advantage: list[Layer]
+
+    @classmethod
+    def of(cls, tensors: Tensors) -> Layers:
+        """Return the layers of the tensors of a checkpoint.
+
+        Raises:
+            ValueError: the tensors are not those of a dueling network.
+        """
+        streams: list[list[Layer]] = []
+        for name in cls._fields:
+            found = {key for key in tensors if key.startswith(f"{name}.")}
+            numbers = range(0, len(found), 2)  # every second module is an activation
+            streams.append([(tensors[f"{name}.{i}.weight"], tensors[f"{name}.{i}.bias"]) for i in numbers])
+        layers = cls(*streams)
+        if sum(2 * len(stream) for stream in layers) != len(tensors) or not all(layers):
+            raise ValueError("expected the tensors of a dueling network: shared, value and advantage")
+        width = len(layers.shared[-1][1])
+        for inputs, stream in ((None, layers.shared), (width, layers.value), (width, layers.advantage)):
+            sizes = [inputs or stream[0][0].shape[1], *(len(bias) for _, bias in stream)]
+            shapes = [weight.shape for weight, _ in stream]
+            if shapes != [(outputs, inputs) for inputs, outputs in pairwise(sizes)]:
+                raise ValueError(f"the layers of shapes {shapes} do not fit together")
+        if len(layers.value[-1][1]) != 1:
+            raise ValueError("the value stream has more than one output")
+        return layers
+
+    def q_values(self, observation: NDArray[np.float32]) -> NDArray[np.float32]:
+        """Return the action values (n, actions) of observations (n, k), ``V + A - mean A`` (eq. 2.56)."""
+        features = _forward(self.shared, observation, activate_last=True)
+        value, advantage = (_forward(stream, features) for stream in (self.value, self.advantage))
+        return np.asarray(value + advantage - advantage.mean(axis=1, keepdims=True))
+
+
+def _forward(layers: Sequence[Layer], x: NDArray[Any], *, activate_last: bool = False) -> NDArray[Any]:
+    for number, (weight, bias) in enumerate(layers, start=1):
+        x = x @ weight.T + bias
+        if activate_last or number < len(layers):
+            x = np.maximum(x, 0)
+    return x
+
+
+@dataclass(frozen=True)
+class Reading:
+    """An input and the time at which it was measured [s], on the clock of `Pilot.decide`."""
+
+    time_s: float
+    value: ArrayLike
+
+
+@dataclass(frozen=True)
+class Checks:
+    """Limits of the inputs.
+
+    Attributes:
+        max_age_s: oldest input that is used, and farthest in the future.
+        max_jump_m: how much farther the position may move between decisions than the greatest observed speed
+            allows.
+        min_points: points of all clouds together.
+    """
+
+    max_age_s: float = 0.5
+    max_jump_m: float = 1.0
+    min_points: int = 1
+
+
+@dataclass(frozen=True)
+class Tolerance:
+    """When a pose is reached."""
+
+    distance_m: float
+    heading: float
+    speed_mps: float
+
+
+@dataclass(frozen=True, eq=False)
+class Decision:
+    """A command, and how it came about.
+
+    Attributes:
+        propeller_n, rudder_rad: the command.
+        stop: why it is a stop; empty if the policy chose it.
+        arrived: the final pose is reached.
+        phase: 0 on the way to the intermediate pose, 1 on the way to the final pose.
+        action: index of the action; None at a stop, as the following.
+        observation: (k,) as the network receives it.
+        sector_ranges_m: (sectors,).
+        q_values: (actions,).
+    """
+
+    propeller_n: float
+    rudder_rad: float
+    stop: str
+    arrived: bool
+    phase: int
+    action: int | None = None
+    observation: NDArray[np.float32] | None = None
+    sector_ranges_m: Floats | None = None
+    q_values: NDArray[np.float32] | None = None
+
+
+class _Unusable(Exception):
+    """Why an input cannot be used."""
+
+
+@dataclass(eq=False)
+class Pilot:
+    """A policy that decides from the readings of a real boat.
+
+    Attributes:
+        description: facts of the policy, as `dockctl export` writes them (docs/deployment.md).
+        goals: (2, 3) intermediate and final pose, x, y [m] and heading [rad]; the first is NaN if there is
+            none.
+        phase: 0 on the way to the intermediate pose, 1 on the way to the final pose.
+    """
+
+    description: dict[str, Any]
+    layers: Layers
+    goals: Floats
+    checks: Checks = field(default_factory=Checks)
+
+    def __post_init__(self) -> None:
+        facts = self.description
+        self._columns: list[dict[str, Any]] = facts["observation"]
+        self._names = [str(column["name"]) for column in self._columns]
+        self._scale = np.array([column["scale"] for column in self._columns], float)
+        self._low, self._high = (
+            np.array([column[bound] for column in self._columns], np.float32) for bound in ("low", "high")
+        )
+        self._commands = np.array(facts["commands"], float)
+        self._sectors, self._range_m = int(facts["lidar"]["sectors"]), float(facts["lidar"]["range_m"])
+        self._max_steps = int(facts["max_steps"])
+        self.control_period_s = float(facts["control_period_s"])
+        self.final_tolerance, self.intermediate_tolerance = (
+            Tolerance(
+                *(float(facts["tolerances"][pose][key]) for key in ("distance_m", "heading_rad", "speed_mps"))
+            )
+            for pose in ("final", "intermediate")
+        )
+        self.reset()
+
+    @classmethod
+    def load(
+        cls,
+        file: str | Path,
+        *,
+        final: ArrayLike | None = None,
+        intermediate: ArrayLike | None = None,
+        checks: Checks | None = None,
+    ) -> Pilot:
+        """Load a file of ``dockctl export --pilot``.
+
+        Args:
+            final: (3,) x, y [m] and heading [rad] of the final pose, instead of the one in the file.
+            intermediate: the same of the intermediate pose; used together with `final`.
+
+        Raises:
+            DockctlError: the file is missing, damaged, or of another kind; a pose is not three numbers.
+        """
+        try:
+            with np.load(file) as content:
+                arrays = {name: content[name] for name in content.files}
+        except FileNotFoundError:
+            raise DockctlError(f"{file}: no such file", code="not_found") from None
+        except (
+            OSError,
+            EOFError,
+            ValueError,
+            KeyError,
+            TypeError,
+            AttributeError,
+            zipfile.BadZipFile,
+        ) as error:
+            message = f"{file}: not a file of 'dockctl export --pilot', or damaged: {error}"
+            raise DockctlError(message, code="not_readable") from None
+        try:
+            facts = json.loads(str(arrays.pop(DESCRIPTION)))
+            if facts["format"] != FORMAT:
+                raise ValueError(f"format {facts['format']}, expected {FORMAT}")
+            if not all(np.isfinite(array).all() for array in arrays.values()):
+                raise ValueError("the weights contain NaN or infinity")
+            layers = Layers.of(arrays)
+            sizes = layers.shared[0][0].shape[1], len(layers.advantage[-1][1])
+            described = len(facts["observation"]), len(facts["commands"])
+            if sizes != described:
+                raise ValueError(f"the network has sizes {sizes}, its description {described}")
+            goals = np.stack([_pose(facts["goals"][name]) for name in ("intermediate", "final")])
+            pilot = cls(facts, layers, goals, checks or Checks())
+        except (KeyError, TypeError, ValueError, IndexError, AttributeError) as error:
+            message = f"{file}: does not describe a policy: {type(error).__name__}: {error}"
+            raise DockctlError(message, code="not_readable") from None
+        if final is not None:
+            try:
+                pilot.goals = np.stack([_pose(intermediate), _pose(final)])
+            except (TypeError, ValueError) as error:
+                raise DockctlError(str(error), code="wrong_type") from None
+            pilot.reset()
+        return pilot
+
+    @property
+    def limits(self) -> tuple[float, float]:
+        """Greatest propeller force [N] and rudder angle [rad] of the vessel that the policy is made for."""
+        return self.description["limits"]["propeller_n"], self.description["limits"]["rudder_rad"]
+
+    def reset(self) -> None:
+        """Begin a maneuver, with the intermediate pose if there is one."""
+        self.phase = TO_FINAL if np.isnan(self.goals[0]).any() else TO_INTERMEDIATE
+        self._steps = 0
+        self._command = np.zeros(2)
+        self._arrived = False
+        self._position: tuple[float, Floats] | None = None
+
+    def decide(
+        self,
+        now_s: float,
+        pose: Reading | None,
+        velocity: Reading | None,
+        clouds: Mapping[str, Reading | None],
+    ) -> Decision:
+        """Return the command for the next control period.
+
+        Args:
+            now_s: time [s].
+            pose: (3,) x, y [m] and heading [rad], world frame; None if there is none yet.
+            velocity: (3,) surge, sway [m/s] and yaw rate [rad/s] over ground, body frame.
+            clouds: the points (k, 3) [m] of each LiDAR, or of all, in the body frame, without returns of the
+                own boat and the water; a name for each, for the reasons of stops.
+        """
+        self._steps += 1
+        try:
+            eta, nu, points = self._checked(now_s, pose, velocity, clouds)
+            if self._steps > 1:  # as in the simulator, where a goal is reached by a step
+                self._switch(eta, nu)
+            if self._arrived:
+                raise _Unusable("the final pose is reached")
+            if self._steps > self._max_steps:
+                raise _Unusable(f"not at the final pose after {self._max_steps} control periods")
+            return self._choose(eta, nu, nearest_in_sectors(points, self._sectors, self._range_m))
+        except _Unusable as reason:
+            self._command = np.zeros(2)
+            return Decision(0.0, 0.0, str(reason), self._arrived, self.phase)
+
+    def _checked(
+        self,
+        now_s: float,
+        pose: Reading | None,
+        velocity: Reading | None,
+        clouds: Mapping[str, Reading | None],
+    ) -> tuple[Floats, Floats, Floats]:
+        """Return pose and velocity (1, 3), and all points (k, 3).
+
+        Raises:
+            _Unusable: one of them is missing, too old, or implausible.
+        """
+        vectors = []
+        for name, reading in (("pose", pose), ("velocity", velocity)):
+            vector = self._fresh(now_s, name, reading)
+            if vector.shape != (3,) or not (np.abs(vector) < MAX_MAGNITUDE).all():
+                raise _Unusable(f"{name}: {_short(vector)}, expected three finite numbers")
+            vectors.append(vector[None])
+        parts = [self._points(now_s, f"cloud '{name}'", cloud) for name, cloud in clouds.items()]
+        points = np.concatenate([np.empty((0, 3)), *parts])
+        if len(points) < self.checks.min_points:
+            raise _Unusable(f"clouds: {len(points)} points, expected at least {self.checks.min_points}")
+        self._require_no_jump(now_s, vectors[0])
+        return vectors[0], vectors[1], points
+
+    def _fresh(self, now_s: float, name: str, reading: Reading | None) -> Floats:
+        if reading is None:
+            raise _Unusable(f"{name}: no data yet")
+        age = now_s - reading.time_s
+        if not abs(age) <= self.checks.max_age_s:
+            raise _Unusable(f"{name}: {age:.3g} s old, expected at most {self.checks.max_age_s:g} s")
+        try:
+            return np.asarray(reading.value, float)
+        except (TypeError, ValueError):
+            raise _Unusable(f"{name}: not an array of numbers") from None
+
+    def _points(self, now_s: float, name: str, cloud: Reading | None) -> Floats:
+        points = self._fresh(now_s, name, cloud)
+        if points.ndim != 2 or points.shape[1] != 3:
+            raise _Unusable(f"{name}: shape {points.shape}, expected (points, 3)")
+        if not np.isfinite(points).all():
+            raise _Unusable(f"{name}: contains NaN or infinity; leave such points out")
+        farthest = math.sqrt(float((points * points).sum(axis=1).max(initial=0.0)))
+        if farthest > RANGE_MARGIN * self._range_m:
+            raise _Unusable(f"{name}: a point {farthest:.4g} m away, beyond the range of {self._range_m:g} m")
+        return points
+
+    def _require_no_jump(self, now_s: float, eta: Floats) -> None:
+        previous, self._position = self._position, (now_s, eta[0, :2])
+        if previous is None or "u" not in self._names:
+            return
+        moved = math.dist(previous[1], eta[0, :2])
+        allowed = self._speed_limit() * max(now_s - previous[0], 0.0) + self.checks.max_jump_m
+        if moved > allowed:
+            raise _Unusable(
+                f"pose: moved {moved:.3g} m since the last decision, expected at most {allowed:.3g} m"
+            )
+
+    def _speed_limit(self) -> float:
+        """Return the greatest surge that the policy observes [m/s]."""
+        column = self._names.index("u")
+        return float(self._high[column] * self._scale[column])
+
+    def _switch(self, eta: Floats, nu: Floats) -> None:
+        """Continue with the final pose once the intermediate one is reached; note the arrival."""
+        phase = np.array([self.phase])
+        speed = np.hypot(nu[:, 0], nu[:, 1])
+        intermediate, final = reached(self, phase, *measure(eta, self.goals[phase]), speed)
+        if intermediate[0]:
+            self.phase = TO_FINAL
+        self._arrived |= bool(final[0])
+
+    def _choose(self, eta: Floats, nu: Floats, ranges: Floats) -> Decision:
+        """Return the decision of the policy.
+
+        Raises:
+            _Unusable: the boat is farther from the goal, or faster, than the policy observes.
+        """
+        goal = self.goals[[self.phase]]
+        quantities = self._quantities(eta, nu, goal, ranges)
+        raw = np.array([quantities[name] for name in self._names])
+        scaled = (raw / self._scale).astype(np.float32)
+        for index, name in enumerate(self._names):
+            if (
+                name in ("distance", "u", "v", "r")
+                and not self._low[index] <= scaled[index] <= self._high[index]
+            ):
+                bound, unit = self._high[index] * self._scale[index], self._columns[index]["unit"]
+                raise _Unusable(
+                    f"{name}: {raw[index]:.4g} {unit}, the policy observes up to {bound:.4g} {unit}"
+                )
+        observation = np.clip(scaled, self._low, self._high)
+        q_values = self.layers.q_values(observation[None])[0]
+        action = int(q_values.argmax())
+        self._command = self._commands[action].copy()
+        force, angle = self._command.tolist()
+        return Decision(force, angle, "", False, self.phase, action, observation, ranges, q_values)
+
+    def _quantities(self, eta: Floats, nu: Floats, goal: Floats, ranges: Floats) -> dict[str, float]:
+        """Return the value of every column that a policy may observe, before scaling."""
+        distance, heading_error = measure(eta, goal)
+        (direction,) = bearing(eta, goal)
+        return {
+            "phase": float(self.phase),
+            "distance": distance[0],
+            "heading_error": heading_error[0],
+            **dict(zip(("u", "v", "r"), nu[0], strict=True)),
+            **dict(zip(("propeller", "rudder"), self._command, strict=True)),
+            **{f"range_{number}": value for number, value in enumerate(ranges, start=1)},
+            "bearing_sin": np.sin(direction),
+            "bearing_cos": np.cos(direction),
+        }
+
+
+def _pose(given: ArrayLike | None) -> Floats:
+    """Return a goal (3,); NaN for none.
+
+    Raises:
+        ValueError: it is something else.
+    """
+    if given is None:
+        return np.full(3, np.nan)
+    pose = np.asarray(given, float)
+    if pose.shape != (3,) or not np.isfinite(pose).all():
+        raise ValueError(f"pose {_short(pose)}, expected x, y [m] and heading [rad]")
+    return pose
+
+
+def _short(values: NDArray[Any]) -> str:
+    return np.array2string(values.ravel()[:4], precision=4, separator=", ")
