@@ -130,6 +130,11 @@ class Training(Model):
         """Upper bound of the TD targets of scaled rewards; infinite without `largest_return`."""
         return math.inf if self.largest_return is None else self.largest_return * self.reward_scale
 
+    @property
+    def largest_gradient(self) -> float:
+        """Norm to which gradients are clipped; infinite without `gradient_clip`."""
+        return math.inf if self.gradient_clip is None else self.gradient_clip
+
     def learning_rate_at(self, env_steps: float) -> float:
         """Return the learning rate after `env_steps`."""
         return _linear(self.learning_rate, self.final_learning_rate, env_steps / self.total_steps)

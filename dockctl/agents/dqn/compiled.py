@@ -1,6 +1,7 @@
-"""The loss of double DQN and its gradient, compiled for the processor.
+"""The gradient step of double DQN, compiled for the processor.
 
-The fast path of `update.AutogradGradient`, which computes the same in torch.
+The fast path of `update.AutogradStep`, which computes the same in torch. Loss, gradient, clipping and
+optimizer are one call that releases the GIL, so that learning does not delay the simulation.
 
 Equation 2.56 is linear in the outputs of the hidden layers of both streams. With the mean over the actions
 subtracted from the advantage's last layer, the value of one action is two dot products, so that the values of
@@ -19,7 +20,9 @@ from numpy.typing import NDArray
 
 from dockctl.agents.dqn.network import DuelingQNetwork
 from dockctl.agents.dqn.replay import Batch
+from dockctl.agents.interface import Metrics
 from dockctl.compute import compiled, limit_blas_threads
+from dockctl.scenarios.training import Training
 
 Floats32 = NDArray[np.float32]
 
@@ -81,38 +84,155 @@ class Outputs(NamedTuple):
         )
 
 
-class CompiledGradient:
-    """The gradient of the loss on the processor; see `update.AutogradGradient` for the arguments."""
+class Parameter(NamedTuple):
+    """The numbers of one tensor, its gradient, and the optimizer's moments, (k,) each.
+
+    Attributes:
+        mean: first moment; the gradient itself for RMSprop.
+        square: second moment.
+    """
+
+    value: Floats32
+    gradient: Floats32
+    mean: Floats32
+    square: Floats32
+
+
+class Rates(NamedTuple):
+    """The numbers of an optimizer in one step.
+
+    Attributes:
+        learning_rate: for Adam divided by the bias of the first moment.
+        mean, square: how much of the moments is kept.
+        unbias: factor on the root of the second moment.
+        epsilon: added to it.
+    """
+
+    learning_rate: np.float32
+    mean: np.float32
+    square: np.float32
+    unbias: np.float32
+    epsilon: np.float32
+
+
+class CompiledStep:
+    """A gradient step on the processor; see `update.AutogradStep` for the arguments."""
 
     def __init__(
-        self, online: DuelingQNetwork, target: DuelingQNetwork, huber_delta: float | None, largest: float
+        self,
+        online: DuelingQNetwork,
+        target: DuelingQNetwork,
+        optimizer: torch.optim.Optimizer,
+        training: Training,
     ) -> None:
         limit_blas_threads()
         for parameter in online.parameters():
             parameter.grad = torch.zeros_like(parameter)
         self._online, self._target = Layers.parameters(online), Layers.parameters(target)
         self._gradient = Layers.gradients(online)
+        self._optimizer, self._training = optimizer, training
         # The Huber loss with a weight of 2 and an unlimited slope is the squared error.
-        weight, delta = (2.0, math.inf) if huber_delta is None else (1.0, huber_delta)
-        self._loss = (np.float32(weight), np.float32(delta), np.float32(largest))
+        weight, delta = (2.0, math.inf) if training.huber_delta is None else (1.0, training.huber_delta)
+        self._loss = (np.float32(weight), np.float32(delta), np.float32(training.largest_target))
+        self._allocate_moments()
         self._rows = 0
 
-    def __call__(self, batch: Batch) -> tuple[float, float, float]:
-        """Write the gradient of the loss of m transitions; return loss, mean |TD error| and mean Q."""
-        rows = len(batch.action)
-        if rows != self._rows:
-            self._rows = rows
-            self._outputs = Outputs.allocate(self._online, rows)
-            self._next = Outputs.allocate(self._online, rows)
-            self._derivatives = Outputs.allocate(self._online, rows)
-        loss, td_error, q = _gradient(
-            self._online, self._target, self._gradient,
+    def __call__(self, batch: Batch, learning_rate: float) -> Metrics:
+        """Make the step; return the loss, mean |TD error|, mean Q, and the norm before clipping."""
+        if len(batch.action) != self._rows:
+            self._rows = len(batch.action)
+            self._outputs = Outputs.allocate(self._online, self._rows)
+            self._next = Outputs.allocate(self._online, self._rows)
+            self._derivatives = Outputs.allocate(self._online, self._rows)
+        if self._optimizer.state is not self._state:  # it was restored
+            self._share_moments()
+        loss, td_error, q, norm = _step(
+            self._online, self._target, self._gradient, self._parameters,
             np.ascontiguousarray(batch.observation), np.ascontiguousarray(batch.action),
             np.ascontiguousarray(batch.reward), np.ascontiguousarray(batch.discount),
             np.ascontiguousarray(batch.next_observation),
             self._loss, self._outputs, self._next, self._derivatives,
+            self._training.largest_gradient, self._rates(learning_rate),
         )  # fmt: skip
-        return loss, td_error, q
+        return {"loss": loss, "td_error": td_error, "q_mean": q, "gradient_norm": norm}
+
+    def _allocate_moments(self) -> None:
+        """Give the optimizer its moments; torch would allocate them in the first step."""
+        moments = ("exp_avg", "exp_avg_sq") if self._training.optimizer == "adam" else ("square_avg",)
+        for parameter in self._optimizer.param_groups[0]["params"]:
+            self._optimizer.state[parameter] = {"step": torch.zeros(())} | {
+                name: torch.zeros_like(parameter) for name in moments
+            }
+        self._share_moments()
+
+    def _share_moments(self) -> None:
+        """Share the memory of the optimizer's moments, and one count of steps for all parameters."""
+        self._state, parameters = self._optimizer.state, self._optimizer.param_groups[0]["params"]
+        self._steps = self._state[parameters[0]]["step"]
+        shared = []
+        for parameter in parameters:
+            moments = self._state[parameter]
+            moments["step"] = self._steps
+            mean = moments.get("exp_avg", parameter.grad)
+            square = moments["exp_avg_sq" if "exp_avg_sq" in moments else "square_avg"]
+            tensors = (parameter.detach(), parameter.grad, mean, square)
+            shared.append(Parameter(*(tensor.numpy().reshape(-1) for tensor in tensors)))
+        self._parameters = tuple(shared)
+
+    def _rates(self, learning_rate: float) -> Rates:
+        """Count a step, and return the numbers of the optimizer in it."""
+        self._steps += 1
+        group, step = self._optimizer.param_groups[0], self._steps.item()
+        if self._training.optimizer == "adam":
+            beta, beta_square = group["betas"]
+            rate, unbias = learning_rate / (1 - beta**step), 1 / math.sqrt(1 - beta_square**step)
+            rates = (rate, beta, beta_square, unbias, group["eps"])
+        else:
+            rates = (learning_rate, 0.0, group["alpha"], 1.0, group["eps"])
+        return Rates(*map(np.float32, rates))
+
+
+@_compiled
+def _step(
+    online: Layers,
+    target: Layers,
+    gradient: Layers,
+    parameters: tuple[Parameter, ...],
+    observation: Floats32,
+    action: NDArray[np.int64],
+    reward: Floats32,
+    discount: Floats32,
+    next_observation: Floats32,
+    loss: tuple[np.float32, np.float32, np.float32],
+    outputs: Outputs,
+    next_outputs: Outputs,
+    derivatives: Outputs,
+    largest_gradient: float,
+    rates: Rates,
+) -> tuple[float, float, float, float]:
+    mean_loss, td_error, q = _gradient(
+        online, target, gradient, observation, action, reward, discount, next_observation, loss,
+        outputs, next_outputs, derivatives,
+    )  # fmt: skip
+    squares = 0.0
+    for parameter in parameters:
+        squares += float(np.dot(parameter.gradient, parameter.gradient))
+    norm = math.sqrt(squares)
+    for parameter in parameters:
+        if norm > largest_gradient:
+            parameter.gradient[:] *= np.float32(largest_gradient / norm)
+        _optimize(parameter, rates)
+    return mean_loss, td_error, q, norm
+
+
+@_compiled
+def _optimize(parameter: Parameter, rates: Rates) -> None:
+    """Take a step of Adam (Kingma and Ba 2015, algorithm 1), or of RMSprop, which keeps no mean."""
+    one, (value, gradient, mean, square) = np.float32(1), parameter
+    for i in range(len(value)):
+        mean[i] = rates.mean * mean[i] + (one - rates.mean) * gradient[i]
+        square[i] = rates.square * square[i] + (one - rates.square) * gradient[i] * gradient[i]
+        value[i] -= rates.learning_rate * mean[i] / (math.sqrt(square[i]) * rates.unbias + rates.epsilon)
 
 
 @_compiled

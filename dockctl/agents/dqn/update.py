@@ -11,7 +11,7 @@ from torch import Tensor, nn
 from torch.nn import functional
 from torch.nn.utils import clip_grad_norm_
 
-from dockctl.agents.dqn.compiled import CompiledGradient
+from dockctl.agents.dqn.compiled import CompiledStep
 from dockctl.agents.dqn.network import DuelingQNetwork
 from dockctl.agents.dqn.replay import Batch, Transitions
 from dockctl.agents.interface import Metrics
@@ -43,32 +43,36 @@ def to_tensors(transitions: Batch, device: torch.device) -> Transitions[Tensor]:
     return Transitions(**tensors)
 
 
-class AutogradGradient:
-    """The gradient of the loss by autograd, on the device of the networks.
+class AutogradStep:
+    """A gradient step by autograd and the optimizer of torch, on the device of the networks.
 
     Args:
-        online, target: networks; gradients are written to those of the `online` parameters.
-        huber_delta: where the loss becomes linear; None for the squared error.
-        largest: upper bound of the targets.
+        online: trained in place.
+        target: gives the values of the next observations.
+        optimizer: of the parameters of `online`.
+        training: loss and clipping.
     """
 
     def __init__(
-        self, online: nn.Module, target: nn.Module, huber_delta: float | None = 1.0, largest: float = math.inf
+        self, online: nn.Module, target: nn.Module, optimizer: torch.optim.Optimizer, training: Training
     ) -> None:
-        self.online, self.target, self.huber_delta, self.largest = online, target, huber_delta, largest
+        self.online, self.target, self.optimizer, self.training = online, target, optimizer, training
         self.device = next(online.parameters()).device
 
-    def __call__(self, transitions: Batch) -> tuple[float, float, float]:
-        """Write the gradient of the loss of a batch; return loss, mean |TD error| and mean Q."""
+    def __call__(self, transitions: Batch, learning_rate: float) -> Metrics:
+        """Make the step; return the loss, mean |TD error|, mean Q, and the norm before clipping."""
         batch = to_tensors(transitions, self.device)
-        target = td_target(batch, self.online, self.target, self.largest)
+        target = td_target(batch, self.online, self.target, self.training.largest_target)
         q = self.online(batch.observation).gather(1, batch.action.unsqueeze(1)).squeeze(1)
-        loss = td_loss(q, target, self.huber_delta)
-        self.online.zero_grad()
+        loss = td_loss(q, target, self.training.huber_delta)
+        self.optimizer.zero_grad()
         torch.autograd.backward(loss)
+        norm = clip_grad_norm_(self.online.parameters(), self.training.largest_gradient)
+        self.optimizer.param_groups[0]["lr"] = learning_rate
+        self.optimizer.step()
         q = q.detach()
-        loss, td_error, q_mean = torch.stack((loss.detach(), (q - target).abs().mean(), q.mean())).tolist()
-        return loss, td_error, q_mean
+        metrics = torch.stack((loss.detach(), (q - target).abs().mean(), q.mean(), norm)).tolist()
+        return dict(zip(("loss", "td_error", "q_mean", "gradient_norm"), metrics, strict=True))
 
 
 class DoubleDQN:
@@ -81,24 +85,19 @@ class DoubleDQN:
 
     def __init__(self, online: DuelingQNetwork, training: Training) -> None:
         self.online, self.target, self.training, self.updates = online, copy.deepcopy(online), training, 0
-        on_processor = next(online.parameters()).device.type == "cpu"
-        gradient = CompiledGradient if on_processor else AutogradGradient
-        self.gradient = gradient(online, self.target, training.huber_delta, training.largest_target)
         self.optimizer: torch.optim.Optimizer
         if training.optimizer == "adam":
             self.optimizer = torch.optim.Adam(online.parameters(), fused=True)
         else:  # Keras' defaults, because the thesis used Keras
             self.optimizer = torch.optim.RMSprop(online.parameters(), alpha=0.9, eps=1e-7, foreach=True)
+        on_processor = next(online.parameters()).device.type == "cpu"
+        step = CompiledStep if on_processor else AutogradStep
+        self._step = step(online, self.target, self.optimizer, training)
 
     def update(self, transitions: Batch, learning_rate: float) -> Metrics:
         """Make one gradient step on a batch, and copy to the target network when a copy is due."""
-        loss, td_error, q_mean = self.gradient(transitions)
-        clip = math.inf if self.training.gradient_clip is None else self.training.gradient_clip
-        norm = float(clip_grad_norm_(self.online.parameters(), clip))
-        self.optimizer.param_groups[0]["lr"] = learning_rate
-        self.optimizer.step()
-
+        metrics = self._step(transitions, learning_rate)
         self.updates += 1
         if self.updates % self.training.target_update_interval == 0:
             self.target.load_state_dict(self.online.state_dict())
-        return {"loss": loss, "td_error": td_error, "q_mean": q_mean, "gradient_norm": norm}
+        return metrics

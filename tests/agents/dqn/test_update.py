@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-import math
+import copy
 
 import numpy as np
 import pytest
@@ -11,10 +11,10 @@ from hypothesis import given
 from hypothesis import strategies as st
 from torch import Tensor
 
-from dockctl.agents.dqn.compiled import CompiledGradient
+from dockctl.agents.checkpoint import load_optimizer, optimizer_tensors
 from dockctl.agents.dqn.network import DuelingQNetwork
 from dockctl.agents.dqn.replay import Batch, Transitions
-from dockctl.agents.dqn.update import AutogradGradient, DoubleDQN, td_loss, td_target, to_tensors
+from dockctl.agents.dqn.update import AutogradStep, DoubleDQN, td_loss, td_target, to_tensors
 from dockctl.scenarios.training import Training
 
 CPU = torch.device("cpu")
@@ -89,28 +89,46 @@ def test_the_gradient_is_that_of_finite_differences() -> None:
 @given(
     sizes=st.tuples(st.integers(1, 9), st.integers(1, 9), st.tuples(st.integers(1, 20), st.integers(1, 20))),
     rows=st.integers(1, 40),
-    huber_delta=st.sampled_from([None, 0.5, 10.0]),
-    largest=st.sampled_from([0.3, math.inf]),
+    training=st.fixed_dictionaries(
+        {
+            "huber_delta": st.sampled_from([None, 0.5, 10.0]),
+            "largest_return": st.sampled_from([0.3, None]),
+            "gradient_clip": st.sampled_from([None, 0.01, 10.0]),
+            "optimizer": st.sampled_from(["adam", "rmsprop"]),
+        }
+    ),
     seed=st.integers(0, 2**31),
 )
-def test_the_compiled_gradient_is_that_of_autograd(
-    sizes: tuple[int, int, tuple[int, int]], rows: int, huber_delta: float | None, largest: float, seed: int
+def test_the_compiled_step_is_that_of_autograd(
+    sizes: tuple[int, int, tuple[int, int]], rows: int, training: dict[str, object], seed: int
 ) -> None:
+    """Metrics, clipped gradients and moments, also after the moments are restored."""
     observation_size, actions, hidden_sizes = sizes
     generator = torch.Generator().manual_seed(seed)
-    online, target = (
-        DuelingQNetwork(observation_size, actions, hidden_sizes, generator) for _ in ("online", "target")
-    )
-    for parameter in (*online.parameters(), *target.parameters()):  # biases other than zero
+    online = DuelingQNetwork(observation_size, actions, hidden_sizes, generator)
+    for parameter in online.parameters():  # biases other than zero
         parameter.data += 0.1 * torch.randn(parameter.shape, generator=generator)
-    transitions = batch(seed, rows, 3.0, observation_size, actions)
-    expected = AutogradGradient(online, target, huber_delta, largest)(transitions)
-    by_autograd = gradient(online).clone()
-    compiled = CompiledGradient(online, target, huber_delta, largest)
-    for _ in ("allocates", "reuses its memory"):
-        assert compiled(transitions) == pytest.approx(expected, rel=1e-4, abs=1e-5)
-        scale = float(by_autograd.abs().max())
-        torch.testing.assert_close(gradient(online), by_autograd, rtol=1e-3, atol=1e-5 * (1 + scale))
+    settings = Training(reward_scale=1.0, target_update_interval=1000, **training)
+    compiled, reference = DoubleDQN(online, settings), DoubleDQN(copy.deepcopy(online), settings)
+    reference._step = AutogradStep(reference.online, reference.target, reference.optimizer, settings)
+    for update in range(3):
+        for fast, slow in zip(
+            (compiled.online, compiled.target), (reference.online, reference.target), strict=True
+        ):
+            slow.load_state_dict(fast.state_dict())
+        for learner in (compiled, reference):
+            load_optimizer(learner.optimizer, optimizer_tensors(compiled.optimizer))
+        transitions = batch(seed + update, rows, 3.0, observation_size, actions)
+        expected = reference.update(transitions, 1e-3)
+        assert compiled.update(transitions, 1e-3) == pytest.approx(expected, rel=1e-4, abs=1e-5)
+        largest = float(gradient(reference.online).abs().max())
+        torch.testing.assert_close(
+            gradient(compiled.online), gradient(reference.online), rtol=1e-3, atol=1e-5 * (1 + largest)
+        )
+        moments, wanted = optimizer_tensors(compiled.optimizer), optimizer_tensors(reference.optimizer)
+        assert moments.keys() == wanted.keys()
+        for name, values in wanted.items():
+            np.testing.assert_allclose(moments[name], values, rtol=1e-2, atol=1e-5 * (1 + largest) ** 2)
 
 
 def test_double_and_plain_targets_differ_where_the_networks_disagree() -> None:
