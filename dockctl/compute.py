@@ -51,6 +51,23 @@ def workers() -> ThreadPoolExecutor:
     return _WORKERS[0]
 
 
+def on_all_cores(function: Callable[[T], object], items: Iterable[T]) -> None:
+    """Call a function, which releases the GIL, with each item; this thread and the pool share the items."""
+    remaining = iter(list(items))  # the iterator of a list may be used by several threads
+
+    def work() -> None:
+        for item in remaining:
+            function(item)
+
+    others = [workers().submit(work) for _ in range(usable_cores() - 1)]
+    try:
+        work()
+    finally:
+        for other in others:
+            if not other.cancel():  # it started
+                other.result()
+
+
 if hasattr(os, "register_at_fork"):
     os.register_at_fork(after_in_child=_WORKERS.clear)  # a forked child has none of its parent's threads
 

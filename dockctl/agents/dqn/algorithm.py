@@ -56,7 +56,7 @@ class DQN:
         self.epsilon = self.training.epsilon.at(env_steps)
         explore = self.exploration.random(len(observation)) < self.epsilon
         random_action = self.exploration.integers(self.actions, size=len(observation))
-        return np.where(explore, random_action, self.policy.act(observation, {}))
+        return np.where(explore, random_action, self.learner.greedy(observation))
 
     def store(self, step: Step) -> None:
         """Store the n-step transitions that `step` completes; see `Algorithm`."""

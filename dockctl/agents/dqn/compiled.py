@@ -135,7 +135,7 @@ class CompiledStep:
         weight, delta = (2.0, math.inf) if training.huber_delta is None else (1.0, training.huber_delta)
         self._loss = (np.float32(weight), np.float32(delta), np.float32(training.largest_target))
         self._allocate_moments()
-        self._rows = 0
+        self._rows = self._boats = 0
 
     def __call__(self, batch: Batch, learning_rate: float) -> Metrics:
         """Make the step; return the loss, mean |TD error|, mean Q, and the norm before clipping."""
@@ -155,6 +155,16 @@ class CompiledStep:
             self._training.largest_gradient, self._rates(learning_rate),
         )  # fmt: skip
         return {"loss": loss, "td_error": td_error, "q_mean": q, "gradient_norm": norm}
+
+    def greedy(self, observation: Floats32) -> NDArray[np.int64]:
+        """Return the action of the highest value, (n, observation_size) to (n,)."""
+        if len(observation) != self._boats:
+            self._boats = len(observation)
+            self._acting = Outputs.allocate(self._online, self._boats)
+        actions: NDArray[np.int64] = _act(
+            self._online, np.ascontiguousarray(observation, np.float32), self._acting
+        )
+        return actions
 
     def _allocate_moments(self) -> None:
         """Give the optimizer its moments; torch would allocate them in the first step."""
@@ -223,6 +233,12 @@ def _step(
             parameter.gradient[:] *= np.float32(largest_gradient / norm)
         _optimize(parameter, rates)
     return mean_loss, td_error, q, norm
+
+
+@_compiled
+def _act(online: Layers, observation: Floats32, outputs: Outputs) -> NDArray[np.int64]:
+    _forward(online, observation, outputs)
+    return _greedy(online.advantage, outputs.advantage)
 
 
 @_compiled

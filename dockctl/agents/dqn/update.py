@@ -5,8 +5,11 @@ from __future__ import annotations
 import copy
 import math
 from collections.abc import Callable
+from typing import Any
 
+import numpy as np
 import torch
+from numpy.typing import NDArray
 from torch import Tensor, nn
 from torch.nn import functional
 from torch.nn.utils import clip_grad_norm_
@@ -74,6 +77,12 @@ class AutogradStep:
         metrics = torch.stack((loss.detach(), (q - target).abs().mean(), q.mean(), norm)).tolist()
         return dict(zip(("loss", "td_error", "q_mean", "gradient_norm"), metrics, strict=True))
 
+    @torch.inference_mode()
+    def greedy(self, observation: NDArray[Any]) -> NDArray[np.int64]:
+        """Return the action of the highest value, (n, observation_size) to (n,)."""
+        values = self.online(torch.as_tensor(observation, dtype=torch.float32, device=self.device))
+        return np.asarray(values.argmax(dim=1).cpu())
+
 
 class DoubleDQN:
     """An online network, its optimizer, and a target network.
@@ -93,6 +102,10 @@ class DoubleDQN:
         on_processor = next(online.parameters()).device.type == "cpu"
         step = CompiledStep if on_processor else AutogradStep
         self._step = step(online, self.target, self.optimizer, training)
+
+    def greedy(self, observation: NDArray[Any]) -> NDArray[np.int64]:
+        """Return the action of the highest value of the online network, (n, observation_size) to (n,)."""
+        return self._step.greedy(observation)
 
     def update(self, transitions: Batch, learning_rate: float) -> Metrics:
         """Make one gradient step on a batch, and copy to the target network when a copy is due."""

@@ -14,7 +14,7 @@ from types import ModuleType
 import numpy as np
 from numpy.typing import NDArray
 
-from dockctl.compute import Arrays, cached, usable_cores, workers
+from dockctl.compute import Arrays, cached, on_all_cores, usable_cores
 from dockctl.geometry import Floats, nearest_in_sectors
 from dockctl.sim.lidar import height_grid, scan
 from dockctl.sim.lidar.height_grid import FINEST_CELL_M, MAX_CELLS, HeightGrid
@@ -149,11 +149,7 @@ class SpinningSensor:
         def fill(rows: slice) -> None:
             sector_ranges(*tables, self.spec.range_m, poses[rows], np.empty(len(tables[0].bins)), out[rows])
 
-        blocks = _blocks(len(poses))
-        if len(blocks) == 1:
-            fill(blocks[0])
-        else:
-            list(workers().map(fill, blocks))
+        on_all_cores(fill, _blocks(len(poses)))
         return out
 
     def sector_ranges_by_full_scan(self, eta: Floats) -> Floats:
