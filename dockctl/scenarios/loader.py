@@ -121,9 +121,10 @@ def load(
         plugins.load_file(path)
     path, display = catalog.find(SCENARIOS, str(source), Path())
     tree = _read(SCENARIOS, path, display)
+    first = tree.location
     tree = reduce(_override, sorted(overrides, key=_changes_a_value), tree)
     if tree.get("name") is None:
-        tree = tree.with_value("name", _name_of_file(path, tree.location))
+        tree = tree.with_value("name", _name_of_file(path, first))
     received = received or is_received(path)
     tree = _without_replaced(tree, plugin_files, received=received, trust=trust)
     problems = [*_load_plugins(tree), *function_problems(tree)]
@@ -150,6 +151,12 @@ def load_harbor(source: str | Path) -> HarborSpec:
 
 def dump(scenario: Scenario) -> str:
     """Return YAML that loads as an equal scenario and extends no other file."""
+    data = plain(scenario)
+    return yaml.dump(data, Dumper=PlainDumper, sort_keys=False, allow_unicode=True, width=100)
+
+
+def plain(scenario: Scenario) -> dict[str, Any]:
+    """Return the scenario as mappings, lists and scalars, terms and parts in their short form."""
     data = scenario.model_dump(mode="json")
     data["observation"] = [
         {part["part"]: part["params"]} if part["params"] else part["part"] for part in data["observation"]
@@ -157,7 +164,7 @@ def dump(scenario: Scenario) -> str:
     data["reward"]["terms"] = {
         term.pop("term"): term if term["params"] else term["weight"] for term in data["reward"]["terms"]
     }
-    return yaml.dump(data, Dumper=PlainDumper, sort_keys=False, allow_unicode=True, width=100)
+    return data
 
 
 def merge(base: Node, over: Node, path: tuple[str, ...] = ()) -> Node:
