@@ -112,8 +112,14 @@ class Kinds:
     def __get_pydantic_json_schema__(
         self, schema: CoreSchema, handler: GetJsonSchemaHandler
     ) -> dict[str, Any]:
-        models = [entry.value.model_json_schema() for entry in self.registry]
-        return {"anyOf": models}
+        plugins.load_builtins()
+        sections: list[dict[str, Any]] = [{"enum": sorted(self.registry.names())}]
+        for name in self.registry.names():
+            if model := self.model(name):
+                section = handler(model.__pydantic_core_schema__)
+                needed = {} if name == self.default else {"required": ["kind"]}
+                sections.append({"allOf": [section], **needed})
+        return {"anyOf": sections}
 
     def _validate(self, given: Any) -> Kind:
         if isinstance(given, Kind):
@@ -247,6 +253,16 @@ class Condition(Kind, ABC):
         """Return the condition for `num_boats` boats."""
 
 
+class _NumberOrBounds(BeforeValidator):
+    """Accepts a number for a range; a class, because a JSON schema must describe both."""
+
+    def __get_pydantic_json_schema__(
+        self, schema: CoreSchema, handler: GetJsonSchemaHandler
+    ) -> dict[str, Any]:
+        bounds = handler(schema)
+        return {"anyOf": [bounds["items"], bounds]}
+
+
 def _as_bounds(given: Any) -> Any:
     return (given,) if isinstance(given, int | float) else given
 
@@ -264,7 +280,7 @@ def _shortest(bounds: tuple[T, ...]) -> T | list[T]:
 Drawn = Annotated[
     tuple[T, ...],
     Field(min_length=1, max_length=2),
-    BeforeValidator(_as_bounds),
+    _NumberOrBounds(_as_bounds),
     AfterValidator(_ordered),
     PlainSerializer(_shortest),
 ]
