@@ -28,7 +28,7 @@ GROUPS = {
         "verify": "verify",
     },
     "Look": {"view": "view", "plot": "plot", "show": "show", "list": "list_registered"},
-    "Manage": {"validate": "validate", "schema": "schema", "config": "config", "export": "export", "record": "record"},
+    "Manage": {"validate": "validate", "init": "init", "schema": "schema", "config": "config", "export": "export", "record": "record"},
 }
 """Commands by heading of the help; the value is the function in the module ``dockctl.commands.<command>``."""
 COMMANDS = {name: function for group in GROUPS.values() for name, function in group.items()}

@@ -1,0 +1,34 @@
+"""``dockctl init``: write a commented template."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+KINDS = ("scenario", "reward", "observation", "vessel", "harbor", "policy", "plugin")
+
+
+def init(
+    kind: Annotated[
+        str, typer.Argument(metavar="|".join(KINDS), help="What to add.", autocompletion=lambda: [*KINDS])
+    ],
+    name: Annotated[str, typer.Argument(help="Its name, from which the files are named.")],
+    out: Annotated[Path, typer.Option(help="Folder of the files.")] = Path(),
+) -> None:
+    """Write a commented template that runs as it is, and print the commands to try next.
+
+    A plugin is a package that others can install; the others are files for your own use. Existing files are
+    never overwritten.
+
+    Example: dockctl init reward gentle
+    """
+    from dockctl.experiments.scaffold import write_starter
+
+    written, following = write_starter(kind, name, out)
+    for path in written:
+        typer.echo(path)
+    typer.echo("Next:")
+    for line in following:
+        typer.echo(f"  {line}")
