@@ -28,7 +28,14 @@ GROUPS = {
         "verify": "verify",
     },
     "Look": {"view": "view", "plot": "plot", "show": "show", "list": "list_registered"},
-    "Manage": {"validate": "validate", "init": "init", "schema": "schema", "config": "config", "export": "export", "record": "record"},
+    "Manage": {
+        "init": "init",
+        "validate": "validate",
+        "config": "config",
+        "schema": "schema",
+        "export": "export",
+        "record": "record",
+    },
 }
 """Commands by heading of the help; the value is the function in the module ``dockctl.commands.<command>``."""
 COMMANDS = {name: function for group in GROUPS.values() for name, function in group.items()}

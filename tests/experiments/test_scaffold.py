@@ -25,7 +25,6 @@ from dockctl.sim.world import load_checked
 from dockctl.testing import (
     check_harbor,
     check_observation_part,
-    check_policy,
     check_reward_term,
     check_vessel,
 )
@@ -91,7 +90,6 @@ def test_a_policy_runs_an_episode() -> None:
     assert first[:1] == ["evaluate"]
     evaluated = dockctl(*first, *short, "--episodes", "0")
     assert evaluated.code == 0, evaluated.err
-    check_policy("mine.py:Controller", "s1")
     assert dockctl(*second, "--episodes", "1").code == 0
 
 
