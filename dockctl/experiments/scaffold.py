@@ -9,6 +9,7 @@ from dataclasses import dataclass
 from importlib.util import find_spec
 from keyword import iskeyword
 from pathlib import Path
+from typing import Any
 
 from jinja2 import Environment, FileSystemLoader, StrictUndefined
 
@@ -36,7 +37,7 @@ class Starter:
     files: dict[str, str]
     following: tuple[tuple[str, ...], ...]
     pattern: str = NAME
-    registry: Registry[object] | None = None
+    registry: Registry[Any] | None = None
 
 
 def _of_scenario(file: str, *also: tuple[str, ...]) -> tuple[tuple[str, ...], ...]:

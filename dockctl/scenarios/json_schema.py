@@ -242,8 +242,10 @@ def _draft_7(schema: Any) -> Any:
             changed[key] = _draft_7(value)
         elif key == "description":
             changed[key] = " ".join(value.partition("\n\n")[0].split())
+        elif key in BOUNDS:
+            changed[BOUNDS[key]] = value
         elif key not in ("title", "discriminator"):
-            changed[BOUNDS.get(key, key)] = value
+            changed[key] = value
     if "$ref" in changed:
         target = DEFINITIONS + changed.pop("$ref").removeprefix("#/$defs/")
         return {**changed, "allOf": [{"$ref": target}]} if changed else {"$ref": target}

@@ -25,6 +25,7 @@ from dockctl.sim.world import load_checked
 from dockctl.testing import (
     check_harbor,
     check_observation_part,
+    check_policy,
     check_reward_term,
     check_vessel,
 )
@@ -91,6 +92,8 @@ def test_a_policy_runs_an_episode() -> None:
     evaluated = dockctl(*first, *short, "--episodes", "0")
     assert evaluated.code == 0, evaluated.err
     assert dockctl(*second, "--episodes", "1").code == 0
+    loaded = load_checked("s1")
+    check_policy(load_file(Path("mine.py")).Controller(loaded.scenario), DockingVectorEnv(loaded, 3))
 
 
 @pytest.mark.slow
