@@ -10,7 +10,7 @@ VENV     ?= .venv
 SCENARIO ?= scenarios/s3.yaml
 
 BIN := $(VENV)/bin
-BENCHMARKS := $(filter-out %/bench.py %/figures.py %/page.py %/gpu.py %/soak.py %/training.py,$(wildcard benchmarks/*.py))
+BENCHMARKS := $(filter-out %/bench.py %/figures.py %/page.py %/gpu.py %/pilot.py %/soak.py %/training.py,$(wildcard benchmarks/*.py))
 PIP := $(BIN)/python -m pip install --quiet --disable-pip-version-check --constraint constraints.txt
 
 .PHONY: dock test check results bench clean

@@ -77,6 +77,7 @@ def prepared(tmp_path_factory: pytest.TempPathFactory) -> Path:
     run.rename(folder / RUN)
     give_policy(folder / RUN)
     assert dockctl("evaluate", "--ckpt", folder / RUN, *SHORTER["evaluate"]).code == 0
+    assert dockctl("export", "s3", "--pilot", folder / "s3.npz").code == 0
     return folder
 
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import importlib
 import inspect
+import json
 from collections.abc import Callable
 from pathlib import Path
 from types import ModuleType
@@ -16,6 +17,7 @@ from numpy.typing import NDArray
 from dockctl.agents.interface import Info, Policy
 from dockctl.envs.vector import DockingVectorEnv
 from dockctl.errors import DockctlError, nearest, plugin_errors
+from dockctl.geometry import Floats
 from dockctl.scenarios.schema import Scenario
 
 
@@ -103,7 +105,10 @@ def sb3_policy(file: Path, algorithm: str, env: DockingVectorEnv) -> Policy:
 
 
 def onnx_policy(file: Path, env: DockingVectorEnv) -> Policy:
-    """Load an ONNX model: one input, observations (n, k), and one output, action values (n, actions)."""
+    """Load an ONNX model: one input, observations (n, k), and action values (n, actions) as its first output.
+
+    A model of ``dockctl export`` takes the observations in units and has an output of that name.
+    """
     try:
         import onnxruntime
     except ImportError:
@@ -138,6 +143,9 @@ class _OnnxPolicy(Policy):
                 f"{file}: has the inputs {', '.join(names)}; expected one, the observation", code="mismatch"
             )
         self.name, shape = names[0], session.get_inputs()[0].shape
+        outputs = [given.name for given in session.get_outputs()]
+        self.output = "q_values" if "q_values" in outputs else outputs[0]
+        self.scale = _scale_of(session, size)
         if len(shape) != 2 or (isinstance(shape[1], int) and shape[1] != size):
             _require_same(file, "observations", shape, ["n", size])
         self.one_by_one = isinstance(shape[0], int)  # the file fixes the batch size; 1 is assumed
@@ -148,10 +156,19 @@ class _OnnxPolicy(Policy):
 
     def values(self, observation: NDArray[Any]) -> NDArray[Any]:
         """Return the action values (n, actions) of observations (n, size)."""
-        batches = observation[:, None] if self.one_by_one else observation[None]
-        return np.concatenate(
-            [self.session.run(None, {self.name: batch.astype(np.float32)})[0] for batch in batches]
-        )
+        raw = (observation * self.scale).astype(np.float32)
+        batches = raw[:, None] if self.one_by_one else raw[None]
+        return np.concatenate([self.session.run([self.output], {self.name: batch})[0] for batch in batches])
+
+
+def _scale_of(session: Any, size: int) -> Floats:
+    """Return what a model of ``dockctl export`` divides observations by, (size,); 1 for other models."""
+    try:
+        facts = json.loads(session.get_modelmeta().custom_metadata_map["description"])
+        scale = np.array([column["scale"] for column in facts["observation"]], float)
+    except (KeyError, TypeError, ValueError):
+        return np.ones(size)
+    return scale if scale.shape == (size,) else np.ones(size)
 
 
 def _require_same(file: Path, what: str, found: Any, expected: Any) -> None:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import re
 import shutil
 from collections.abc import Callable
 from pathlib import Path
@@ -59,7 +60,9 @@ def runs(
     return make
 
 
-def test_best_policy_that_docks_from_its_training_poses_is_exported(runs: MakeRun, tmp_path: Path) -> None:
+def test_best_policy_that_docks_from_its_training_poses_is_exported(
+    runs: MakeRun, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     given = [
         runs(0, "-", "+++"),
         runs(1, "+", "++-"),
@@ -79,8 +82,10 @@ def test_best_policy_that_docks_from_its_training_poses_is_exported(runs: MakeRu
     assert "| `s1` | random starts | 2 of 3 | 66.7% |" in text
     assert "1 of 3 failed: 1 collision with" in text
     assert "best of 4 runs" in text
-    evaluated = dockctl("evaluate", "--ckpt", tmp_path / "out" / "mine", "--episodes", 0)
-    assert evaluated.code == 0, evaluated.err
+    monkeypatch.chdir(tmp_path / "out" / "mine")
+    (command,) = re.findall(r"^```sh\n(.*?)^```", text, re.M | re.S)
+    assert [dockctl(*line.split()[1:], "--episodes", 0).code for line in command.splitlines()] == [0]
+    assert {path.name for path in Path().iterdir()} == {*export.CHECKPOINT}
 
 
 @pytest.mark.slow

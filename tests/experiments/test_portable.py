@@ -1,0 +1,116 @@
+"""ONNX models and pilot files: the same decisions, the same description, and what cannot be exported."""
+
+from __future__ import annotations
+
+import json
+import sys
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from dockctl.envs.observation import ObservationEncoder, View
+from dockctl.errors import DockctlError
+from dockctl.evaluation import load_policy
+from dockctl.experiments.portable import export_files
+from dockctl.pilot import Pilot
+from tests.commands.conftest import dockctl, only_run, quick_train
+
+
+@pytest.fixture(scope="module")
+def files(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, Path]:
+    pytest.importorskip("onnx")
+    folder = tmp_path_factory.mktemp("portable")
+    assert dockctl("export", "s3", "--onnx", folder / "s3.onnx", "--pilot", folder / "s3.npz").code == 0
+    return folder / "s3.onnx", folder / "s3.npz"
+
+
+def view(n: int) -> View:
+    """Random states, within and beyond the bounds of the observation."""
+    rng = np.random.default_rng(1)
+    return View(
+        phase=rng.integers(0, 2, n),
+        distance_m=rng.uniform(0, 120, n),
+        heading_error_rad=rng.uniform(-np.pi, np.pi, n),
+        eta=np.zeros((n, 3)),
+        goal=np.zeros((n, 3)),
+        nu=rng.normal(size=(n, 3)) * [0.4, 0.1, 0.04],
+        command=rng.uniform(-1, 1, (n, 2)) * [50, np.radians(30)],
+        command_limit=np.array([50, np.radians(30)]),
+        sector_ranges_m=rng.uniform(0, 30, (n, 8)),
+    )
+
+
+def test_an_onnx_model_takes_units_and_gives_the_command(files: tuple[Path, Path]) -> None:
+    runtime = pytest.importorskip("onnxruntime")
+    session = runtime.InferenceSession(str(files[0]), providers=["CPUExecutionProvider"])
+    encoder = ObservationEncoder(load_policy("s3").scenario().scenario.observation, 8)
+    states = view(300)
+    raw = np.hstack([columns.values for columns in encoder.columns(states)]).astype(np.float32)
+    names = [output.name for output in session.get_outputs()]
+    outputs = dict(zip(names, session.run(None, {"observation": raw}), strict=True))
+    pilot = Pilot.load(files[1])
+    expected = pilot.layers.q_values(encoder(states))
+    assert outputs["q_values"] == pytest.approx(expected, rel=1e-4, abs=2e-3)
+    assert (outputs["action"] == outputs["q_values"].argmax(axis=1)).all()
+    commands = np.array(pilot.description["commands"])[outputs["action"]]
+    found = np.stack([outputs["propeller_n"], outputs["rudder_rad"]], axis=1)
+    assert found == pytest.approx(commands, rel=1e-6)
+    facts = json.loads(session.get_modelmeta().custom_metadata_map["description"])
+    assert facts == pilot.description
+    assert [column["name"] for column in facts["observation"]] == list(encoder.names)
+
+
+@pytest.mark.slow
+def test_an_exported_model_docks_like_its_policy(files: tuple[Path, Path], tmp_path: Path) -> None:
+    pytest.importorskip("onnxruntime")
+    tables = []
+    for number, policy in enumerate((files[0], "s3")):
+        csv = tmp_path / f"{number}.csv"
+        outcome = dockctl(
+            "evaluate", policy, "--scenario", "s3", "--episodes", 0, "--csv", csv, "--out", tmp_path
+        )
+        assert outcome.code == 0, outcome.err
+        tables.append(csv.read_text())
+    assert tables[0] == tables[1]
+
+
+def test_the_same_policy_is_the_same_file(files: tuple[Path, Path], tmp_path: Path) -> None:
+    export_files([Path("s3")], tmp_path / "again.onnx", tmp_path / "again.npz")
+    assert (tmp_path / "again.onnx").read_bytes() == files[0].read_bytes()
+    assert (tmp_path / "again.npz").read_bytes() == files[1].read_bytes()
+
+
+def test_what_cannot_be_exported(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    def code_of(*names: str, onnx: str = "", pilot: str = "") -> str:
+        files = [tmp_path / name if name else None for name in (onnx, pilot)]
+        with pytest.raises(DockctlError) as caught:
+            export_files([Path(name) for name in names], *files)
+        assert list(tmp_path.iterdir()) == []
+        return caught.value.code
+
+    assert code_of("s1", "s2", pilot="both.npz") == "invalid"
+    assert code_of("s1", pilot="policy.onnx") == "invalid"
+    assert code_of("nowhere", pilot="policy.npz") == "not_found"
+    assert code_of("s1", pilot="none/policy.npz") == "not_writable"
+    monkeypatch.setitem(sys.modules, "onnx", None)
+    assert code_of("s1", onnx="policy.onnx", pilot="policy.npz") == "unavailable"
+    outcome = dockctl("export", "s1", "--pilot", tmp_path / "policy.npz", "--name", "mine")
+    assert (outcome.code, outcome.error_code) == (2, "invalid")
+
+
+@pytest.mark.slow
+def test_an_observation_that_the_pilot_does_not_compute(tmp_path: Path) -> None:
+    (tmp_path / "parts.py").write_text(
+        "from dockctl.envs.observation import Columns, observation_part\n"
+        "@observation_part('knots')\n"
+        "def knots(view):\n    return Columns(['knots'], view.nu[:, :1], -10, 10, 0.5144, ['m/s'])\n"
+    )
+    (tmp_path / "mine.yaml").write_text("extends: s1\nplugins: [parts.py]\nobservation: [distance, knots]\n")
+    assert quick_train(tmp_path / "runs", tmp_path / "mine.yaml", "--steps", 100).code == 0
+    run = only_run(tmp_path / "runs")
+    with pytest.raises(DockctlError) as caught:
+        export_files([run], None, tmp_path / "mine.npz")
+    assert caught.value.code == "unavailable"
+    assert "knots" in str(caught.value)
+    export_files([run], tmp_path / "mine.onnx", None)

@@ -1,0 +1,250 @@
+"""The pilot: alone with NumPy, equal to the simulator and to torch, and a stop at every bad input."""
+
+from __future__ import annotations
+
+import json
+import math
+import subprocess
+import sys
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from benchmarks.pilot import compare
+from dockctl.agents.dqn.network import GreedyPolicy
+from dockctl.errors import DockctlError
+from dockctl.evaluation import load_policy
+from dockctl.evaluation.policies import CheckpointPolicy
+from dockctl.experiments.portable import export_files
+from dockctl.pilot import Checks, Decision, Pilot, Reading
+from dockctl.scenarios.loader import load
+
+TASK = load("s3").scenario.task
+INTERMEDIATE, FINAL = (18.0, 3.0, math.radians(150)), (36.0, 0.0, math.pi)
+AWAY, REST = (23.0, -10.0, math.pi / 2), (0.0, 0.0, 0.0)
+CLOUD = np.array([[8.0, 1.0, 0.5], [-4.0, -3.0, 1.0], [0.5, 6.0, 0.2]])
+ALONE = """
+import sys
+
+class Blocked:
+    def find_spec(self, name, path=None, target=None):
+        if name.partition(".")[0] not in sys.stdlib_module_names | {"numpy", "dockctl"}:
+            raise ImportError(f"blocked: {name}")
+
+sys.meta_path.insert(0, Blocked())
+from dockctl.pilot import Pilot, Reading
+
+pilot = Pilot.load(sys.argv[1])
+pose, velocity, cloud = (Reading(0.0, value) for value in ((23, -10, 1.57), (0, 0, 0), [[8.0, 1.0, 0.5]]))
+print(pilot.decide(0.0, pose, velocity, {"bow": cloud}).action)
+print(*(name for name in ("torch", "numba", "pydantic", "gymnasium", "trimesh") if name in sys.modules))
+"""
+
+
+@pytest.fixture(scope="module")
+def file(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """The shipped policy of scenario 3, exported."""
+    path = tmp_path_factory.mktemp("pilot") / "s3.npz"
+    export_files([Path("s3")], None, path)
+    return path
+
+
+@pytest.fixture
+def pilot(file: Path) -> Pilot:
+    return Pilot.load(file)
+
+
+def decide(pilot: Pilot, now_s: float = 0.0, **readings: Any) -> Decision:
+    """Decide from good inputs measured now, except those given."""
+    good = {"pose": AWAY, "velocity": REST, "cloud": CLOUD}
+    given = {name: Reading(now_s, value) for name, value in good.items()}
+    given |= {
+        name: value if value is None or isinstance(value, Reading) else Reading(now_s, value)
+        for name, value in readings.items()
+    }
+    return pilot.decide(now_s, given["pose"], given["velocity"], {"bow": given["cloud"]})
+
+
+def test_it_needs_only_numpy(file: Path, pilot: Pilot) -> None:
+    done = subprocess.run([sys.executable, "-c", ALONE, file], capture_output=True, text=True)
+    assert done.returncode == 0, done.stderr
+    action, heavy = done.stdout.split("\n")[:2]
+    assert int(action) in range(77)
+    assert heavy == ""
+
+
+def test_the_description_is_that_of_the_scenario(pilot: Pilot) -> None:
+    facts = pilot.description
+    columns = {column["name"]: column for column in facts["observation"]}
+    assert [*columns][:8] == ["phase", "distance", "heading_error", "u", "v", "r", "propeller", "rudder"]
+    assert columns["u"] == {"name": "u", "unit": "m/s", "scale": 0.4, "low": -5.0, "high": 5.0}
+    assert columns["rudder"]["scale"] == math.radians(30)
+    assert columns["range_8"] == {"name": "range_8", "unit": "m", "scale": 10.0, "low": 0.0, "high": 2.0}
+    assert facts["commands"][5] == [-50.0, math.radians(20)]
+    assert (facts["control_period_s"], facts["lidar"]["sectors"], facts["scenario"]) == (0.5, 8, "s3")
+    assert pilot.limits == (50.0, math.radians(30))
+    assert pilot.goals == pytest.approx(np.array([INTERMEDIATE, FINAL]), abs=1e-12)
+
+
+def test_the_network_is_that_of_torch(pilot: Pilot) -> None:
+    loaded = load_policy("s3")
+    assert isinstance(loaded, CheckpointPolicy) and isinstance(loaded.policy, GreedyPolicy)
+    bounds = [[column[side] for column in pilot.description["observation"]] for side in ("low", "high")]
+    observations = np.random.default_rng(0).uniform(*bounds, (2000, 16)).astype(np.float32)
+    expected = loaded.policy.q_values(observations)
+    found = pilot.layers.q_values(observations)
+    assert found.dtype == np.float32
+    assert found == pytest.approx(expected, rel=1e-4, abs=1e-3)
+    best = np.sort(expected, axis=1)
+    clear = best[:, -1] - best[:, -2] > 1e-3
+    assert clear.mean() > 0.99
+    assert (found.argmax(axis=1) == expected.argmax(axis=1))[clear].all()
+
+
+def test_an_observation_by_hand(pilot: Pilot) -> None:
+    decide(pilot)
+    command = np.array(pilot.description["commands"][decide(pilot).action or 0])
+    decision = decide(pilot, 0.5, velocity=(0.2, -0.05, 0.01))
+    assert decision.observation is not None and decision.sector_ranges_m is not None
+    distance = math.hypot(23 - 18, -10 - 3)
+    ranges = [math.hypot(8, 1), math.hypot(4, 3), math.hypot(0.5, 6)]
+    expected = np.full(8, 100.0)
+    expected[[4, 0, 5]] = ranges  # ahead to port, astern to starboard, port
+    assert decision.sector_ranges_m == pytest.approx(expected)
+    assert decision.observation[:3] == pytest.approx([0, distance / 10, math.radians(90 - 150)], rel=1e-6)
+    assert decision.observation[3:6] == pytest.approx([0.5, -0.5, 0.25])
+    assert decision.observation[6:8] == pytest.approx(command / [50, math.radians(30)])
+    assert decision.observation[8:] == pytest.approx(np.minimum(expected, 20) / 10)
+
+
+def test_it_continues_with_the_final_pose_after_the_intermediate_one(pilot: Pilot) -> None:
+    near = (INTERMEDIATE[0] - 1.4, INTERMEDIATE[1], math.radians(154))
+    assert decide(pilot, 0.0, pose=near).phase == 0  # a start is no arrival
+    assert decide(pilot, 0.5, pose=near, velocity=(0.1, 0.0, 0.0)).phase == 0  # too fast
+    decision = decide(pilot, 1.0, pose=near)
+    assert (decision.phase, decision.stop) == (1, "")
+    assert decision.observation is not None
+    assert decision.observation[1] == pytest.approx(math.hypot(36 - near[0], 3) / 10)
+    assert decide(pilot, 1.5).phase == 1
+    pilot.reset()
+    assert decide(pilot, 2.0).phase == 0
+
+
+def test_it_stops_where_it_arrives(file: Path) -> None:
+    pilot = Pilot.load(file, final=FINAL)
+    near = (FINAL[0] - 0.9, FINAL[1], math.radians(-178))
+    assert decide(pilot, 0.0, pose=near).phase == 1  # no intermediate pose
+    assert not decide(pilot, 0.5, pose=near, velocity=(0.101, 0.0, 0.0)).arrived
+    decision = decide(pilot, 1.0, pose=near, velocity=(0.1, 0.0, 0.0))
+    assert decision.arrived and decision.stop
+    assert (decision.propeller_n, decision.rudder_rad) == (0, 0)
+    assert decide(pilot, 1.5, pose=(34.0, 0.0, 3.0)).arrived  # until the next maneuver
+
+
+def test_it_stops_after_the_time_of_an_episode(pilot: Pilot) -> None:
+    stops = [decide(pilot, step / 2).stop for step in range(TASK.max_steps + 2)]
+    assert [bool(stop) for stop in stops] == [False] * TASK.max_steps + [True] * 2
+
+
+BAD = {
+    "no pose yet": {"pose": None},
+    "no velocity yet": {"velocity": None},
+    "no cloud yet": {"cloud": None},
+    "pose too old": {"pose": Reading(9.4, AWAY)},
+    "velocity too old": {"velocity": Reading(9.4, REST)},
+    "cloud too old": {"cloud": Reading(9.4, CLOUD)},
+    "cloud of the future": {"cloud": Reading(10.6, CLOUD)},
+    "time is NaN": {"pose": Reading(math.nan, AWAY)},
+    "pose is NaN": {"pose": (23.0, math.nan, 1.0)},
+    "heading is infinite": {"pose": (23.0, -10.0, math.inf)},
+    "velocity is NaN": {"velocity": (math.nan, 0.0, 0.0)},
+    "pose without heading": {"pose": (23.0, -10.0)},
+    "pose is text": {"pose": ("x", "y", "z")},
+    "points are NaN": {"cloud": np.array([[1.0, math.nan, 0.0]])},
+    "points are infinite": {"cloud": np.array([[1.0, math.inf, 0.0]])},
+    "points in a plane": {"cloud": CLOUD[:, :2]},
+    "points in millimeters": {"cloud": 1000 * CLOUD},
+    "no points": {"cloud": CLOUD[:0]},
+    "surge": {"velocity": (2.1, 0.0, 0.0)},
+    "sway": {"velocity": (0.0, -0.51, 0.0)},
+    "yaw rate": {"velocity": (0.0, 0.0, 0.21)},
+    "a jump": {"pose": (23.0, -4.9, 1.5)},
+}
+
+
+@pytest.mark.parametrize("name", BAD)
+def test_bad_inputs_stop_the_boat(pilot: Pilot, name: str) -> None:
+    """The last decision was one second before: 2 m/s and 1 m allow 3 m."""
+    assert not decide(pilot, 9.0).stop
+    decision = decide(pilot, 10.0, **BAD[name])
+    (subject,) = BAD[name]
+    assert decision.stop.startswith({"sway": "v", "surge": "u", "yaw rate": "r"}.get(name, subject))
+    assert (decision.propeller_n, decision.rudder_rad, decision.action) == (0, 0, None)
+    after = decide(pilot, 11.0, pose=BAD[name]["pose"] if name == "a jump" else AWAY)
+    assert after.stop == ""
+    assert after.observation is not None and after.observation[6:8].tolist() == [0, 0]  # of the stop
+
+
+def test_far_from_the_goal_it_does_not_start(pilot: Pilot) -> None:
+    assert decide(pilot, pose=(-90.0, 0.0, 0.0)).stop.startswith("distance")
+
+
+def test_inputs_at_the_limits_are_good(pilot: Pilot) -> None:
+    assert decide(pilot, 9.0).stop == ""
+    old = Reading(9.5, AWAY)
+    assert decide(pilot, 10.0, pose=old, velocity=(2.0, 0.5, 0.2)).stop == ""
+    assert decide(pilot, 11.0, pose=(23.0, -7.1, 1.5)).stop == ""
+
+
+def test_the_checks_can_be_changed(file: Path) -> None:
+    pilot = Pilot.load(file, checks=Checks(max_age_s=2.0, min_points=0))
+    assert decide(pilot, 2.0, cloud=Reading(0.0, CLOUD[:0])).stop == ""
+
+
+def test_several_clouds_are_one(pilot: Pilot, file: Path) -> None:
+    pose, velocity = Reading(0.0, AWAY), Reading(0.0, REST)
+    clouds = {str(number): Reading(0.0, CLOUD[[number]]) for number in range(3)}
+    split = pilot.decide(0.0, pose, velocity, clouds)
+    whole = decide(Pilot.load(file))
+    assert split.sector_ranges_m is not None and whole.sector_ranges_m is not None
+    assert split.sector_ranges_m.tolist() == whole.sector_ranges_m.tolist()
+
+
+def test_files_that_are_no_policy(file: Path, tmp_path: Path) -> None:
+    def code_of(path: Path, **given: Any) -> str:
+        with pytest.raises(DockctlError) as caught:
+            Pilot.load(path, **given)
+        return caught.value.code
+
+    assert code_of(tmp_path / "none.npz") == "not_found"
+    assert code_of(tmp_path) == "not_readable"
+    content = file.read_bytes()
+    damaged = tmp_path / "damaged.npz"
+    for flawed in (b"", b"text", content[:-100], content[:5000] + b"\xff" + content[5001:]):
+        damaged.write_bytes(flawed)
+        assert code_of(damaged) == "not_readable"
+    with np.load(file) as arrays:
+        tensors = {name: arrays[name] for name in arrays.files}
+    facts = json.loads(str(tensors["description"]))
+    changes: list[dict[str, Any]] = [
+        {"description": np.array("{}")},
+        {"description": np.array(json.dumps({**facts, "format": 2}))},
+        {"description": np.array(json.dumps({**facts, "commands": facts["commands"][:-1]}))},
+        {"shared.0.weight": np.full_like(tensors["shared.0.weight"], np.nan)},
+        {"shared.2.weight": tensors["shared.2.weight"][:, 1:]},
+        {"more": np.zeros(1)},
+    ]
+    for change in changes:
+        np.savez(damaged, **{**tensors, **change})
+        assert code_of(damaged) == "not_readable"
+    assert code_of(file, final=(1.0, 2.0)) == "wrong_type"
+
+
+@pytest.mark.slow
+def test_its_decisions_are_those_of_the_simulator() -> None:
+    """From all points of a scan; the sectors of the simulator come from another algorithm."""
+    result = compare("s1", 25)
+    assert (result["decisions"], result["other_action"], result["other_observation"]) == (25, 0, 0)
+    assert result["stops"] == []
