@@ -12,15 +12,18 @@ from abc import abstractmethod
 from collections.abc import Iterator
 from importlib.util import find_spec
 from itertools import pairwise
+from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal
 
 from dockctl.errors import DockctlError
 from dockctl.plugins import ALGORITHMS
 from dockctl.scenarios.base import FieldError, NonNegative
 from dockctl.scenarios.extensions import Kind, register
+from dockctl.trust import file_digest, remember, text_digest
 
 if TYPE_CHECKING:
     from dockctl.agents.interface import Algorithm, Policy, Spaces, Tensors
+    from dockctl.scenarios.schema import Scenario
     from dockctl.scenarios.training import Training
 
 
@@ -55,6 +58,13 @@ class AlgorithmSpec(Kind):
             KeyError, TypeError, ValueError, RuntimeError: the tensors belong to another network.
             DockctlError: a library is missing.
         """
+
+
+def remember_code(scenario: Scenario) -> None:
+    """Let runs with the local code of a user's own scenario be used on this machine without a question."""
+    spec = scenario.training.algorithm
+    assert isinstance(spec, AlgorithmSpec)
+    remember([*map(file_digest, map(Path, scenario.plugins)), *map(text_digest, spec.imports)])
 
 
 @register(ALGORITHMS, source="sections 3.2.4-3.2.6")

@@ -133,6 +133,13 @@ Trust = Annotated[
 Episodes = Annotated[
     int | None, typer.Option(min=0, max=100_000, help="Random starts; as in the scenario by default.")
 ]
+On = Annotated[
+    str | None,
+    typer.Option(
+        metavar="ray[:ADDRESS]",
+        help="Run on all cores of this machine with Ray, or on the cluster at this address.",
+    ),
+]
 StartSeed = Annotated[int | None, typer.Option(min=0, help="Seed of the random starts.")]
 
 

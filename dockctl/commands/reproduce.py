@@ -7,6 +7,7 @@ from typing import Annotated
 
 import typer
 
+from dockctl.commands.options import On
 from dockctl.experiments.interrupt import INTERRUPTED
 
 FAILED = 1
@@ -24,6 +25,7 @@ def reproduce(
     jobs: Annotated[
         int | None, typer.Option(min=1, max=1024, help="Number of parallel trainings.", show_default="cores")
     ] = None,
+    on: On = None,
     results: Annotated[Path, typer.Option(help="Archive folder, for <study>/<experiment>/seed<N>/.")] = Path(
         "results"
     ),
@@ -34,10 +36,9 @@ def reproduce(
 
     Example: dockctl reproduce s1 s2 s3
     """
-    from dockctl.compute import usable_cores
     from dockctl.experiments.runner import run_study
 
-    ending = run_study(study, names or [], out, results, jobs or usable_cores())
+    ending = run_study(study, names or [], out, results, jobs, on)
     if ending == "interrupted":
         raise typer.Exit(INTERRUPTED)
     if study == THESIS:

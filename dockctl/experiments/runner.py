@@ -1,10 +1,7 @@
-"""Run a study: jobs in parallel, as dockctl processes, a progress display, and the archive of results."""
+"""Run a study: its jobs in parallel, a progress display, and the archive of results."""
 
 from __future__ import annotations
 
-import os
-import signal
-import subprocess
 import sys
 import threading
 import time
@@ -14,23 +11,23 @@ from concurrent.futures import ThreadPoolExecutor
 from contextlib import ExitStack, contextmanager
 from dataclasses import dataclass
 from pathlib import Path
-from typing import IO, Literal
+from typing import Literal
 
 from rich.console import Console, Group
 from rich.live import Live
 from rich.table import Table
 from rich.text import Text
 
-import dockctl
+from dockctl.compute import usable_cores
 from dockctl.console import command_line, count, print_text
 from dockctl.errors import DockctlError
 from dockctl.experiments.archive import archive
 from dockctl.experiments.interrupt import on_interrupt
+from dockctl.experiments.jobs import LocalJob, RunningJob, last_line
 from dockctl.experiments.live import clock
-from dockctl.experiments.study import Job, Stage, load_study, make_jobs
-from dockctl.runs.files import exclusive_lock, require_writable, writing
+from dockctl.experiments.study import Job, load_study, make_jobs
+from dockctl.runs.files import require_writable
 
-TAIL_BYTES = 4096
 POLL_SECONDS = 0.25
 PLAIN_SECONDS = 60.0
 
@@ -38,7 +35,14 @@ State = Literal["waiting", "working", "done", "failed", "stopped"]
 Ending = Literal["done", "failed", "interrupted"]
 
 
-def run_study(source: str, names: Sequence[str], out: Path, results: Path, workers: int) -> Ending:
+def run_study(
+    source: str,
+    names: Sequence[str],
+    out: Path,
+    results: Path,
+    workers: int | None = None,
+    on: str | None = None,
+) -> Ending:
     """Run the remaining stages of a study and archive the finished runs.
 
     Args:
@@ -46,11 +50,12 @@ def run_study(source: str, names: Sequence[str], out: Path, results: Path, worke
         names: experiments or groups; all if empty.
         out: folder of the runs, ``<study>/<experiment>/<scenario>/<time>-seed<N>/``.
         results: folder of the archive, ``<study>/<experiment>/seed<N>/``.
-        workers: number of parallel jobs.
+        workers: number of parallel jobs; one per core by default.
+        on: where they run, see `dockctl.cluster.connected`; by default here, without Ray.
 
     Raises:
-        DockctlError: the study or one of its scenarios is invalid, a run is damaged, or a folder cannot be
-            written.
+        DockctlError: the study or one of its scenarios is invalid, a run is damaged, a folder cannot be
+            written, or Ray cannot be used.
     """
     study = load_study(source)
     experiments = study.chosen(names)
@@ -62,10 +67,19 @@ def run_study(source: str, names: Sequence[str], out: Path, results: Path, worke
     for job in jobs:
         for run, difference in job.mismatched_runs():
             print_text(console, f"note: {run} is not a run of {job.label}: {difference}", "yellow")
-    runner = JobRunner(jobs, min(workers, len(jobs)), lambda progress: display.report(progress))
-    display = Display(console, runner)
-    with display.shown(), on_interrupt(runner.stop):
-        runner.work(display.refresh)
+    with ExitStack() as stack:
+        cores: int = usable_cores()
+        place: Callable[[Job], RunningJob] = LocalJob
+        if on is not None:
+            from dockctl.cluster import connected
+            from dockctl.experiments.ray_jobs import RayJob
+
+            cores, place = stack.enter_context(connected(on)), RayJob
+        number = min(workers or cores, len(jobs))
+        runner = JobRunner(jobs, number, lambda progress: display.report(progress), place)
+        display = Display(console, runner)
+        with display.shown(), on_interrupt(runner.stop):
+            runner.work(display.refresh)
     ending = _report_ending(console, runner)
     if ending != "interrupted":
         done = (progress.job for progress in runner.progress if progress.state == "done")
@@ -95,27 +109,29 @@ class Progress:
 
     def last_line(self) -> str:
         """Return the last line of the job's output."""
-        try:
-            with self.job.log.open("rb") as file:
-                file.seek(max(0, file.seek(0, os.SEEK_END) - TAIL_BYTES))
-                lines = file.read().decode("utf-8", "replace").splitlines()
-        except OSError:
-            return ""
-        return next((line.strip() for line in reversed(lines) if line.strip()), "")
+        return last_line(self.job.log)
 
 
 class JobRunner:
-    """Runs jobs in worker threads, each stage as a process.
+    """Runs jobs, each watched by one thread.
 
     Args:
-        on_change: called from a worker thread whenever a job starts a stage or ends.
+        workers: number of jobs that run at the same time.
+        on_change: called from a thread whenever a job starts a stage or ends.
+        place: where they run.
     """
 
-    def __init__(self, jobs: Sequence[Job], workers: int, on_change: Callable[[Progress], None]) -> None:
+    def __init__(
+        self,
+        jobs: Sequence[Job],
+        workers: int,
+        on_change: Callable[[Progress], None],
+        place: Callable[[Job], RunningJob] = LocalJob,
+    ) -> None:
         self.progress = [Progress(job) for job in jobs]
-        self._workers, self._on_change = workers, on_change
+        self._workers, self._on_change, self._place = workers, on_change, place
         self._stopping = False
-        self._processes: set[subprocess.Popen[bytes]] = set()
+        self._running: set[RunningJob] = set()
         self._lock = threading.RLock()  # a signal may arrive inside stop()
 
     def work(self, poll: Callable[[], None]) -> None:
@@ -130,80 +146,35 @@ class JobRunner:
                 future.result()
 
     def stop(self) -> None:
-        """Start nothing new and interrupt every process; on the second call, terminate them."""
+        """Start nothing new and interrupt every job; on the second call, terminate them."""
         with self._lock:
-            number = signal.SIGTERM if self._stopping else signal.SIGINT
             self._stopping = True
-            for process in self._processes:
-                process.send_signal(number)
+            for job in self._running:
+                job.stop()
 
     @property
     def stopping(self) -> bool:
         return self._stopping
 
     def _run(self, progress: Progress) -> None:
-        if self.stopping:  # before it was started
-            return None
+        with self._lock:
+            if self._stopping:  # before it was started
+                return
+            job = self._place(progress.job)
+            self._running.add(job)
         try:
-            with _open_log(progress.job) as log:
-                for stage in _stages(progress.job):
-                    if not self._stopping:
-                        self._change(progress, "working", stage.name)
-                        code = self._call(stage, log)
-                    if self._stopping:
-                        return self._change(progress, "stopped", stage.name)
-                    if code or (stage.output and not stage.is_done):
-                        raise DockctlError(progress.last_line())
-            self._change(progress, "done", "")
+            is_done = job.run(lambda stage: self._change(progress, "working", stage))
+            self._change(progress, "done" if is_done else "stopped", "" if is_done else progress.stage)
         except DockctlError as error:
             progress.reason = str(error)
             self._change(progress, "failed", progress.stage)
+        finally:
+            with self._lock:
+                self._running.discard(job)
 
     def _change(self, progress: Progress, state: State, stage: str) -> None:
         progress.state, progress.stage, progress.began = state, stage, time.monotonic()
         self._on_change(progress)
-
-    def _call(self, stage: Stage, log: IO[bytes]) -> int:
-        """Run a stage and return its exit status."""
-        package = Path(dockctl.__file__).parent.parent
-        paths = os.pathsep.join(filter(None, [str(package), os.environ.get("PYTHONPATH")]))
-        with writing(Path(log.name)):
-            log.write(f"$ {command_line(*stage.arguments)}\n".encode())
-        with self._lock:
-            if self._stopping:
-                return signal.SIGINT
-            process = subprocess.Popen(
-                [sys.executable, "-P", "-m", "dockctl", *stage.arguments],
-                env={"OMP_NUM_THREADS": "1"} | os.environ | {"PYTHONPATH": paths},
-                stdin=subprocess.DEVNULL,
-                stdout=log,
-                stderr=subprocess.STDOUT,
-                process_group=0,  # Ctrl-C in the terminal reaches this process only, and stop() forwards it
-            )
-            self._processes.add(process)
-        code = process.wait()
-        with self._lock:
-            self._processes.discard(process)
-        return code
-
-
-def _stages(job: Job) -> Iterator[Stage]:
-    """Yield the remaining stages of a job; which ones remain is determined again after the training."""
-    if training := job.training():
-        yield training
-    if job.training() is not None:
-        raise DockctlError(f"{job.folder}: the training ended without a finished run folder")
-    yield from job.measurements()
-
-
-@contextmanager
-def _open_log(job: Job) -> Iterator[IO[bytes]]:
-    """Open the log of a job for appending, for one process at a time."""
-    with writing(job.log):
-        job.log.parent.mkdir(parents=True, exist_ok=True)
-        file = job.log.open("ab", buffering=0)
-    with file, exclusive_lock(job.log):
-        yield file
 
 
 class Display:

@@ -185,7 +185,8 @@ class Job:
 
     def runs(self) -> list[Path]:
         """Return the usable run folders of this training: finished ones first, then the latest."""
-        runs = [path.parent for path in sorted(self.folder.glob(f"*/*/{PROVENANCE}"), reverse=True)]
+        found = self.folder.glob(f"*/[!.]*/{PROVENANCE}")  # a dot: a folder that was not written to its end
+        runs = [path.parent for path in sorted(found, reverse=True)]
         usable = [r for r in runs if self.difference(r) is None and (_finished(r) or _resumable(r))]
         return sorted(usable, key=_finished, reverse=True)
 

@@ -11,7 +11,7 @@ from typing import Any
 from gymnasium.vector import VectorEnv
 from rich.console import Console
 
-from dockctl.agents.algorithms import AlgorithmSpec
+from dockctl.agents.algorithms import AlgorithmSpec, remember_code
 from dockctl.agents.checkpoint import PolicyCard, load_policy, require_imports, torch_device
 from dockctl.agents.divergence import DivergenceError
 from dockctl.agents.interface import Algorithm, Policy, Spaces
@@ -45,7 +45,6 @@ from dockctl.scenarios.loader import LoadedScenario, dump
 from dockctl.scenarios.schema import PolicyInterface
 from dockctl.sim.starts import own_site
 from dockctl.sim.world import World, build_worlds, load_checked, notes
-from dockctl.trust import file_digest, remember, text_digest
 
 
 @dataclass(frozen=True, eq=False)
@@ -116,7 +115,7 @@ def train(
         run.write_text(SCENARIO, dump(with_paths(loaded.scenario, facts["plugins"], facts["meshes"])))
         run.write_json(SCENE, session.worlds[own_site(loaded.scenario).harbor].scene().to_json())
         run.write_json(PROVENANCE, facts)
-        _remember(session)
+        remember_code(session.loaded.scenario)
         return _run(session, run, console or Console(), resumed=False)
 
 
@@ -162,7 +161,7 @@ def resume(
         again = {"at": provenance.now(), "env_steps": made, "command": sys.argv}
         facts |= {"finished": None, "stop_reason": None, "resumed": [*facts.get("resumed", []), again]}
         run.write_json(PROVENANCE, facts)
-        _remember(session)
+        remember_code(session.loaded.scenario)
         return _run(session, run, console or Console(), resumed=True)
 
 
@@ -235,12 +234,6 @@ def _prepare(loaded: LoadedScenario, device: str) -> _Session:
     algorithm = build_algorithm(loaded, Spaces.from_env(environment), training.boats, device)
     assert isinstance(training.algorithm, AlgorithmSpec)
     return _Session(loaded, worlds, memory, environment, training.algorithm, algorithm)
-
-
-def _remember(session: _Session) -> None:
-    """Let the runs of this code be used on this machine without a question."""
-    modules = map(text_digest, session.spec.imports)
-    remember([*map(file_digest, session.loaded.plugin_files), *modules])
 
 
 def _run(

@@ -8,9 +8,12 @@ from collections.abc import Collection, Iterable
 from pathlib import Path
 from typing import Any
 
+from dockctl.reading import read_bytes
 from dockctl.scenarios.harbor import Fleet, Marina, is_model_file
+from dockctl.scenarios.loader import dump
 from dockctl.scenarios.schema import Scenario
 
+SCENARIO_FILE = "scenario.yaml"
 LABELS = {"title", "description", "plugins"}
 """Fields that affect neither a training nor an episode."""
 
@@ -35,6 +38,24 @@ def with_paths(scenario: Scenario, plugins: Iterable[str], meshes: Iterable[str]
         changes["fleet"] = harbor.fleet.model_copy(update={"models": tuple(models)})
     changed = {"plugins": tuple(plugins), "harbor": harbor.model_copy(update=changes)}
     return scenario.model_copy(update=changed)
+
+
+def self_contained(scenario: Scenario) -> dict[str, bytes]:
+    """Return the files, by relative path, from which `SCENARIO_FILE` loads as an equal scenario anywhere.
+
+    Raises:
+        DockctlError: a local file of the scenario cannot be read.
+    """
+    files: dict[str, bytes] = {}
+
+    def added(folder: str, paths: Iterable[Path]) -> list[str]:
+        copies = {f"{folder}/{number:02d}-{path.name}": read_bytes(path) for number, path in enumerate(paths)}
+        files.update(copies)
+        return list(copies)
+
+    plugins = added("plugins", map(Path, scenario.plugins))
+    moved = with_paths(scenario, plugins, added("meshes", mesh_files(scenario)))
+    return {SCENARIO_FILE: dump(moved).encode(), **files}
 
 
 def first_difference(expected: Scenario, found: Scenario, *, ignore: Collection[str] = ()) -> str | None:

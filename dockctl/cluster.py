@@ -1,0 +1,90 @@
+"""Ray, for work on all cores of this machine or on a cluster: ``--on ray`` and ``--on ray:ADDRESS``."""
+
+from __future__ import annotations
+
+import os
+import socket
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager
+from pathlib import Path
+from typing import Any
+
+from dockctl import __version__
+from dockctl.compute import usable_cores
+from dockctl.errors import DockctlError
+
+CONNECT_SECONDS = 5.0
+
+
+@contextmanager
+def connected(on: str) -> Iterator[int]:
+    """Start Ray on the cores of this machine, or connect to a cluster; yield the number of its cores.
+
+    Args:
+        on: ``ray``, or ``ray:ADDRESS`` with an address that `ray.init` takes.
+
+    Raises:
+        DockctlError: Ray is not installed, or the cluster cannot be reached.
+    """
+    place, _, address = on.partition(":")
+    if place != "ray" or on.endswith(":"):
+        message = f"--on '{on}': expected ray for this machine, or ray:ADDRESS for a cluster, like ray:auto"
+        raise DockctlError(message)
+    os.environ.setdefault("RAY_USAGE_STATS_ENABLED", "0")
+    try:
+        import ray
+    except ImportError:
+        message = "--on ray: the package ray is not installed; run: pip install 'dockctl[ray]'"
+        raise DockctlError(message, code="unavailable") from None
+    quiet: dict[str, Any] = {"log_to_driver": False, "logging_level": "ERROR"}
+    if not address:
+        ray.init("local", num_cpus=usable_cores(), include_dashboard=False, **quiet)
+    else:
+        if address != "auto":
+            _require_listener(address)
+        try:
+            ray.init(address, **quiet)
+        except (OSError, RuntimeError, ValueError) as error:  # ConnectionError, another version of Python
+            raise _unreachable(address, str(error).strip().splitlines()[0]) from None
+    try:
+        yield max(1, int(ray.cluster_resources().get("CPU", 1)))
+    finally:
+        ray.shutdown()
+
+
+def _require_listener(address: str) -> None:
+    """Check that something listens at ``[ray://]host:port``: Ray itself would try for minutes.
+
+    Raises:
+        DockctlError: nothing does.
+    """
+    host, _, port = address.removeprefix("ray://").rpartition(":")
+    if not host or not port.isdecimal():
+        raise _unreachable(address, "expected auto, HOST:PORT or ray://HOST:PORT")
+    try:
+        socket.create_connection((host, int(port)), CONNECT_SECONDS).close()
+    except (OSError, OverflowError) as error:
+        raise _unreachable(address, getattr(error, "strerror", None) or str(error)) from None
+
+
+def _unreachable(address: str, reason: str) -> DockctlError:
+    return DockctlError(f"--on ray:{address}: cannot be reached: {reason}", code="unavailable")
+
+
+def require_version(version: str) -> None:
+    """Check, on a worker, that its dockctl is that of the command.
+
+    Raises:
+        DockctlError: it is another version.
+    """
+    if version != __version__:
+        message = f"{socket.gethostname()}: has dockctl {__version__}, but this command is {version}"
+        raise DockctlError(f"{message}; install the same version on all machines", code="mismatch")
+
+
+def write_files(folder: Path, files: Mapping[str, bytes]) -> None:
+    """Write files, by their paths below `folder`."""
+    for name, content in files.items():
+        path = folder / name
+        path.parent.mkdir(parents=True, exist_ok=True)
+        path.write_bytes(content)
