@@ -6,6 +6,7 @@ import os
 import socket
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
+from importlib.util import find_spec
 from pathlib import Path
 from typing import Any
 
@@ -14,6 +15,11 @@ from dockctl.compute import usable_cores
 from dockctl.errors import DockctlError
 
 CONNECT_SECONDS = 5.0
+
+
+def is_installed() -> bool:
+    """Return whether the extra ``dockctl[ray]`` is installed."""
+    return find_spec("ray") is not None
 
 
 @contextmanager
@@ -30,7 +36,8 @@ def connected(on: str) -> Iterator[int]:
     if place != "ray" or on.endswith(":"):
         message = f"--on '{on}': expected ray for this machine, or ray:ADDRESS for a cluster, like ray:auto"
         raise DockctlError(message)
-    os.environ.setdefault("RAY_USAGE_STATS_ENABLED", "0")
+    for name in ("RAY_USAGE_STATS_ENABLED", "RAY_worker_niceness"):
+        os.environ.setdefault(name, "0")
     try:
         import ray
     except ImportError:

@@ -15,6 +15,7 @@ from dockctl.commands.options import (
     Ckpt,
     Episodes,
     Json,
+    On,
     Overrides,
     Plugins,
     PolicyArgument,
@@ -53,6 +54,7 @@ def evaluate(
     trust: Trust = False,
     episodes: Episodes = None,
     seed: StartSeed = None,
+    on: On = None,
     min_success: Annotated[
         float | None,
         typer.Option(
@@ -79,7 +81,7 @@ def evaluate(
     if csv:
         require_writable_file(csv, ".csv")
     with Console(stderr=True).status("running episodes"):
-        result = run(given, scenario, episodes=episodes, seed=seed, overrides=set_ or ())
+        result = run(given, scenario, episodes=episodes, seed=seed, overrides=set_ or (), on=on)
     table = to_csv(result.rows(), EVALUATION)
     if csv:
         write_atomically(csv, table.encode())

@@ -10,6 +10,7 @@ from rich.console import Console
 
 from dockctl.commands.options import (
     Ckpt,
+    On,
     Outputs,
     Plugins,
     PolicyArgument,
@@ -44,6 +45,7 @@ def map_(
         str | None,
         typer.Option(metavar="DEGREES,…", help="Heading offsets [°]; 0, ±20, ±45, ±90 and 180 by default."),
     ] = None,
+    on: On = None,
     csv: Annotated[Path | None, typer.Option(help="Write the table to this file as well.")] = None,
     out: Annotated[
         Path | None,
@@ -67,7 +69,7 @@ def map_(
     loaded_policy = select_policy(policy, ckpt, plugin, trust, scenario)
     outputs = Outputs.select(MAP, loaded_policy, scenario, out, csv)
     with Console(stderr=True).status("running episodes"):
-        result = success_map(loaded_policy, scenario, grid)
+        result = success_map(loaded_policy, scenario, grid, on=on)
     _print(result)
     caption, task = loaded_policy.caption, result.scenario.task
     outputs.write(result.csv, lambda: {outputs.stem: map_figure(result.table, result.plan, task, caption)})

@@ -4,9 +4,10 @@ from __future__ import annotations
 
 import math
 import re
-from collections.abc import Sequence
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager
 from dataclasses import dataclass
-from functools import cached_property
+from functools import cached_property, partial
 from pathlib import Path
 from typing import Any
 
@@ -19,8 +20,10 @@ from dockctl.evaluation.starts import evaluation_starts, testing_starts
 from dockctl.runs.directory import EVALUATION
 from dockctl.runs.tables import START_KEYS, Value
 from dockctl.scenarios.schema import Scenario
+from dockctl.sim.starts import Start
 
 MAX_STEM = 150
+Run = Callable[[Sequence[Start]], list[Episode]]
 
 
 @dataclass(frozen=True, eq=False)
@@ -102,6 +105,28 @@ class Evaluation:
         }
 
 
+@contextmanager
+def running(policy: LoadedPolicy, rollout: Rollout, on: str | None) -> Iterator[Run]:
+    """Yield a function that runs the policy from starts: here, or on Ray.
+
+    Args:
+        on: see `dockctl.cluster.connected`; None for this process.
+
+    Raises:
+        DockctlError: the policy does not fit the environment, or Ray cannot be used.
+    """
+    built = policy.make(rollout.env())
+    if on is None:
+        yield partial(rollout.run, built)
+        return
+    from dockctl.cluster import connected
+
+    with connected(on) as cores:
+        from dockctl.evaluation.ray_rollout import RayRollout
+
+        yield RayRollout(rollout, policy, cores).run
+
+
 def evaluate(
     policy: str | Path | LoadedPolicy | None = None,
     scenario: str | Path | None = None,
@@ -109,6 +134,7 @@ def evaluate(
     episodes: int | None = None,
     seed: int | None = None,
     overrides: Sequence[str] = (),
+    on: str | None = None,
 ) -> Evaluation:
     """Run a policy from a scenario's evaluation poses and from random starts.
 
@@ -118,9 +144,10 @@ def evaluate(
         episodes: number of random starts; the scenario's by default.
         seed: of the random starts; the scenario's by default.
         overrides: changed values of the scenario, ``key=value``.
+        on: run the episodes on Ray, see `dockctl.cluster.connected`; the result is the same.
 
     Raises:
-        DockctlError: there is no such policy or scenario, or they do not fit.
+        DockctlError: there is no such policy or scenario, they do not fit, or Ray cannot be used.
     """
     loaded_policy = load_policy(policy)
     loaded = loaded_policy.scenario(scenario, overrides)
@@ -133,7 +160,8 @@ def evaluate(
             loaded.scenario, rollout.worlds, random.episodes if episodes is None else episodes, seed
         ),
     ]
-    results = rollout.run(loaded_policy.make(rollout.env()), starts)
+    with running(loaded_policy, rollout, on) as run:
+        results = run(starts)
     kinds = dict.fromkeys(start.kind for start in starts)
     return Evaluation(
         policy=loaded_policy,

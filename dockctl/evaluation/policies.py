@@ -19,7 +19,7 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import partial
 from pathlib import Path
-from typing import Any
+from typing import Any, ClassVar
 
 from dockctl import plugins
 from dockctl.agents import checkpoint
@@ -29,6 +29,7 @@ from dockctl.envs.vector import DockingVectorEnv
 from dockctl.errors import DockctlError, nearest, plugin_errors
 from dockctl.evaluation.libraries import CheckedPolicy, factory_of, imported, onnx_policy, sb3_policy
 from dockctl.plugins import OBSERVATION_PARTS, POLICIES, Entry
+from dockctl.reading import read_bytes
 from dockctl.runs.directory import RUNS, SCENARIO, RunDirectory, named_checkpoints
 from dockctl.scenarios import catalog
 from dockctl.scenarios.catalog import SUFFIXES
@@ -54,6 +55,8 @@ class LoadedPolicy(ABC):
         plugin_files: local plugins of the user.
         trust: the plugins of a received scenario may run.
     """
+
+    FILES: ClassVar[str] = "{files}"
 
     name: str
     long_name: str
@@ -89,6 +92,16 @@ class LoadedPolicy(ABC):
         Raises:
             DockctlError: its observations or actions do not match the environment, or its code fails.
         """
+
+    def portable(self) -> tuple[str, dict[str, bytes], Mapping[str, Any]]:
+        """Return what `load_policy` needs on another machine: source, files by name, and parameters.
+
+        In the source, `FILES` stands for the folder of the files.
+
+        Raises:
+            DockctlError: a file cannot be read.
+        """
+        return self.long_name, {}, {}
 
     @abstractmethod
     def facts(self) -> dict[str, Any]:
@@ -160,6 +173,11 @@ class CheckpointPolicy(LoadedPolicy):
         require_spaces(self.card, Spaces.from_env(env), where=self.file, scenario=env.scenario.name)
         return self.policy
 
+    def portable(self) -> tuple[str, dict[str, bytes], Mapping[str, Any]]:
+        files = (self.file, self.file.with_suffix(".safetensors"))
+        pair = {f"policy{file.suffix}": read_bytes(file) for file in files}
+        return f"{self.FILES}/policy.json", pair, {}
+
     def facts(self) -> dict[str, Any]:
         return {"file": str(self.file), **self.card.model_dump(mode="json")}
 
@@ -221,6 +239,14 @@ class BuiltPolicy(LoadedPolicy):
                     code="plugin",
                 )
         return CheckedPolicy(policy, self.long_name, self.file, env.single_action_space)
+
+    def portable(self) -> tuple[str, dict[str, bytes], Mapping[str, Any]]:
+        source, colon, attribute = self.long_name.rpartition(":")
+        file = Path(source if colon else self.long_name)
+        if file.suffix not in (".py", ".zip", ".onnx"):
+            return self.long_name, {}, self.params
+        moved = f"{self.FILES}/{file.name}" + (f":{attribute}" if colon else "")
+        return moved, {file.name: read_bytes(file)}, self.params
 
     def facts(self) -> dict[str, Any]:
         facts: dict[str, Any] = {"name": self.long_name}

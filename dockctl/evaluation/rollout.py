@@ -131,12 +131,8 @@ class Rollout:
         """
         if not starts:
             return []
-        seeded = [
-            replace(start, seed=index if start.seed is None else start.seed)
-            for index, start in enumerate(starts)
-        ]
         measure = self._clearance if clearance else None
-        return run_episodes(self.env(min(PARALLEL_BOATS, len(starts))), policy, seeded, measure)
+        return run_episodes(self.env(min(PARALLEL_BOATS, len(starts))), policy, seeded(starts), measure)
 
     def at_start(self, start: Start) -> Episode:
         """Return the episode from a start before its first step."""
@@ -156,6 +152,13 @@ class Rollout:
 
     def _clearance(self, start: Start, poses: Floats) -> float:
         return least_clearance(poses, self.worlds[start.harbor].obstacles.clearance, self._reach_m)
+
+
+def seeded(starts: Sequence[Start]) -> list[Start]:
+    """Return the starts, start i with the seed i unless it has one."""
+    return [
+        replace(start, seed=index if start.seed is None else start.seed) for index, start in enumerate(starts)
+    ]
 
 
 def run_episodes(

@@ -11,9 +11,9 @@ from pathlib import Path
 import numpy as np
 import pandas as pd
 
-from dockctl.agents.interface import Policy
 from dockctl.drawing.scene import Scene
 from dockctl.errors import DockctlError
+from dockctl.evaluation.evaluate import Run, running
 from dockctl.evaluation.policies import LoadedPolicy, load_policy
 from dockctl.evaluation.rollout import Rollout
 from dockctl.evaluation.starts import pose_check
@@ -91,6 +91,8 @@ def success_map(
     policy: str | Path | LoadedPolicy | None = None,
     scenario: str | Path | None = None,
     grid: Grid | None = None,
+    *,
+    on: str | None = None,
 ) -> SuccessMap:
     """Run a policy from every free start of a grid around the first initial pose of the task.
 
@@ -98,16 +100,18 @@ def success_map(
         policy: see `dockctl.evaluation.policies.load_policy`; the latest run by default.
         scenario: file or name; the policy's own by default.
         grid: ±10 m in steps of 2 m with eight headings by default.
+        on: run the episodes on Ray, see `dockctl.cluster.connected`; the result is the same.
 
     Raises:
-        DockctlError: there is no such policy or scenario, they do not fit, or no start is free.
+        DockctlError: there is no such policy or scenario, they do not fit, no start is free, or Ray cannot be
+            used.
     """
     loaded_policy, grid = load_policy(policy), grid or Grid()
     loaded = loaded_policy.scenario(scenario)
     rollout = Rollout(loaded)
-    built = loaded_policy.make(rollout.env())
     site = own_site(loaded.scenario)
-    rows = [row for heading in grid.headings_deg for row in _rows(rollout, built, grid.offsets(heading))]
+    with running(loaded_policy, rollout, on) as run:
+        rows = [row for heading in grid.headings_deg for row in _rows(rollout, run, grid.offsets(heading))]
     if all(row["blocked"] for row in rows):
         raise DockctlError(
             f"no start is free in '{loaded.scenario.name}': choose other headings or a larger reach"
@@ -116,7 +120,7 @@ def success_map(
     return SuccessMap(loaded_policy, loaded.scenario, to_csv(rows, MAP), plan)
 
 
-def _rows(rollout: Rollout, policy: Policy, offsets: Floats) -> Iterator[dict[str, Value]]:
+def _rows(rollout: Rollout, run: Run, offsets: Floats) -> Iterator[dict[str, Value]]:
     """Yield the rows of the starts with one heading offset; a blocked start has no episode.
 
     Args:
@@ -127,7 +131,7 @@ def _rows(rollout: Rollout, policy: Policy, offsets: Floats) -> Iterator[dict[st
     poses = site.initial[0] + np.column_stack([offsets[:, :2], np.radians(offsets[:, 2])])
     free = [check.free(pose) for pose in poses]
     starts = [given_start(site, scenario.task, poses[i], i) for i in range(len(poses)) if free[i]]
-    episodes = iter(rollout.run(policy, starts))
+    episodes = iter(run(starts))
     for (dx, dy, turn), (x, y, heading), is_free in zip(offsets, poses, free, strict=True):
         place: dict[str, Value] = {
             "dx_m": dx, "dy_m": dy, "dheading_deg": turn,

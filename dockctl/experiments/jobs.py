@@ -1,4 +1,4 @@
-"""Where a job of a study runs: here, as processes of this machine, or on Ray (`dockctl.experiments.ray_jobs`)."""
+"""Where a job of a study runs: as processes of this machine, or on Ray (`dockctl.experiments.ray_jobs`)."""
 
 from __future__ import annotations
 
@@ -31,6 +31,12 @@ os.execv(sys.executable, [sys.executable, *sys.argv[2:]])
 """
 
 
+class KilledError(DockctlError):
+    """A process of a job was killed, by the system or by somebody."""
+
+    code = "unavailable"
+
+
 class RunningJob(Protocol):
     """A job and the place where it runs."""
 
@@ -61,12 +67,12 @@ class LocalJob:
         """See `RunningJob`."""
         with open_log(self.job) as log:
             for stage in remaining(self.job):
-                if self._stopped:
-                    return False
                 on_stage(stage.name)
                 code = self._call(stage, log)
-                if self._stopped:
+                if code is None:
                     return False
+                if code == -signal.SIGKILL:
+                    raise KilledError(f"{stage.name} was killed; was the memory full?")
                 if code or (stage.output and not stage.is_done):
                     raise DockctlError(last_line(self.job.log))
         return True
@@ -94,8 +100,8 @@ class LocalJob:
                 if process is not None:
                     process.send_signal(signal.SIGCONT)
 
-    def _call(self, stage: Stage, log: IO[bytes]) -> int:
-        """Run a stage and return its exit status."""
+    def _call(self, stage: Stage, log: IO[bytes]) -> int | None:
+        """Run a stage and return its exit status, or None if the job was stopped."""
         package = Path(dockctl.__file__).parent.parent
         paths = os.pathsep.join(filter(None, [str(package), os.environ.get("PYTHONPATH")]))
         with writing(Path(log.name)):
@@ -103,7 +109,7 @@ class LocalJob:
         command = [sys.executable, "-P", "-c", LAUNCH, str(os.getpid())]
         with self._lock:
             if self._stopped:
-                return signal.SIGINT
+                return None
             self._process = process = subprocess.Popen(
                 [*command, "-P", "-m", "dockctl", *stage.arguments],
                 env={"OMP_NUM_THREADS": "1"} | os.environ | {"PYTHONPATH": paths},
@@ -115,7 +121,7 @@ class LocalJob:
         code = process.wait()
         with self._lock:
             self._process = None
-        return code
+            return None if self._stopped else code
 
 
 def remaining(job: Job) -> Iterator[Stage]:

@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import os
 import shutil
+import signal
 import tempfile
 import threading
 import time
@@ -25,7 +26,7 @@ from dockctl import __version__
 from dockctl.agents.algorithms import remember_code
 from dockctl.cluster import require_version, write_files
 from dockctl.errors import DockctlError
-from dockctl.experiments.jobs import LocalJob, open_log, remaining
+from dockctl.experiments.jobs import KilledError, LocalJob, open_log, remaining
 from dockctl.experiments.study import Experiment, Job
 from dockctl.reading import read_bytes
 from dockctl.runs.directory import CHECKPOINTS, LAST
@@ -136,11 +137,13 @@ class Worker:
     def _run(self) -> None:
         try:
             self._ended = self._job.run(self._stages.append)
+        except KilledError:  # another worker may have more memory
+            os.kill(os.getpid(), signal.SIGKILL)
         except Exception as error:  # the head would wait for ever
             self._ended = str(error) if isinstance(error, DockctlError) else repr(error)
 
     def report(self) -> Report:
-        """Return what has happened, with the changed files if the training has saved or a stage has started."""
+        """Return what has happened, with the changed files after a save and between stages."""
         ended, saves = self._ended, self._saves()
         stages, self._stages[:] = tuple(self._stages), []
         output = b""
@@ -214,7 +217,9 @@ class RayJob:
                     losses = 1 if self._saved else losses + 1
                     reason = str(error).strip().splitlines()[-1].strip()
                     if losses == LOSSES:
-                        message = f"{LOSSES} workers were lost without a save in between, the last one: {reason}"
+                        message = (
+                            f"{LOSSES} workers were lost without a save in between, the last one: {reason}"
+                        )
                         raise DockctlError(message, code="unavailable") from None
                     with writing(self.job.log):
                         log.write(f"the worker was lost, another one continues: {reason}\n".encode())

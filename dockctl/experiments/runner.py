@@ -72,9 +72,11 @@ def run_study(
         place: Callable[[Job], RunningJob] = LocalJob
         if on is not None:
             from dockctl.cluster import connected
+
+            cores = stack.enter_context(connected(on))
             from dockctl.experiments.ray_jobs import RayJob
 
-            cores, place = stack.enter_context(connected(on)), RayJob
+            place = RayJob
         number = min(workers or cores, len(jobs))
         runner = JobRunner(jobs, number, lambda progress: display.report(progress), place)
         display = Display(console, runner)

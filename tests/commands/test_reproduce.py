@@ -17,7 +17,7 @@ import pytest
 from rich.console import Console
 
 import dockctl as package
-from dockctl.experiments import runner as runner_module
+from dockctl.experiments import jobs as jobs_module
 from dockctl.experiments.runner import Display, JobRunner, Progress
 from dockctl.experiments.study import Experiment, Job, Stage, make_jobs, nearest_failures
 from dockctl.scenarios.content import with_paths
@@ -163,7 +163,7 @@ def test_a_full_disk_behind_a_log_is_a_failure_of_its_job(
 
 def test_jobs_that_were_not_started_are_not_stopped(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     stage = Stage("good", ("--version",))
-    monkeypatch.setattr(runner_module, "_stages", lambda job: iter([stage, stage]))
+    monkeypatch.setattr(jobs_module, "remaining", lambda job: iter([stage, stage]))
     runner = JobRunner(jobs(tmp_path, seeds=3), 1, lambda progress: runner.stop())
     runner.work(lambda: None)
     assert [progress.state for progress in runner.progress] == ["stopped", "waiting", "waiting"]
@@ -190,7 +190,7 @@ def test_the_nearest_failures_are_one_of_each_kind(tmp_path: Path) -> None:
 def work(
     jobs: list[Job], stages: dict[int, list[Stage]], monkeypatch: pytest.MonkeyPatch
 ) -> dict[int, Progress]:
-    monkeypatch.setattr(runner_module, "_stages", lambda job: iter(stages.get(job.seed, [])))
+    monkeypatch.setattr(jobs_module, "remaining", lambda job: iter(stages.get(job.seed, [])))
     runner = JobRunner(jobs, 2, lambda progress: None)
     runner.work(lambda: None)
     return {progress.job.seed: progress for progress in runner.progress}

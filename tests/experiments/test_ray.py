@@ -1,0 +1,143 @@
+"""Studies and evaluations on Ray give what they give without it, also if a worker is killed.
+
+``DOCKCTL_RAY=1`` adds the trainings, which take a minute.
+"""
+
+from __future__ import annotations
+
+import os
+import socket
+import sys
+from collections.abc import Callable
+from pathlib import Path
+
+import psutil
+import pytest
+
+from dockctl import cluster
+from dockctl.errors import DockctlError
+from dockctl.evaluation import evaluate
+from dockctl.experiments.jobs import LocalJob, RunningJob
+from dockctl.experiments.runner import JobRunner
+from dockctl.experiments.study import Experiment, Job, make_jobs
+from tests.commands.conftest import QUICK, dockctl, only_run, quick_train
+
+TABLES = ("episodes.csv", "updates.csv", "evaluations.csv", "trajectories.csv", "evaluation.csv")
+needs_ray = pytest.mark.skipif(not cluster.is_installed(), reason="dockctl[ray] is not installed")
+
+
+@pytest.mark.slow
+@needs_ray
+def test_an_evaluation_on_ray_is_that_of_one_process(tmp_path: Path) -> None:
+    assert quick_train(tmp_path, "s1", "--steps", 100).code == 0
+    run = only_run(tmp_path)
+    here, there = evaluate(run, episodes=60), evaluate(run, episodes=60, on="ray")
+    assert len(here.rows()) > 60
+    assert here.rows() == there.rows()
+    assert here.as_json() == there.as_json()
+
+
+def work(job: Job, place: Callable[[Job], RunningJob], poll: Callable[[], None] = lambda: None) -> Path:
+    """Run a job to its end and return its run."""
+    runner = JobRunner([job], 1, lambda progress: None, place)
+    runner.work(poll)
+    (progress,) = runner.progress
+    assert progress.state == "done", progress.reason
+    run = job.finished()
+    assert run is not None
+    assert [*job.measurements()] == []
+    return run
+
+
+@pytest.mark.slow
+@needs_ray
+@pytest.mark.skipif(not os.environ.get("DOCKCTL_RAY"), reason="takes a minute; run with DOCKCTL_RAY=1")
+@pytest.mark.parametrize("victim", ["ray::Worker", "dockctl train"])
+def test_a_training_whose_worker_is_killed_ends_like_one_on_this_machine(tmp_path: Path, victim: str) -> None:
+    settings = (*QUICK, "training.total_steps=3000")
+    experiment = {"name": "tiny", "group": "g", "scenario": "s1", "set": settings}
+
+    def job_in(out: Path) -> Job:
+        return make_jobs([Experiment.model_validate(experiment)], out)[0]
+
+    here, there = job_in(tmp_path / "here"), job_in(tmp_path / "there")
+    killed: list[int] = []
+
+    def kill() -> None:
+        """Kill the worker once, when the head has a checkpoint."""
+        if not killed and [*there.folder.glob("*/*/checkpoints/last/learner.json")]:
+            for process in psutil.Process().children(recursive=True):
+                if victim in " ".join(process.cmdline()) and not there.finished():
+                    killed.append(process.pid)
+                    process.kill()
+                    return
+
+    expected = work(here, LocalJob)
+    with cluster.connected("ray"):
+        from dockctl.experiments.ray_jobs import RayJob
+
+        found = work(there, RayJob, kill)
+    log = there.log.read_text()
+    assert killed
+    assert log.count("the worker was lost") == 1
+    assert log.count("$ dockctl train --resume") == 1
+    for name in TABLES:
+        assert (found / name).read_bytes() == (expected / name).read_bytes(), name
+
+
+@needs_ray
+def test_runs_of_a_worker_are_written_in_one_step_and_replace_no_others(tmp_path: Path) -> None:
+    from dockctl.experiments.ray_jobs import receive
+
+    first = {"s1/a/table.csv": b"1", "s1/a/checkpoints/last/x": b"2"}
+    receive(tmp_path, frozenset(first), first, set())
+    receive(tmp_path, frozenset({"s1/a/table.csv", "s1/a/y"}), {"s1/a/y": b"3"}, {*first})
+    files = {str(p.relative_to(tmp_path)): p.read_bytes() for p in tmp_path.rglob("*") if p.is_file()}
+    assert files == {"s1/a/table.csv": b"1", "s1/a/y": b"3"}
+    with pytest.raises(DockctlError, match="exists"):
+        receive(tmp_path, frozenset(first), first, set())
+    assert (tmp_path / "s1" / "a" / "y").read_bytes() == b"3"
+
+
+def refused(on: str) -> DockctlError:
+    with pytest.raises(DockctlError) as caught, cluster.connected(on):
+        pass
+    return caught.value
+
+
+@pytest.mark.parametrize("on", ["rya", "ray:", "local"])
+def test_unknown_places_are_errors(on: str) -> None:
+    outcome = dockctl("evaluate", "s1", "--episodes", 0, "--on", on)
+    assert outcome.code == 2
+    assert "ray:ADDRESS" in outcome.err
+
+
+@needs_ray
+def test_an_address_that_cannot_be_reached_is_an_error_at_once() -> None:
+    with socket.socket() as closed:
+        closed.bind(("127.0.0.1", 0))
+        address = f"127.0.0.1:{closed.getsockname()[1]}"
+        for given in (address, f"ray://{address}", "no-port", "host:port"):
+            with (
+                pytest.raises(DockctlError, match="cannot be reached") as caught,
+                cluster.connected(f"ray:{given}"),
+            ):
+                pass
+            assert caught.value.code == "unavailable"
+            assert f"ray:{given}" in str(caught.value)
+
+
+def test_without_ray_the_error_names_what_to_install(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setitem(sys.modules, "ray", None)
+    with (
+        pytest.raises(DockctlError, match=r"pip install 'dockctl\[ray\]'") as caught,
+        cluster.connected("ray"),
+    ):
+        pass
+    assert caught.value.code == "unavailable"
+
+
+def test_another_version_on_a_worker_is_an_error() -> None:
+    with pytest.raises(DockctlError, match=r"0\.0\.7") as caught:
+        cluster.require_version("0.0.7")
+    assert caught.value.code == "mismatch"
