@@ -27,7 +27,7 @@ GROUPS = {
         "latency": "latency",
         "verify": "verify",
     },
-    "Look": {"view": "view", "plot": "plot", "show": "show", "list": "list_registered"},
+    "Look": {"view": "view", "report": "report", "plot": "plot", "show": "show", "list": "list_registered"},
     "Manage": {
         "init": "init",
         "validate": "validate",

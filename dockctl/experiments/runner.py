@@ -26,7 +26,8 @@ from dockctl.experiments.interrupt import on_interrupt
 from dockctl.experiments.jobs import LocalJob, RunningJob, last_line
 from dockctl.experiments.live import clock
 from dockctl.experiments.study import Job, load_study, make_jobs
-from dockctl.runs.files import require_writable
+from dockctl.runs.directory import STUDY
+from dockctl.runs.files import require_writable, write_json
 
 POLL_SECONDS = 0.25
 PLAIN_SECONDS = 60.0
@@ -90,6 +91,8 @@ def run_study(
             for job in done
             if (finished := job.finished())
         ]
+        if archived:
+            write_json(results / STUDY, study.model_dump(mode="json"))
         print_text(console, f"{count(len(archived), 'run')} archived in {results}")
     return ending
 

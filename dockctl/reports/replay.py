@@ -13,8 +13,8 @@ import numpy as np
 from jinja2 import Environment
 from markupsafe import Markup
 
-FILES = ("viewer.html", "viewer.css", "viewer.js", "three.js")
-"""Package data in ``viewer/``; ``tools/viewer`` bundles ``three.js``."""
+FILES = ("page/theme.css", "viewer/viewer.css", "viewer/viewer.html", "viewer/viewer.js", "viewer/three.js")
+"""Package data; ``tools/viewer`` bundles ``three.js``."""
 
 
 def page(data: Mapping[str, Any]) -> str:
@@ -26,16 +26,21 @@ def page(data: Mapping[str, Any]) -> str:
     block = bytearray()
     # Plain "<" could end the script element that holds the data.
     header = json.dumps(_placed(data, block)).replace("<", "\\u003c")
-    text = {name: (resources.files("dockctl.reports") / "viewer" / name).read_text("utf-8") for name in FILES}
-    template = Environment(autoescape=True).from_string(text["viewer.html"])
-    return template.render(
-        title=data["title"],
-        subtitle=data["subtitle"],
-        style=Markup(text["viewer.css"]),
-        three=Markup(text["three.js"]),
-        script=Markup(text["viewer.js"]),
-        header=Markup(header),
-        arrays=base64.b64encode(gzip.compress(block, mtime=0)).decode(),
+    theme, style, html, script, three = (
+        (resources.files("dockctl.reports") / name).read_text("utf-8") for name in FILES
+    )
+    return (
+        Environment(autoescape=True)
+        .from_string(html)
+        .render(
+            title=data["title"],
+            subtitle=data["subtitle"],
+            style=Markup(theme + style),
+            three=Markup(three),
+            script=Markup(script),
+            header=Markup(header),
+            arrays=base64.b64encode(gzip.compress(block, mtime=0)).decode(),
+        )
     )
 
 

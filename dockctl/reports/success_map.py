@@ -96,7 +96,7 @@ def map_figure(table: pd.DataFrame, plan: Scene, task: Task, caption: str) -> Fi
 
 def draw_cells(ax: Axes, part: pd.DataFrame, hull: Floats, limit_m: float) -> None:
     """Draw the starts with one heading offset as cells colored by outcome, and the boat at the center."""
-    side = 0.9 * _spacing(part)
+    side = 0.9 * spacing(part)
     blocked = part["blocked"].to_numpy(bool)
     for name, color in palette.OUTCOMES.items():
         cells = part[~blocked & (part["outcome"] == name).to_numpy()]
@@ -119,7 +119,7 @@ def draw_cells(ax: Axes, part: pd.DataFrame, hull: Floats, limit_m: float) -> No
 
 def draw_by_distance(ax: Axes, free: pd.DataFrame, limit_m: float) -> None:
     """Draw success over the distance from the pose, for nested groups of heading offsets."""
-    step = _spacing(free)
+    step = spacing(free)
     offset = (free["offset_m"] / step).round() * step
     near = free.assign(offset=offset)[offset <= limit_m + EPS]
     largest = near["dheading_deg"].abs().max()
@@ -184,7 +184,7 @@ def _squares(cells: pd.DataFrame, side: float, **style: Any) -> PatchCollection:
     return PatchCollection([Rectangle(corner, side, side) for corner in corners], **style)
 
 
-def _spacing(table: pd.DataFrame) -> float:
+def spacing(table: pd.DataFrame) -> float:
     """Grid spacing [m]."""
     offsets = np.sort(table["dx_m"].unique())
     return float(np.diff(offsets).min()) if len(offsets) > 1 else 1.0
@@ -192,7 +192,7 @@ def _spacing(table: pd.DataFrame) -> float:
 
 def _view(plan: Scene, table: pd.DataFrame, goals: Floats) -> plan_view.Bounds:
     """Bounds of cells and goals with a margin, (x_min, y_min, x_max, y_max) [m]."""
-    margin = _spacing(table) / 2 + 0.6
+    margin = spacing(table) / 2 + 0.6
     points = np.concatenate([table[["x_m", "y_m"]].to_numpy(float), goals])
     low, high = points.min(axis=0) - margin, points.max(axis=0) + margin
     return float(low[0]), float(low[1]), float(high[0]), float(high[1])

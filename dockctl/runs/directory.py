@@ -65,6 +65,8 @@ EVALUATION, MAP, RETURNS, LATENCY = "evaluation", "map", "returns", "figures/lat
 DRAWN = "figures/figures.json"
 """Hashes of the figures of ``dockctl plot`` and of the tables that they were drawn from."""
 RECORDING = "recording.json"
+STUDY = "study.json"
+"""The study of archived runs, in the folder of their experiments."""
 TRANSFER, FAILURES = "transfer", "failures"
 """Folder of the recordings on other scenarios, and in it that of a study's nearest failures."""
 ARCHIVED_AS = "archived_as"
@@ -138,15 +140,20 @@ class RunDirectory:
         return cls(path)
 
     @classmethod
-    def latest(cls, root: Path) -> RunDirectory:
+    def latest(cls, root: Path, *, begun: bool = False) -> RunDirectory:
         """Return the run under `root` that was started last, of those with a checkpoint.
+
+        Args:
+            begun: also consider runs without a checkpoint, as a training has at its beginning.
 
         Raises:
             DockctlError: there is none.
         """
-        runs = [run for run in cls._all(root) if any(map(run.checkpoints, (BEST, LAST)))]
+        runs = [run for run in cls._all(root) if begun or any(map(run.checkpoints, (BEST, LAST)))]
         if not runs:
-            message = f"{root}: no run with a checkpoint yet; train one with: dockctl train"
+            message = (
+                f"{root}: no run{'' if begun else ' with a checkpoint'} yet; train one with: dockctl train"
+            )
             raise DockctlError(message, code="not_found")
         return max(runs, key=lambda run: (run.sequence, run.path.name))
 

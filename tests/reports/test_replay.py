@@ -6,8 +6,6 @@ import base64
 import gzip
 import json
 import re
-import shutil
-import time
 from collections.abc import Iterator
 from dataclasses import replace
 from pathlib import Path
@@ -22,6 +20,7 @@ from dockctl.evaluation.rollout import Rollout
 from dockctl.reports.replay import page
 from dockctl.scenarios.base import Pose
 from dockctl.scenarios.loader import load
+from tests.reports.browser import opened
 
 POSES = [Pose(x_m=24.0, y_m=0.5, heading_deg=178.0), Pose(x_m=26.0, y_m=1.0, heading_deg=170.0)]
 CONTROLLER = "examples/controller/reverse.py:Reverse"
@@ -133,29 +132,10 @@ def test_wind_is_in_the_page_of_the_episode_that_has_it(html: str) -> None:
 
 @pytest.fixture(scope="module")
 def browser(html: str, tmp_path_factory: pytest.TempPathFactory) -> Iterator[Any]:
-    """Headless Chromium with the page."""
-    binary, driver = shutil.which("chromium"), shutil.which("chromedriver")
-    if not binary or not driver:
-        pytest.skip("Chromium and chromedriver are not installed")
-    webdriver = pytest.importorskip("selenium.webdriver")
-    options = webdriver.ChromeOptions()
-    options.binary_location = binary
-    flags = ("headless=new", "no-sandbox", "use-angle=swiftshader", "enable-unsafe-swiftshader")
-    for flag in (*flags, "disable-background-networking", "window-size=900,700"):
-        options.add_argument(f"--{flag}")
-    options.set_capability("goog:loggingPrefs", {"browser": "ALL"})
     file = tmp_path_factory.mktemp("page") / "replay.html"
     file.write_text(html, encoding="utf-8")
-    opened = webdriver.Chrome(options=options, service=webdriver.ChromeService(driver))
-    try:
-        opened.get(file.as_uri())
-        for _ in range(600):
-            if opened.execute_script("return document.documentElement.dataset.ready"):
-                break
-            time.sleep(0.1)
-        yield opened
-    finally:
-        opened.quit()
+    with opened(file) as page:
+        yield page
 
 
 @pytest.mark.slow

@@ -666,6 +666,6 @@ function frame(time) {
 requestAnimationFrame(frame);
 
 /** For scripts and tests: go to a step, and read where the boat is drawn. */
-window.replay = { seek, choose, pose: () => { const { position, rotation } = groups[now.selected].boat; return [position.x, position.y, rotation.z]; }, now, episodes: episodes.length };
+window.replay = { seek, choose, theme, pose: () => { const { position, rotation } = groups[now.selected].boat; return [position.x, position.y, rotation.z]; }, now, episodes: episodes.length };
 document.documentElement.dataset.ready = "true";
 })();

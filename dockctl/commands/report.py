@@ -1,0 +1,42 @@
+"""``dockctl report``: one page with everything that is known of a run, a study or a comparison."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from dockctl.commands.options import Trust
+
+
+def report(
+    source: Annotated[
+        Path | None,
+        typer.Argument(
+            metavar="RUN|STUDY|COMPARISON",
+            help="Run folder, folder of a study's results, or file of dockctl compare --json;"
+            " the latest run by default.",
+        ),
+    ] = None,
+    out: Annotated[Path | None, typer.Option(help="The page; report-<name>.html by default.")] = None,
+    follow: Annotated[
+        bool, typer.Option("--follow", help="Write the page again and again until the training ends.")
+    ] = False,
+    trust: Trust = False,
+) -> None:
+    """Write one HTML page that opens without a network: figures with values, tables and the 3-D replay.
+
+    Example: dockctl report runs/s3/20250101-120000-seed0
+    """
+    from dockctl.experiments import report
+    from dockctl.runs.files import require_writable_file
+
+    if out:
+        require_writable_file(out, ".html")
+
+    def note(text: str) -> None:
+        typer.echo(text, err=True)
+
+    write = report.follow if follow else report.write_report
+    typer.echo(write(source, out, trust=trust, note=note))

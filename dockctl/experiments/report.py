@@ -1,0 +1,172 @@
+"""Write the report of a run, a study or a comparison, once or again and again while a training runs."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable
+from pathlib import Path
+
+from dockctl.agents.progress import REASONS
+from dockctl.errors import DockctlError
+from dockctl.evaluation.policies import load_checkpoint
+from dockctl.evaluation.replay import page_data, replay
+from dockctl.experiments.study import Experiment, Study, load_study
+from dockctl.reading import read_json, reading
+from dockctl.reports import replay as replay_page
+from dockctl.reports.report import Page, run_page
+from dockctl.reports.study_report import Trial, comparison_page, study_page
+from dockctl.runs.directory import BEST, PROVENANCE, RUNS, SCENARIO, STUDY, RunDirectory
+from dockctl.runs.files import exclusive_lock, write_atomically
+from dockctl.runs.reader import SOURCES, read_run
+
+Note = Callable[[str], None]
+RELOAD_S = 10
+"""Between two reloads of a page that follows a training, in the browser."""
+POLL_S = 2.0
+REST = 4
+"""Pause after a report by the time that it took: the training is not slowed much."""
+
+
+def write_report(source: Path | None, out: Path | None, *, trust: bool = False, note: Note = print) -> Path:
+    """Write the report of a run folder, the results of a study, or a comparison, and return its path.
+
+    Args:
+        source: the latest run by default.
+        out: the page; ``report-<name>.html`` by default.
+        trust: run the plugins of a received run for its replay.
+        note: called with what is left out of the page, and why.
+
+    Raises:
+        DockctlError: there is no such thing, a file of it is damaged, or the page cannot be written.
+    """
+    folder = RunDirectory.latest(RUNS).path if source is None else source
+    if (folder / SCENARIO).is_file():
+        page, shown = _run_report(folder), _replay(folder, trust, note)
+    else:
+        page, shown = _study_or_comparison(folder), None
+    return write_atomically(out or default_name(folder), page.html(shown).encode())
+
+
+def follow(source: Path | None, out: Path | None, *, trust: bool = False, note: Note = print) -> Path:
+    """Write the report of a training again and again until it ends, and return its path.
+
+    Args:
+        source: its run folder; the run that was started last by default.
+        out, trust, note: as for `write_report`.
+
+    Raises:
+        DockctlError: it is not a run folder, a file of it is damaged, or the page cannot be written.
+    """
+    run = RunDirectory.latest(RUNS, begun=True) if source is None else RunDirectory.open(source)
+    file = out or default_name(run.path)
+    policy, shown, before, announced = None, None, None, False
+    while True:
+        began, ended = time.monotonic(), not _is_running(run)
+        state = [(path.stat().st_mtime_ns, path.stat().st_size) for path in _tables(run.path)]
+        if ended or state != before:
+            if (best := _best(run)) != policy:
+                policy, shown = best, _replay(run.path, trust, note)
+            try:
+                page = _run_report(run.path)
+            except DockctlError as error:  # no row yet, or a table grew while it was read
+                if ended or error.code not in ("not_found", "not_readable"):
+                    raise
+            else:
+                write_atomically(file, page.html(shown, None if ended else RELOAD_S).encode())
+                before = state
+                if not announced:
+                    note(f"{file}: follows {run.path}; Ctrl-C stops")
+                    announced = True
+        if ended:
+            return file
+        time.sleep(max(POLL_S, REST * (time.monotonic() - began)))
+
+
+def default_name(source: Path) -> Path:
+    """Return the name of the page of a source."""
+    return Path(f"report-{source.resolve().name.removesuffix('.json')}.html")
+
+
+def _tables(folder: Path) -> list[Path]:
+    return [path for name in (*SOURCES, PROVENANCE) if (path := folder / name).is_file()]
+
+
+def _is_running(run: RunDirectory) -> bool:
+    """Return whether a process trains this run."""
+    facts = run.read_json(PROVENANCE)
+    if facts.get("finished") or facts.get("stop_reason"):
+        return False
+    try:
+        with exclusive_lock(run.path):  # a training holds it; one that was killed does not
+            return False
+    except DockctlError as error:
+        if error.code != "busy":
+            raise
+        return True
+
+
+def _best(run: RunDirectory) -> str | None:
+    """Return the hash of the best policy, if there is one yet."""
+    try:
+        return str(RunDirectory(run.checkpoint(BEST)).read_json("policy.json").get("sha256"))
+    except DockctlError:
+        return None
+
+
+def _run_report(folder: Path) -> Page:
+    run = RunDirectory.open(folder)
+    facts = run.read_json(PROVENANCE) if (folder / PROVENANCE).is_file() else {}
+    reason = REASONS.get(str(facts.get("stop_reason")), "The training has not ended")
+    return run_page(read_run(folder), f"{reason}.")
+
+
+def _replay(folder: Path, trust: bool, note: Note) -> str | None:
+    """Return the page of the replay of the best policy, or None without one that can run."""
+    if not RunDirectory(folder).checkpoints(BEST):
+        return None
+    try:
+        return replay_page.page(page_data(replay([load_checkpoint(folder, trust=trust)])))
+    except DockctlError as error:
+        note(f"note: the 3-D replay is left out: {error}")
+        return None
+
+
+def _study_or_comparison(path: Path) -> Page:
+    """Return the report of a study or a comparison.
+
+    Raises:
+        DockctlError: the path is neither.
+    """
+    if path.is_file():
+        return comparison_page(read_json(path), path)
+    if any(path.glob(f"*/seed*/{SCENARIO}")):
+        study = _study(path)
+        trials = [trial for experiment in study.experiments if (trial := _trial(path, experiment)).runs]
+        return study_page(study.title or study.name, path, trials)
+    problem = "is none of these" if path.exists() else "no such file or folder"
+    expected = "a run folder, the results of a study, or the file of dockctl compare --json"
+    raise DockctlError(f"{path}: {problem}: {expected}", code="not_found")
+
+
+def _study(folder: Path) -> Study:
+    """Return the study of archived runs: as archived with them, or the packaged one, or from the folders."""
+    file = folder / STUDY
+    if file.is_file():
+        with reading(file):
+            return Study.model_validate(read_json(file))
+    try:
+        return load_study(folder.resolve().name)
+    except DockctlError:
+        names = sorted({path.parent.parent.name for path in folder.glob(f"*/seed*/{SCENARIO}")})
+        experiments = tuple(Experiment(name=name, group=name, scenario=name) for name in names)
+        return Study(title=f"Study {folder.resolve().name}", experiments=experiments)
+
+
+def _trial(folder: Path, experiment: Experiment) -> Trial:
+    runs = [read_run(folder / experiment.name / path) for path in _seeds(folder / experiment.name)]
+    return Trial(experiment.name, experiment.group, experiment.title, runs)
+
+
+def _seeds(folder: Path) -> list[str]:
+    names = [path.parent.name for path in folder.glob(f"seed*/{SCENARIO}")]
+    return sorted(names, key=lambda name: (len(name), name))
