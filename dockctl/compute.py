@@ -103,10 +103,12 @@ def compiled(**options: Any) -> Callable[[Function], Function]:
 
 @cache
 def _digest(folder: Path) -> str:
-    """Hash the sources that compiled functions in a folder may call: the folder and the geometry."""
+    """Hash the sources that compiled functions in a folder may call: the folder, the geometry, the noise."""
     sources = [path.read_bytes() for path in sorted(folder.glob("*.py"))]
     called = [source for source in sources if b"@compiled" in source]
-    return hashlib.sha256(b"".join([*called, Path(geometry.__file__).read_bytes()])).hexdigest()[:12]
+    package = Path(geometry.__file__).parent
+    shared = [(package / name).read_bytes() for name in ("geometry.py", "noise.py")]
+    return hashlib.sha256(b"".join([*called, *shared])).hexdigest()[:12]
 
 
 _recent: dict[tuple[object, ...], tuple[object, int]] = {}

@@ -247,6 +247,9 @@ BUILTINS = (
     "dockctl.sim.lidar.spinning",
     "dockctl.sim.lidar.planar",
     "dockctl.sim.conditions.current",
+    "dockctl.sim.conditions.wind",
+    "dockctl.sim.conditions.actuators",
+    "dockctl.sim.conditions.navigation",
     "dockctl.agents.algorithms",
 )
 """Modules that register the package's own entries; add a line for a new one."""

@@ -31,6 +31,13 @@ from dockctl.sim.lidar.planar import PlanarScanner, PlanarSensor
 
 catalog.fill()
 CURRENT = {"speed_mps": [0.0, 0.2], "direction_deg": [0, 360]}
+CONDITION_KEYS: list[tuple[str, dict[str, Any]]] = [
+    ("current", CURRENT),
+    ("current", {**CURRENT, "variation_mps": 0.02}),
+    ("wind", {"speed_mps": [0, 5], "direction_deg": [0, 360], "gust_mps": [0, 1.5]}),
+    ("actuators", {"delay_steps": [0, 2], "propeller_lag_s": 0.1, "rudder_rate_degps": [20, 40]}),
+    ("navigation", {"position_m": 0.02, "heading_deg": [0, 0.5], "velocity_mps": 0.03}),
+]
 
 
 @pytest.mark.parametrize("name", REWARD_TERMS.names())
@@ -48,7 +55,7 @@ def test_action_types(kind: str) -> None:
     testing.check_action_type(kind)
 
 
-@pytest.mark.parametrize(("kind", "keys"), [("current", CURRENT)])
+@pytest.mark.parametrize(("kind", "keys"), CONDITION_KEYS)
 def test_conditions(kind: str, keys: dict[str, Any]) -> None:
     testing.check_condition(kind, **keys)
 
@@ -81,7 +88,7 @@ def test_an_algorithm_whose_policy_explores_is_rejected(monkeypatch: pytest.Monk
 
 
 def test_every_condition_and_sensor_is_checked() -> None:
-    assert set(CONDITIONS.names()) == {"current"}
+    assert set(CONDITIONS.names()) == {kind for kind, _ in CONDITION_KEYS}
     assert set(RANGE_SENSORS.names()) == {"spinning", "planar"}
 
 

@@ -7,19 +7,21 @@ are clipped to their bounds.
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
-from typing import TYPE_CHECKING
+from dataclasses import dataclass, fields, replace
+from typing import TYPE_CHECKING, Annotated
 
 import numpy as np
 from gymnasium.spaces import Box
 from numpy.typing import ArrayLike, NDArray
+from pydantic import AfterValidator, Field
 
 from dockctl.errors import DockctlError
-from dockctl.geometry import Floats, Ints
+from dockctl.geometry import Floats, Ints, rotate
 from dockctl.plugins import OBSERVATION_PARTS, Guard
-from dockctl.scenarios.base import Positive
+from dockctl.scenarios.base import Count, Positive
 from dockctl.scenarios.schema import ObservationPart
 from dockctl.sim.goal import bearing as goal_bearing
+from dockctl.sim.goal import measure
 
 if TYPE_CHECKING:  # slow to import, and not needed to check a scenario
     from dockctl.sim.simulator import Simulator
@@ -27,7 +29,9 @@ if TYPE_CHECKING:  # slow to import, and not needed to check a scenario
 
 @dataclass(frozen=True)
 class View:
-    """The state of n boats from which observations are computed; read-only for the parts.
+    """The state of n boats, as their sensors measure it, from which observations are computed.
+
+    It is read-only for the parts.
 
     Attributes:
         phase: (n,) int, 0 before the intermediate pose, 1 after it.
@@ -38,6 +42,8 @@ class View:
         command: (n, 2) last propeller force [N] and rudder angle [rad].
         command_limit: (2,) greatest propeller force [N] and rudder angle [rad] of the vessel.
         sector_ranges_m: (n, sectors) nearest return of each sector of the range sensor [m].
+        apparent_wind: (n, 2) velocity of the air relative to the boat [m/s], body frame.
+        past: earlier views, the latest first; those before the start of the episode are its first.
     """
 
     phase: Ints
@@ -49,21 +55,42 @@ class View:
     command: Floats
     command_limit: Floats
     sector_ranges_m: Floats
+    apparent_wind: Floats
+    past: tuple[View, ...] = ()
 
     @classmethod
-    def of(cls, simulator: Simulator, sector_ranges_m: Floats) -> View:
-        """Return the view of a simulator's boats with these ranges (n, sectors) [m]."""
+    def of(cls, simulator: Simulator, sector_ranges_m: Floats, past: tuple[View, ...] = ()) -> View:
+        """Return the view of a simulator's boats with these ranges (n, sectors) [m] and earlier views."""
+        eta, nu, goal = simulator.measured_pose(), simulator.measured_velocity(), simulator.goal
+        distance, heading_error = measure(eta, goal)
+        x, y = simulator.wind().T
+        along, across = rotate(x, y, -simulator.eta[:, 2])
         return cls(
             phase=simulator.phase,
-            distance_m=simulator.distance_m,
-            heading_error_rad=simulator.heading_error_rad,
-            eta=simulator.eta,
-            goal=simulator.goal,
-            nu=simulator.nu,
+            distance_m=distance,
+            heading_error_rad=heading_error,
+            eta=eta,
+            goal=goal,
+            nu=nu,
             command=simulator.command,
             command_limit=simulator.vessel.command_limit,
             sector_ranges_m=sector_ranges_m,
+            apparent_wind=np.column_stack([along, across]) - simulator.nu[:, :2],
+            past=past,
         )
+
+    def copy(self) -> View:
+        """Return a view with arrays of its own, without earlier views."""
+        return replace(self, past=(), **{name: getattr(self, name).copy() for name in BY_BOAT})
+
+    def set_rows(self, rows: Ints, other: View) -> None:
+        """Replace the rows (k,) by those of another view of the boats."""
+        for name in BY_BOAT:
+            getattr(self, name)[rows] = getattr(other, name)[rows]
+
+
+BY_BOAT = tuple(field.name for field in fields(View) if field.name not in ("command_limit", "past"))
+"""Attributes of a view with one row per boat."""
 
 
 @dataclass(frozen=True)
@@ -87,6 +114,19 @@ class Columns:
 
 
 Part = Callable[..., Columns]
+
+HISTORY = "history"
+Ages = Annotated[Count, Field(le=100)]
+
+
+def _present_part(name: str) -> str:
+    if name == HISTORY or name not in OBSERVATION_PARTS.names():
+        known = ", ".join(sorted({*OBSERVATION_PARTS.names()} - {HISTORY}))
+        raise ValueError(f"found '{name}', expected one of {known}")
+    return name
+
+
+PartNames = Annotated[tuple[Annotated[str, AfterValidator(_present_part)], ...], Field(min_length=1)]
 
 BLANK_BOATS = 2
 """Boats in the view that the shapes are checked with; with one boat, (n, k) and (1, k) look the same."""
@@ -157,6 +197,44 @@ def bearing(view: View) -> Columns:
     return Columns(["bearing_sin", "bearing_cos"], np.column_stack([np.sin(angle), np.cos(angle)]), -1, 1)
 
 
+@observation_part("apparent_wind", source="not in the thesis")
+def apparent_wind(view: View, *, scale_mps: Positive = 5.0, cap: Positive = 5.0) -> Columns:
+    """Return the velocity of the air relative to the boat, ahead and to port, divided by the scale."""
+    names, units = ["wind_ahead", "wind_port"], ["m/s", "m/s"]
+    return Columns(names, view.apparent_wind, -cap, cap, scale_mps, units)
+
+
+@observation_part("course", source="not in the thesis")
+def course(view: View, *, scale_mps: Positive = 0.4, cap: Positive = 5.0) -> Columns:
+    """Return speed over ground / scale, and sine and cosine of the course relative to the goal's heading."""
+    u, v, _ = view.nu.T
+    angle = view.eta[:, 2] + np.arctan2(v, u) - view.goal[:, 2]
+    values = np.column_stack([np.hypot(u, v), np.sin(angle), np.cos(angle)])
+    names, scale = ["speed", "course_sin", "course_cos"], [scale_mps, 1, 1]
+    return Columns(names, values, [0, -1, -1], [cap, 1, 1], scale, ["m/s", "", ""])
+
+
+@observation_part(HISTORY, source="not in the thesis")
+def history(view: View, *, steps: Ages = 3, parts: PartNames = ("velocity", "command")) -> Columns:
+    """Return other parts, with their default parameters, as they were 1 to `steps` control steps ago."""
+    past = [*view.past[:steps], *[view.past[-1] if view.past else view] * (steps - len(view.past))]
+    then = [OBSERVATION_PARTS.get(part).bind({})(each) for each in past for part in parts]
+    ages = [age for age in range(1, steps + 1) for _ in parts]
+
+    def each(bounds: Sequence[ArrayLike]) -> Floats:
+        wide = zip(bounds, then, strict=True)
+        return np.concatenate([np.broadcast_to(np.asarray(b, float), len(c.names)) for b, c in wide])
+
+    return Columns(
+        [f"{name}_{age}_ago" for columns, age in zip(then, ages, strict=True) for name in columns.names],
+        np.hstack([columns.values for columns in then]),
+        each([columns.low for columns in then]),
+        each([columns.high for columns in then]),
+        each([columns.scale for columns in then]),
+        [unit for columns in then for unit in columns.units or [""] * len(columns.names)],
+    )
+
+
 class ObservationEncoder:
     """Computes observations from views: the columns of all parts, in the scenario's order.
 
@@ -164,6 +242,7 @@ class ObservationEncoder:
         names: names of the k columns.
         parts: the part of each column.
         space: Box of float32, (k,).
+        past_steps: number of earlier views that the parts need.
 
     Args:
         parts: the parts that the scenario lists.
@@ -179,6 +258,9 @@ class ObservationEncoder:
             (Guard(OBSERVATION_PARTS, given.part), OBSERVATION_PARTS.get(given.part).bind(given.params))
             for given in parts
         ]
+        default = OBSERVATION_PARTS.get(HISTORY).parameters["steps"]
+        histories = [given.params for given in parts if given.part == HISTORY]
+        self.past_steps: int = max((params.get("steps", default) for params in histories), default=0)
         blank, columns = blank_view(sectors), []
         for given, (guard, part) in zip(parts, self._parts, strict=True):
             with guard:
@@ -261,4 +343,5 @@ def blank_view(sectors: int, command_limit: Floats | None = None) -> View:
         command=zeros((n, 2)),
         command_limit=np.ones(2) if command_limit is None else command_limit,
         sector_ranges_m=zeros((n, sectors)),
+        apparent_wind=zeros((n, 2)),
     )

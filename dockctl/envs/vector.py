@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -12,7 +13,7 @@ from gymnasium.vector import AutoresetMode, VectorEnv
 from gymnasium.vector.utils import batch_space
 from numpy.typing import NDArray
 
-from dockctl.envs.observation import ObservationEncoder, View
+from dockctl.envs.observation import BY_BOAT, ObservationEncoder, View
 from dockctl.envs.state import Arrays, pack, unpack
 from dockctl.errors import DockctlError, nearest, require_shape
 from dockctl.geometry import Bools, Floats, Ints
@@ -94,6 +95,7 @@ class DockingVectorEnv(VectorEnv[Observations, NDArray[Any], NDArray[Any]]):
         self._exploring = exploring
         self._sampler = self._make_sampler()
         self._encoder = ObservationEncoder(self.scenario.observation, self.scenario.sensors.lidar.sectors)
+        self._past: tuple[View, ...] = ()
         self.observation_names, self.observation_parts = self._encoder.names, self._encoder.parts
         self.single_observation_space = self._encoder.space
         with Guard(ACTIONS, self.scenario.actions.kind):
@@ -171,7 +173,10 @@ class DockingVectorEnv(VectorEnv[Observations, NDArray[Any], NDArray[Any]]):
         over = self._ended
         if over.any() and (self.autoreset_mode != AutoresetMode.NEXT_STEP or not self._rngs):
             raise error.ResetNeeded("an episode has ended or none has started: call reset() first")
-        status = self.simulator.step(self._commands(actions))
+        commands = self._commands(actions)
+        if self._past:
+            self._past = (self._view().copy(), *self._past[:-1])
+        status = self.simulator.step(commands)
         reward, by_term = self.reward(status)
         terminated = status.terminated & ~over
         truncated = ~over & ~terminated & (self.simulator.steps >= self.simulator.max_steps)
@@ -207,6 +212,7 @@ class DockingVectorEnv(VectorEnv[Observations, NDArray[Any], NDArray[Any]]):
             "start_kind": self._start_kind.tolist(),
             "start_index": self._start_index,
             "ended": self._ended,
+            **({"past": [_by_boat(view) for view in self._past]} if self._past else {}),
         }
         try:
             return arrays, {key: pack(value, key, arrays) for key, value in own.items()}
@@ -232,6 +238,7 @@ class DockingVectorEnv(VectorEnv[Observations, NDArray[Any], NDArray[Any]]):
             message = f"not a state of '{self.scenario.name}' with {self.num_envs} boats: {error}"
             raise DockctlError(message, code="mismatch") from None
         self._rngs, self._ended = rngs, ended
+        self._past = tuple(replace(self._view(), past=(), **view) for view in own.get("past", ()))
         self._start_kind[:], self._start_index[:] = kinds, indices
         self._trails = [[eta.copy()] for eta in self.simulator.eta]
         return self._observe(), self._info(self._no_events())
@@ -290,6 +297,11 @@ class DockingVectorEnv(VectorEnv[Observations, NDArray[Any], NDArray[Any]]):
 
     def _begin(self, rows: Ints, starts: Sequence[Start]) -> None:
         self.simulator.reset(rows, starts, [self._rngs[row] for row in rows])
+        if self._encoder.past_steps:
+            first = self._view()
+            self._past = self._past or tuple(first.copy() for _ in range(self._encoder.past_steps))
+            for view in self._past:
+                view.set_rows(rows, first)
         self._start_kind[rows] = [start.kind for start in starts]
         self._start_index[rows] = [start.index for start in starts]
         self._ended[rows] = False
@@ -323,7 +335,10 @@ class DockingVectorEnv(VectorEnv[Observations, NDArray[Any], NDArray[Any]]):
         return commands
 
     def _observe(self) -> Observations:
-        return self._encoder(View.of(self.simulator, self.simulator.sector_ranges_m))
+        return self._encoder(self._view())
+
+    def _view(self) -> View:
+        return View.of(self.simulator, self.simulator.sector_ranges_m, self._past)
 
     def _info(self, events: Info) -> Info:
         """Return copies of the state of every boat, and the events."""
@@ -339,7 +354,7 @@ class DockingVectorEnv(VectorEnv[Observations, NDArray[Any], NDArray[Any]]):
             "sector_ranges_m": simulator.sector_ranges_m.copy(),
             "start_kind": self._start_kind.copy(),
             "start_index": self._start_index.copy(),
-            **({"current": simulator.current()} if simulator.disturbances else {}),
+            **_of_conditions(simulator),
             **events,
         }
 
@@ -366,6 +381,27 @@ def _resolve(scenario: ScenarioSource, base_dir: Path | None) -> tuple[Scenario,
         return scenario, base_dir or Path.cwd()
     loaded = scenario if isinstance(scenario, LoadedScenario) else load_checked(scenario)
     return loaded.scenario, loaded.base_dir
+
+
+def _of_conditions(simulator: Simulator) -> Info:
+    """Return the entries of `info` that the scenario's conditions add."""
+    info: Info = {}
+    if simulator.has("water_velocity"):
+        info["current"] = simulator.current()
+    if simulator.has("air_velocity"):
+        info["wind"] = simulator.wind()
+    if simulator.has("actuate"):
+        info["actuation"] = simulator.actuation.copy()
+    if simulator.has("pose_error") or simulator.has("velocity_error"):
+        info["measured_pose"] = simulator.measured_pose()
+        info["measured_velocity"] = simulator.measured_velocity()
+    if episode := simulator.episode():
+        info["conditions"] = episode
+    return info
+
+
+def _by_boat(view: View) -> Info:
+    return {name: getattr(view, name) for name in BY_BOAT}
 
 
 def _masked(info: Info, mask: Bools) -> Info:

@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterator, Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import dataclass, field, replace
 from typing import Any, Protocol
 
 import numpy as np
@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from dockctl.agents.interface import Info, Policy, final_info, final_observation
 from dockctl.envs.vector import DockingVectorEnv
 from dockctl.geometry import Floats
-from dockctl.runs.tables import TRAJECTORIES, Value, all_columns, to_csv
+from dockctl.runs.tables import CONDITION_COLUMNS, TRAJECTORIES, Value, all_columns, to_csv
 from dockctl.scenarios.loader import LoadedScenario
 from dockctl.sim.collision import least_clearance
 from dockctl.sim.starts import Start
@@ -37,8 +37,9 @@ class HasPose(Protocol):
 Clearance = Callable[[Any, Floats], float]
 
 RECORDED = ("pose", "velocity", "command", "distance_m", "heading_error_rad", "phase", "sector_ranges_m")
-OPTIONAL = ("current", "wind")
-READ = (*RECORDED, *OPTIONAL, "outcome", "collided_with", "reward_terms")
+OPTIONAL = ("current", "wind", "actuation", "measured_pose", "measured_velocity")
+"""Only in scenarios with such conditions."""
+READ = (*RECORDED, *OPTIONAL, "outcome", "collided_with", "reward_terms", "conditions")
 
 
 @dataclass(frozen=True, eq=False)
@@ -53,6 +54,7 @@ class Episode:
         trajectory: arrays of steps + 1 rows by info key, ``observation``, ``reward`` and ``reward_<term>``;
             row 0 is the start.
         clearance_m: least distance between hull and harbor; NaN if it was not measured.
+        conditions: what the conditions drew for the episode, by name.
     """
 
     start: HasPose
@@ -62,6 +64,7 @@ class Episode:
     total_reward: float
     trajectory: dict[str, NDArray[Any]]
     clearance_m: float = math.nan
+    conditions: Mapping[str, float] = field(default_factory=dict)
 
     @property
     def docked(self) -> bool:
@@ -83,7 +86,7 @@ class Episode:
         return float(changed.mean()) if len(changed) else 0.0
 
     def row(self) -> dict[str, Value]:
-        """Return the columns `dockctl.runs.tables.EPISODE_RESULT`."""
+        """Return the columns `dockctl.runs.tables.EPISODE_RESULT`, and one for each value of a condition."""
         u, v, _ = self.trajectory["velocity"][-1]
         return {
             "outcome": self.outcome,
@@ -97,6 +100,7 @@ class Episode:
             "path_length_m": self.path_length_m,
             "clearance_m": None if math.isnan(self.clearance_m) else self.clearance_m,
             "control_changes": self.control_changes,
+            **self.conditions,
         }
 
 
@@ -239,6 +243,7 @@ class _Recorder:
             total_reward=sum(self._records["reward"]),
             trajectory=trajectory,
             clearance_m=math.nan if clearance is None else clearance(start, trajectory["pose"]),
+            conditions={name: float(drawn[boat]) for name, drawn in info.get("conditions", {}).items()},
         )
 
 
@@ -279,4 +284,12 @@ def _trajectory_rows(episodes: Sequence[Episode], control_period_s: float) -> It
                 "phase": int(recorded["phase"][step]),
                 "reward": recorded["reward"][step],
                 **{f"range_{i}_m": d for i, d in enumerate(recorded["sector_ranges_m"][step], start=1)},
+                **{
+                    column: math.degrees(recorded[key][step, i])
+                    if "deg" in column
+                    else recorded[key][step, i]
+                    for key, columns in CONDITION_COLUMNS.items()
+                    if key in recorded
+                    for i, column in enumerate(columns)
+                },
             }

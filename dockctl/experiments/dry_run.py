@@ -59,8 +59,15 @@ def dry_run(loaded: LoadedScenario) -> None:
             scenario.conditions.values(), env.simulator.disturbances, strict=True
         ):
             with Guard(CONDITIONS, condition.kind):
-                velocity = disturbance.water_velocity()
-            _require_finite(CONDITIONS, condition.kind, velocity)
+                hooks = (
+                    disturbance.water_velocity(),
+                    disturbance.air_velocity(),
+                    disturbance.force(env.simulator.eta, env.simulator.nu),
+                    disturbance.pose_error(),
+                    disturbance.velocity_error(),
+                )
+            for values in hooks:
+                _require_finite(CONDITIONS, condition.kind, values)
         observation, _, _, _, info = env.step(actions)
         _require_finite(RANGE_SENSORS, scenario.sensors.lidar.kind, env.simulator.sector_ranges_m)
         for part, values in zip(env.observation_parts, observation.T, strict=True):

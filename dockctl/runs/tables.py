@@ -77,6 +77,15 @@ TRAJECTORIES = (
 )  # fmt: skip
 """Greedy episodes step by step; `outcome` is that of the episode; one ``range_<i>_m`` per sector follows."""
 
+CONDITION_COLUMNS = {
+    "current": ("current_x_mps", "current_y_mps"),
+    "wind": ("wind_x_mps", "wind_y_mps"),
+    "actuation": ("actual_propeller_n", "actual_rudder_deg"),
+    "measured_pose": ("measured_x_m", "measured_y_m", "measured_heading_deg"),
+    "measured_velocity": ("measured_u_mps", "measured_v_mps", "measured_r_degps"),
+}
+"""Columns of trajectories that follow in scenarios with such conditions, by the key of ``info``."""
+
 
 class Table:
     """A CSV file that grows by complete rows; the header is written with the first one.

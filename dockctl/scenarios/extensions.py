@@ -215,18 +215,62 @@ class RangeSensorSpec(Kind, ABC):
 
 
 class Disturbance:
-    """Run-time state of a condition for n boats; the hooks do nothing by default."""
+    """Run-time state of a condition for n boats; the hooks do nothing by default.
+
+    `reset` draws the values of an episode. In every step the simulator calls the hooks, and `advance` last.
+    What a hook returns changes only in `reset` and `advance`, except for `actuate`, which is called once a
+    step. A velocity, force or error may be the number 0 for none.
+    """
 
     def reset(self, rows: Ints, rngs: Sequence[np.random.Generator]) -> None:
         """Draw the values of the episodes that begin in `rows` (k,), each from the generator of its boat."""
 
+    def advance(self, period_s: float) -> None:
+        """Proceed by one control period; each boat draws from what `reset` drew for it."""
+
     def water_velocity(self) -> Floats | float:
         """Return the velocity of the water over ground (n, 2) [m/s], in the world frame.
 
-        It must be constant during an episode: the equations of motion hold for the velocity relative to the
-        water only where the water does not accelerate.
+        It is constant during a control period: there the equations of motion hold for the velocity relative
+        to the water. When it changes, the velocity of the boat over ground does not.
         """
         return 0.0
+
+    def air_velocity(self) -> Floats | float:
+        """Return the velocity of the air over ground (n, 2) [m/s], in the world frame."""
+        return 0.0
+
+    def force(self, eta: Floats, nu: Floats) -> Floats | float:
+        """Return surge force, sway force and yaw moment (n, 3) [N, N, N m] for the next control period.
+
+        Args:
+            eta: (n, 3) x, y [m] and heading [rad].
+            nu: (n, 3) u, v [m/s] and r [rad/s] over ground.
+        """
+        return 0.0
+
+    def actuate(self, commands: Floats, substep_s: float) -> Floats:
+        """Return the propeller force [N] and rudder angle [rad], (n, k, 2), that answer the commands.
+
+        It is called once in every control step; conditions follow each other in the scenario's order.
+
+        Args:
+            commands: (n, k, 2) [N, rad] in the k substeps of the control period.
+            substep_s: length of a substep [s]; the result holds means over substeps.
+        """
+        return commands
+
+    def pose_error(self) -> Floats | float:
+        """Return the error (n, 3) [m, m, rad] of the measured pose."""
+        return 0.0
+
+    def velocity_error(self) -> Floats | float:
+        """Return the error (n, 3) [m/s, m/s, rad/s] of the measured velocity, in the body frame."""
+        return 0.0
+
+    def episode(self) -> dict[str, Floats]:
+        """Return the values of each boat's episode (n,) by name with unit, for `info` and tables."""
+        return {}
 
     def state(self) -> dict[str, Any]:
         """Return all that changes after `build`, for checkpoints: by default every attribute but models.
@@ -244,13 +288,25 @@ class Disturbance:
 class Condition(Kind, ABC):
     """An environmental disturbance, or an error of sensors or actuators; registered in `CONDITIONS`.
 
-    Register it with a group: water, air, sensing or actuation. A key may be `Drawn`: a number, or a range
-    from which each episode draws.
+    Register it with a group: water, air, sensing, actuation or vessel. A key may be `Drawn`: a number, or a
+    range from which each episode draws.
     """
 
     @abstractmethod
     def build(self, num_boats: int) -> Disturbance:
         """Return the condition for `num_boats` boats."""
+
+    def fitted(self, vessel: Vessel) -> Condition:
+        """Return the condition with keys that are not given chosen for the vessel; by default unchanged.
+
+        Raises:
+            FieldError: it is not possible for this vessel; the field is one of the condition.
+        """
+        return self
+
+    def notes(self, vessel: Vessel) -> list[tuple[str, str]]:
+        """Return a field and a message for each key with which the vessel's control authority is exceeded."""
+        return []
 
 
 class _NumberOrBounds(BeforeValidator):
@@ -285,6 +341,15 @@ Drawn = Annotated[
     PlainSerializer(_shortest),
 ]
 """A number, or a range [low, high] from which each episode draws; `draw` takes it."""
+
+
+OFF = (0.0,)
+"""The `Drawn` number zero."""
+
+
+def draw_integer(bounds: tuple[int, ...], rng: np.random.Generator) -> int:
+    """Return the integer, or one drawn from the range with its ends."""
+    return bounds[0] if len(bounds) == 1 else int(rng.integers(bounds[0], bounds[1], endpoint=True))
 
 
 def draw(bounds: tuple[float, ...], rng: np.random.Generator) -> float:

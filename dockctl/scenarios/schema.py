@@ -172,6 +172,18 @@ class Scenario(Model):
         return self
 
     @model_validator(mode="after")
+    def _conditions_fit(self) -> Self:
+        fitted = {}
+        for name, condition in self.conditions.items():
+            try:
+                fitted[name] = condition.fitted(self.vessel)
+            except FieldError as error:
+                field = f"conditions.{name}.{error.field}"
+                raise FieldError(field, error.message, error.code, error.suggestion) from None
+        self.__dict__["conditions"] = fitted
+        return self
+
+    @model_validator(mode="after")
     def _berths_exist(self) -> Self:
         if self.task.berths is not None and (flaw := missing_berth(self.harbor, self.task.berths)):
             raise FieldError("task.berths", flaw, "mismatch")

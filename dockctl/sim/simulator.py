@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 from dockctl.errors import DockctlError, require_shape
 from dockctl.geometry import Bools, Floats, Ints, rotate
 from dockctl.plugins import CONDITIONS, RANGE_SENSORS, Guard
+from dockctl.scenarios.extensions import Disturbance
 from dockctl.scenarios.schema import Scenario
 from dockctl.sim.collision import first_contact
 from dockctl.sim.goal import TO_FINAL, StepStatus, measure, reached
@@ -20,7 +21,7 @@ from dockctl.sim.world import World, prepare
 
 Answer = TypeVar("Answer", bound=NDArray[Any])
 STATE = (
-    "eta", "nu", "command", "phase", "goals", "harbor", "steps", "max_steps", "distance_m",
+    "eta", "nu", "command", "actuation", "phase", "goals", "harbor", "steps", "max_steps", "distance_m",
     "heading_error_rad", "sector_ranges_m",
 )  # fmt: skip
 """Attributes with one row per boat."""
@@ -40,6 +41,7 @@ class Simulator:
         eta: (n, 3) x, y [m] and heading [rad].
         nu: (n, 3) u, v [m/s] and r [rad/s] over ground.
         command: (n, 2) propeller force [N] and rudder angle [rad] of the last step; zero at a start.
+        actuation: (n, 2) the same of the actuators at the end of the last step, if a condition changes them.
         phase: (n,) 0 on the way to the intermediate pose, 1 on the way to the final pose.
         goals: (n, 2, 3) intermediate and final pose of each boat.
         harbor: (n,) index of the world that each boat is in.
@@ -55,15 +57,16 @@ class Simulator:
         self.task = scenario.task
         self.worlds = worlds
         self.vessel = VesselModel(scenario.vessel)
-        conditions = scenario.conditions.values()
-        self._conditions = [Guard(CONDITIONS, condition.kind) for condition in conditions]
-        self.disturbances = []
-        for guard, condition in zip(self._conditions, conditions, strict=True):
+        self._conditions = [Guard(CONDITIONS, condition.kind) for condition in scenario.conditions.values()]
+        self._condition_names = tuple(scenario.conditions)
+        self.disturbances: list[Disturbance] = []
+        for guard, condition in zip(self._conditions, scenario.conditions.values(), strict=True):
             with guard:
                 self.disturbances.append(condition.build(num_boats))
         self.eta = np.zeros((num_boats, 3))
         self.nu = np.zeros((num_boats, 3))
         self.command = np.zeros((num_boats, 2))
+        self.actuation = np.zeros((num_boats, 2))
         self.phase = np.zeros(num_boats, np.int64)
         self.goals = np.zeros((num_boats, 2, 3))
         self.harbor = np.zeros(num_boats, np.int64)
@@ -93,7 +96,7 @@ class Simulator:
         self.harbor[rows] = [start.harbor for start in starts]
         self.max_steps[rows] = [start.max_steps for start in starts]
         self.steps[rows] = 0
-        self.command[rows] = 0.0
+        self.command[rows] = self.actuation[rows] = 0.0
         if self.disturbances:
             drawn = [
                 rngs[i] if start.seed is None else np.random.default_rng(start.seed)
@@ -115,6 +118,9 @@ class Simulator:
         previous_command, self.command = self.command, command.astype(float)
         collided = self._move()
         self.steps += 1
+        for guard, disturbance in zip(self._conditions, self.disturbances, strict=True):
+            with guard:
+                disturbance.advance(self.vessel.vessel.control_period_s)
         self._measure()
         speed = np.hypot(self.nu[:, 0], self.nu[:, 1])
         intermediate, final = reached(self.task, phase, self.distance_m, self.heading_error_rad, speed)
@@ -154,6 +160,7 @@ class Simulator:
             DockctlError: it is the state of another number of boats, or of another scenario.
             KeyError: a part of it is missing.
         """
+        state = {"actuation": self.actuation, **state}  # states of early versions have none
         for name in STATE:
             expected, given = getattr(self, name), state[name]
             if np.shape(given) != expected.shape or given.dtype != expected.dtype:
@@ -203,7 +210,7 @@ class Simulator:
     def _move(self) -> Bools:
         """Integrate the equations of motion over one control period; return which boats collided, (n,).
 
-        In a constant current V_c they hold for the velocity relative to the water,
+        In a current V_c that is constant in the period they hold for the velocity relative to the water,
         nu_r = nu - R(psi)^T V_c, with eta' = R(psi) nu_r + V_c (Fossen 2012).
 
         A boat that is free at the end of the period but touched something on the way stays where it did.
@@ -213,9 +220,11 @@ class Simulator:
         """
         period = self.vessel.vessel.control_period_s
         before, nu_r, current = self.eta, self.nu, self.current()
+        tau = self.vessel.tau(self._actuate())
         if self.disturbances:
+            tau = tau + self._sum("force", 3, before, self.nu)[:, None]
             nu_r = nu_r - _in_body_frame(current, before[:, 2])
-        eta, nu, travel = self.vessel.step_and_travel(before, nu_r, self.command)
+        eta, nu, travel = self.vessel.step_and_travel(before, nu_r, tau)
         if self.disturbances:
             eta[:, :2] += current * period
             nu += _in_body_frame(current, eta[:, 2])
@@ -229,7 +238,7 @@ class Simulator:
             obstacles = self.worlds[int(self.harbor[row])].obstacles
             if obstacles.blocked(eta[[row]])[0]:
                 continue
-            path = self.vessel.path(before[[row]], nu_r[[row]], self.command[[row]])[0]
+            path = self.vessel.path(before[[row]], nu_r[[row]], tau[[row]])[0]
             flow = np.tile(current[row], (len(path), 1))
             path[:, :2] += flow * np.linspace(0, period, len(path))[:, None]
             path[:, 3:] += _in_body_frame(flow, path[:, 2])
@@ -242,15 +251,60 @@ class Simulator:
 
     def current(self) -> Floats:
         """Return the velocity of the water over ground (n, 2), in the world frame [m/s]."""
-        current = np.zeros((len(self.eta), 2))
+        return self._sum("water_velocity", 2)
+
+    def wind(self) -> Floats:
+        """Return the velocity of the air over ground (n, 2), in the world frame [m/s]."""
+        return self._sum("air_velocity", 2)
+
+    def has(self, hook: str) -> bool:
+        """Return whether a condition defines this hook of `Disturbance`."""
+        return any(getattr(type(each), hook) is not getattr(Disturbance, hook) for each in self.disturbances)
+
+    def episode(self) -> dict[str, Floats]:
+        """Return what the conditions drew for each boat's episode (n,), by ``<condition>_<value>``."""
+        drawn = {}
+        for guard, name, disturbance in zip(
+            self._conditions, self._condition_names, self.disturbances, strict=True
+        ):
+            with guard:
+                for key, value in disturbance.episode().items():
+                    require_shape(f"{type(disturbance).__name__}.episode", np.shape(value), (len(self.eta),))
+                    drawn[f"{name}_{key}"] = np.array(value, float)
+        return drawn
+
+    def _sum(self, hook: str, columns: int, *arguments: Any) -> Floats:
+        """Return the sum (n, columns) of what a hook of the conditions returns."""
+        total = np.zeros((len(self.eta), columns))
         for guard, disturbance in zip(self._conditions, self.disturbances, strict=True):
             with guard:
-                velocity = np.asarray(disturbance.water_velocity())
-                if velocity.ndim:  # the default is a number, no current
-                    who = f"{type(disturbance).__name__}.water_velocity"
-                    require_shape(who, velocity.shape, current.shape)
-                current += velocity
-        return current
+                value = np.asarray(getattr(disturbance, hook)(*arguments))
+                if value.ndim:  # the default is a number, nothing
+                    require_shape(f"{type(disturbance).__name__}.{hook}", value.shape, total.shape)
+                total += value
+        return total
+
+    def measured_pose(self) -> Floats:
+        """Return the poses with the errors of the sensors, (n, 3) [m, m, rad]."""
+        return self.eta + self._sum("pose_error", 3) if self.disturbances else self.eta
+
+    def measured_velocity(self) -> Floats:
+        """Return the velocities over ground with the errors of the sensors, (n, 3) [m/s, m/s, rad/s]."""
+        return self.nu + self._sum("velocity_error", 3) if self.disturbances else self.nu
+
+    def _actuate(self) -> Floats:
+        """Return propeller forces and rudder angles (n, k, 2) [N, rad], in equal parts of the period."""
+        commands = self.command[:, None]
+        if not self.has("actuate"):
+            return commands
+        vessel = self.vessel.vessel
+        actual = commands = np.repeat(commands, vessel.substeps, axis=1)
+        for guard, disturbance in zip(self._conditions, self.disturbances, strict=True):
+            with guard:
+                actual = disturbance.actuate(actual, vessel.control_period_s / vessel.substeps)
+                require_shape(f"{type(disturbance).__name__}.actuate", actual.shape, commands.shape)
+        self.actuation = actual[:, -1].copy()
+        return actual
 
     def _check(self, eta: Floats, nu: Floats) -> None:
         """Check that the integration to these poses and velocities, (n, 3), did not diverge.

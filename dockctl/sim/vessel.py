@@ -57,7 +57,7 @@ class VesselModel:
     def __init__(self, vessel: Vessel) -> None:
         self.vessel = vessel
         self._inverse_inertia: Floats = np.linalg.inv(vessel.inertia).astype(float)
-        self._coefficients = _pack(vessel, self._inverse_inertia)
+        self.coefficients = coefficients(vessel)[None]
 
     @property
     def command_limit(self) -> Floats:
@@ -65,14 +65,15 @@ class VesselModel:
         return np.array([self.vessel.max_propeller_n, np.radians(self.vessel.max_rudder_deg)])
 
     def tau(self, command: Floats) -> Floats:
-        """Return surge force, sway force and yaw moment (n, 3) [N, N, N m] of a command (eq. 2.23).
+        """Return surge force, sway force and yaw moment (..., 3) [N, N, N m] of a command (eq. 2.23).
 
         Args:
-            command: (n, 2) propeller force [N] and rudder angle [rad].
+            command: (..., 2) propeller force [N] and rudder angle [rad].
         """
-        force, rudder = command.T
+        force, rudder = command[..., 0], command[..., 1]
         sideways = force * np.sin(rudder)
-        return np.column_stack([force * np.cos(rudder), -sideways, self.vessel.propeller_arm_m * sideways])
+        surge = force * np.cos(rudder)
+        return np.stack([surge, -sideways, self.vessel.propeller_arm_m * sideways], axis=-1)
 
     def nu_dot(self, nu: Floats, tau: Floats) -> Floats:
         """Return nu' (n, 3) in the body frame, from M nu' = tau - C(nu) nu - D(nu) nu (eq. 2.5)."""
@@ -91,26 +92,38 @@ class VesselModel:
             nu: (n, 3) u, v [m/s] and r [rad/s].
             command: (n, 2) propeller force [N] and rudder angle [rad].
         """
-        after, velocity, _ = self.step_and_travel(eta, nu, command)
+        after, velocity, _ = self.step_and_travel(eta, nu, self.tau(command)[:, None])
         return after, velocity
 
-    def step_and_travel(self, eta: Floats, nu: Floats, command: Floats) -> tuple[Floats, Floats, Floats]:
-        """Return the results of `step`, and a bound (n,) of the way of any point of the hull [m]."""
-        return self._integrate(eta, nu, command, np.empty((0, 0, 6)))
+    def step_and_travel(
+        self, eta: Floats, nu: Floats, tau: Floats, coefficients: Floats | None = None
+    ) -> tuple[Floats, Floats, Floats]:
+        """Return pose and velocity (n, 3) one control period later, and the way of the hull (n,) [m].
 
-    def path(self, eta: Floats, nu: Floats, command: Floats) -> Floats:
-        """Return pose and velocity, (n, substeps + 1, 6), at the ends of the substeps of `step`."""
+        Args:
+            eta, nu: as in `step`.
+            tau: (n, k, 3) surge force, sway force and yaw moment [N, N, N m], in equal parts of the period;
+                k divides the number of substeps.
+            coefficients: (n, 17) of each boat, as `coefficients` returns them; by default of the vessel.
+
+        Returns:
+            the third one is a bound of the way of any point of the hull.
+        """
+        return self._integrate(eta, nu, tau, coefficients, np.empty((0, 0, 6)))
+
+    def path(self, eta: Floats, nu: Floats, tau: Floats, coefficients: Floats | None = None) -> Floats:
+        """Return pose and velocity (n, substeps + 1, 6) at the ends of the substeps of `step_and_travel`."""
         states = np.empty((len(eta), self.vessel.substeps + 1, 6))
-        self._integrate(eta, nu, command, states)
+        self._integrate(eta, nu, tau, coefficients, states)
         return states
 
     def _integrate(
-        self, eta: Floats, nu: Floats, command: Floats, states: Floats
+        self, eta: Floats, nu: Floats, tau: Floats, coefficients: Floats | None, states: Floats
     ) -> tuple[Floats, Floats, Floats]:
         period, substeps = self.vessel.control_period_s, self.vessel.substeps
-        tau, reach = self.tau(command), self.vessel.hull.reach_m
+        own = self.coefficients if coefficients is None else coefficients
         after: tuple[Floats, Floats, Floats] = _integrate(
-            eta, nu, tau, self._coefficients, period / substeps, substeps, reach, states
+            eta, nu, tau, own, period / substeps, substeps, self.vessel.hull.reach_m, states
         )
         return after
 
@@ -132,14 +145,16 @@ class VesselModel:
         return state[:, :3], state[:, 3:]
 
 
-def _pack(vessel: Vessel, inverse_inertia: Floats) -> tuple[float, ...]:
-    """Return the coefficients in the order in which `_rate` unpacks them."""
-    inverse = inverse_inertia
-    return (
-        *(float(inverse[index]) for index in ((0, 0), (1, 1), (1, 2), (2, 1), (2, 2))),
-        *(vessel.mass_kg, vessel.X_udot_kg, vessel.Y_vdot_kg, vessel.Y_rdot_kgm),
-        *(vessel.X_u_kgps, vessel.X_uu_kgpm, vessel.Y_v_kgps, vessel.Y_vv_kgpm),
-        *(vessel.Y_r_kgmps, vessel.N_v_kgmps, vessel.N_r_kgm2ps, vessel.N_rr_kgm2),
+def coefficients(vessel: Vessel) -> Floats:
+    """Return the numbers (17,) of the equations of motion in the order in which `_rate` unpacks them."""
+    inverse = np.linalg.inv(vessel.inertia)
+    return np.array(
+        [
+            *(inverse[index] for index in ((0, 0), (1, 1), (1, 2), (2, 1), (2, 2))),
+            *(vessel.mass_kg, vessel.X_udot_kg, vessel.Y_vdot_kg, vessel.Y_rdot_kgm),
+            *(vessel.X_u_kgps, vessel.X_uu_kgpm, vessel.Y_v_kgps, vessel.Y_vv_kgpm),
+            *(vessel.Y_r_kgmps, vessel.N_v_kgmps, vessel.N_r_kgm2ps, vessel.N_rr_kgm2),
+        ]
     )
 
 
@@ -161,23 +176,26 @@ def _integrate(
 ) -> Any:
     """Take `substeps` Runge-Kutta steps of h seconds for every row; returns new arrays.
 
-    The third one sums the motion of the outermost point, at `reach`. All states are written to `states`
-    (n, substeps + 1, 6), unless it is empty.
+    `tau` is (n, k, 3), one row for every substeps / k steps; `coefficients` are (n, 17), or (1, 17) for all
+    boats. The third result sums the motion of the outermost point, at `reach`. All states are written to
+    `states` (n, substeps + 1, 6), unless it is empty.
     """
     eta, nu, travel = eta.copy(), nu.copy(), np.zeros(len(eta))
     a, b = h / 2, h / 6
     for i in range(len(eta)):
         x, y, p = eta[i]
         u, v, r = nu[i]
-        f = (tau[i, 0], tau[i, 1], tau[i, 2])
+        c = coefficients[min(i, len(coefficients) - 1)]
         for j in range(substeps):
+            part = j * tau.shape[1] // substeps
+            f = (tau[i, part, 0], tau[i, part, 1], tau[i, part, 2])
             if len(states):
                 states[i, j] = x, y, p, u, v, r
             x0, y0, p0 = x, y, p
-            x1, y1, p1, u1, v1, r1 = _rate(p, u, v, r, f, coefficients)
-            x2, y2, p2, u2, v2, r2 = _rate(p + a * p1, u + a * u1, v + a * v1, r + a * r1, f, coefficients)
-            x3, y3, p3, u3, v3, r3 = _rate(p + a * p2, u + a * u2, v + a * v2, r + a * r2, f, coefficients)
-            x4, y4, p4, u4, v4, r4 = _rate(p + h * p3, u + h * u3, v + h * v3, r + h * r3, f, coefficients)
+            x1, y1, p1, u1, v1, r1 = _rate(p, u, v, r, f, c)
+            x2, y2, p2, u2, v2, r2 = _rate(p + a * p1, u + a * u1, v + a * v1, r + a * r1, f, c)
+            x3, y3, p3, u3, v3, r3 = _rate(p + a * p2, u + a * u2, v + a * v2, r + a * r2, f, c)
+            x4, y4, p4, u4, v4, r4 = _rate(p + h * p3, u + h * u3, v + h * v3, r + h * r3, f, c)
             x += b * (x1 + 2 * x2 + 2 * x3 + x4)
             y += b * (y1 + 2 * y2 + 2 * y3 + y4)
             p += b * (p1 + 2 * p2 + 2 * p3 + p4)

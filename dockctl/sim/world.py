@@ -189,22 +189,34 @@ def check_poses(scenario: Scenario, base_dir: Path) -> list[tuple[str, str]]:
 
 
 def notes(loaded: LoadedScenario) -> list[str]:
-    """Return what a user should know about a valid scenario: starts that are drawn again, open meshes."""
-    shares = rejected_starts(loaded.scenario, loaded.base_dir).items()
-    return [
-        f"{field}: {share:.0%} of the poses drawn here {UNREACHABLE}, and are drawn again"
-        for field, share in shares
-        if share > NOTED_REJECTED
-    ] + [
-        str(
-            loaded.problem(
-                field,
-                f"{number} of its bodies are open, so that a boat inside them is not found;"
-                " contact with their surfaces is. Close the mesh to test for both",
+    """Return what a user should know about a valid scenario.
+
+    Starts that are drawn again, open meshes, and conditions beyond the vessel's control authority.
+    """
+    scenario = loaded.scenario
+    shares = rejected_starts(scenario, loaded.base_dir).items()
+    return (
+        [
+            f"{field}: {share:.0%} of the poses drawn here {UNREACHABLE}, and are drawn again"
+            for field, share in shares
+            if share > NOTED_REJECTED
+        ]
+        + [
+            str(
+                loaded.problem(
+                    field,
+                    f"{number} of its bodies are open, so that a boat inside them is not found;"
+                    " contact with their surfaces is. Close the mesh to test for both",
+                )
             )
-        )
-        for field, number in open_bodies(loaded.scenario.harbor, loaded.base_dir).items()
-    ]
+            for field, number in open_bodies(scenario.harbor, loaded.base_dir).items()
+        ]
+        + [
+            str(loaded.problem(f"conditions.{name}.{field}", message))
+            for name, condition in scenario.conditions.items()
+            for field, message in condition.notes(scenario.vessel)
+        ]
+    )
 
 
 def rejected_starts(scenario: Scenario, base_dir: Path) -> dict[str, float]:

@@ -42,7 +42,7 @@ from dockctl.testing.environments import SECTORS, Rows, check_environment, open_
 BOATS = 7
 LEARNING_STEPS = 24
 FEATURES = Box(-1.0, 1.0, (5,), np.float32)
-GROUPS = ("water", "air", "sensing", "actuation")
+GROUPS = ("water", "air", "sensing", "actuation", "vessel")
 
 
 def check_reward_term(name: str, **params: Any) -> None:
@@ -67,7 +67,7 @@ def check_observation_part(name: str, **params: Any) -> None:
     limit = np.array([50.0, np.radians(30.0)])
 
     def columns(values: Rows) -> Columns:
-        result: Columns = part(View(**values, command_limit=limit))
+        result: Columns = part(View(**values, command_limit=limit, past=()))
         return result
 
     values = _view_values()
@@ -104,7 +104,7 @@ def check_action_type(kind: str, *, vessel: str | Path = "eilbrecht", **keys: An
 
 
 def check_condition(kind: str, **keys: Any) -> None:
-    """Check the condition `kind` with these keys: draws, row by row, and constant water in an episode."""
+    """Check the condition `kind` with these keys: draws, row by row, and hooks without effects."""
     spec: Condition = _spec(CONDITIONS, Condition, kind, keys)
     what, scenario = f"condition '{kind}'", _scenario(conditions={kind: spec})
     group = CONDITIONS.get(kind).kind
@@ -267,6 +267,7 @@ def _view_values() -> Rows:
     return {
         **{key: value for key, value in _step_values().items() if key in shared},
         "eta": poses[0],
+        "apparent_wind": rng.uniform(-12, 12, (BOATS, 2)),
         "goal": poses[1],
     }
 
@@ -291,14 +292,29 @@ def _simulate(scenario: Scenario, boats: int, reset_at: int | None = None) -> Fl
     for step, command in enumerate(commands):
         if step == reset_at:
             simulator.reset(np.array([1]), [replace(start, seed=99)])
-        water = [np.copy(disturbance.water_velocity()) for disturbance in simulator.disturbances]
+        before, again = _hooks(simulator), _hooks(simulator)
+        for name, value in before.items():
+            assert np.array_equal(value, again[name]), f"{name} changes without a reset or advance"
         simulator.step(command[:boats])
-        for disturbance, velocity in zip(simulator.disturbances, water, strict=True):
-            assert np.array_equal(disturbance.water_velocity(), velocity), (
-                f"{type(disturbance).__name__}: the water's velocity changes during an episode"
-            )
         states.append(np.hstack([simulator.eta, simulator.nu]))
     return np.array(states)
+
+
+def _hooks(simulator: Simulator) -> Rows:
+    """Return copies of what the hooks of the conditions return that may be called at any time."""
+    values: Rows = {}
+    for disturbance in simulator.disturbances:
+        hooks = {
+            "water_velocity": disturbance.water_velocity(),
+            "air_velocity": disturbance.air_velocity(),
+            "force": disturbance.force(simulator.eta, simulator.nu),
+            "pose_error": disturbance.pose_error(),
+            "velocity_error": disturbance.velocity_error(),
+            **disturbance.episode(),
+        }
+        who = type(disturbance).__name__
+        values |= {f"{who}.{name}": np.array(value) for name, value in hooks.items()}
+    return values
 
 
 def _trained(spec: AlgorithmSpec, spaces: Spaces, training: Training) -> Algorithm:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import replace
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -13,9 +14,11 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from dockctl.envs.observation import Columns, ObservationEncoder, View, observation_part
-from dockctl.errors import DockctlError
+from dockctl.envs.vector import DockingVectorEnv
+from dockctl.errors import DockctlError, InputError
 from dockctl.scenarios.loader import load
 from dockctl.scenarios.schema import ObservationPart
+from tests.sim.worlds import walled
 
 S1, S3 = load("s1").scenario, load("s3").scenario
 VIEW = View(
@@ -28,6 +31,7 @@ VIEW = View(
     command=np.array([[-20.0, math.radians(10)]]),
     command_limit=np.array([50.0, math.radians(30)]),
     sector_ranges_m=np.array([[5.0, 10.0, 20.0, 21.0, 100.0, 1.0, 2.0, 3.0]]),
+    apparent_wind=np.array([[-2.5, 1.0]]),
 )
 RANGES = [0.5, 1.0, 2.0, 2.0, 2.0, 0.1, 0.2, 0.3]
 
@@ -92,6 +96,7 @@ def test_every_view_is_within_the_bounds(values: Sequence[float], phase: int) ->
         command=x[:, 5:7],
         command_limit=VIEW.command_limit,
         sector_ranges_m=abs(x[:, 7:15]),
+        apparent_wind=x[:, 3:5],
     )
     encode = encoder("phase", "distance", "heading_error", "velocity", "command", "lidar", "bearing")
     assert encode.space.contains(encode(view)[0])
@@ -129,3 +134,41 @@ def test_parts_of_a_wrong_shape_are_rejected() -> None:
         with pytest.raises(DockctlError, match=f"'{part}'") as caught:
             encoder(part, "phase")
         assert caught.value.code == "plugin"
+
+
+def test_apparent_wind_and_course() -> None:
+    encode = encoder("apparent_wind", "course")
+    assert encode.names == ("wind_ahead", "wind_port", "speed", "course_sin", "course_cos")
+    # the boat heads 90 degrees, with 0.2 m/s ahead and 0.05 m/s to starboard; the goal heads 180 degrees
+    speed, drift = math.hypot(0.2, 0.05), math.atan2(-0.05, 0.2)
+    course = math.pi / 2 + drift - math.pi
+    expected = [-0.5, 0.2, speed / 0.4, math.sin(course), math.cos(course)]
+    assert encode(VIEW)[0] == pytest.approx(expected, rel=1e-6)
+
+
+def test_history_is_what_was_observed_before() -> None:
+    parts = [*S1.observation, ObservationPart(part="history", params={"steps": 3, "parts": ["velocity"]})]
+    scenario = S1.model_copy(update={"observation": tuple(parts)})
+    env = DockingVectorEnv(scenario, 2, autoreset_mode="Disabled", worlds=[walled()])
+    observation, _ = env.reset(seed=3)
+    velocity = [i for i, name in enumerate(env.observation_names) if name in ("u", "v", "r")]
+    past = [[env.observation_names.index(f"{name}_{age}_ago") for name in "uvr"] for age in (1, 2, 3)]
+    seen = [observation[:, velocity]] * 4
+    rng = np.random.default_rng(0)
+    for step in range(12):
+        if step == 6:  # the history of the other boat goes on
+            observation, _ = env.reset(options={"reset_mask": np.array([True, False])})
+            seen = [np.stack([observation[0, velocity], each[1]]) for each in seen]
+        for age in range(3):
+            assert np.array_equal(observation[:, past[age]], seen[age + 1])
+        observation, *_ = env.step(rng.integers(77, size=2))
+        seen = [observation[:, velocity], *seen[:3]]
+
+
+def test_a_part_that_the_history_does_not_know_has_its_place(tmp_path: Path) -> None:
+    file = tmp_path / "mine.yaml"
+    file.write_text("extends: s1\nobservation: [{history: {parts: [wind]}}]\n")
+    with pytest.raises(InputError) as caught:
+        load(file)
+    (problem,) = caught.value.problems
+    assert problem.line == 2

@@ -38,6 +38,7 @@ def view(n: int) -> View:
         command=rng.uniform(-1, 1, (n, 2)) * [50, np.radians(30)],
         command_limit=np.array([50, np.radians(30)]),
         sector_ranges_m=rng.uniform(0, 30, (n, 8)),
+        apparent_wind=np.zeros((n, 2)),
     )
 
 

@@ -1,28 +1,50 @@
-"""A current that is the same everywhere and does not change during an episode."""
+"""A current that is the same everywhere: constant during an episode, or first-order Gauss-Markov."""
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from typing import Literal
 
 import numpy as np
 
 from dockctl.geometry import Floats, Ints
+from dockctl.noise import draw_seed, normals
 from dockctl.plugins import CONDITIONS
-from dockctl.scenarios.base import NonNegative, Number
-from dockctl.scenarios.extensions import Condition, Disturbance, Drawn, draw, register
+from dockctl.scenarios.base import NonNegative, Number, Positive
+from dockctl.scenarios.extensions import OFF, Condition, Disturbance, Drawn, draw, register
+from dockctl.scenarios.vessel import Vessel
+from dockctl.sim.conditions.authority import ControlAuthority
 
 
-@register(CONDITIONS, group="water", source="not in the thesis; Fossen 2012")
+@register(CONDITIONS, group="water", source="not in the thesis; Fossen 2012, 2021 section 10.3")
 class Current(Condition):
-    """Speed of the water, and the direction in which it flows, counterclockwise from +x."""
+    """Mean speed of the water and the direction in which it flows, counterclockwise from +x; variation.
+
+    The variation, a standard deviation, is added to both components in the world frame.
+    """
 
     kind: Literal["current"] = "current"
     speed_mps: Drawn[NonNegative]
     direction_deg: Drawn[Number]
+    variation_mps: Drawn[NonNegative] = OFF
+    variation_time_s: Positive = 100.0
 
     def build(self, num_boats: int) -> Disturbance:
         return UniformFlow(self, num_boats)
+
+    def notes(self, vessel: Vessel) -> list[tuple[str, str]]:
+        authority, speed = ControlAuthority.of(vessel), self.speed_mps[-1]
+        push = authority.side_drag(speed)
+        if push <= authority.side_force_n:
+            return []
+        return [
+            (
+                "speed_mps",
+                f"holding the boat across a current of {speed:g} m/s takes {push:.0f} N sideways; the vessel"
+                f" has {authority.side_force_n:.0f} N, and keeps its track with {authority.crab(speed)}",
+            )
+        ]
 
 
 class UniformFlow(Disturbance):
@@ -30,13 +52,36 @@ class UniformFlow(Disturbance):
 
     def __init__(self, current: Current, num_boats: int) -> None:
         self.current = current
-        self.velocity = np.zeros((num_boats, 2))
+        self.mean, self.variation = np.zeros((num_boats, 2)), np.zeros((num_boats, 2))
+        self.sigma = np.zeros(num_boats)
+        self.seed, self.drawn = np.zeros(num_boats, np.uint64), np.zeros(num_boats, np.int64)
 
     def reset(self, rows: Ints, rngs: Sequence[np.random.Generator]) -> None:
         for row, rng in zip(rows, rngs, strict=True):
             speed = draw(self.current.speed_mps, rng)
             direction = np.radians(draw(self.current.direction_deg, rng))
-            self.velocity[row] = speed * np.cos(direction), speed * np.sin(direction)
+            self.mean[row] = speed * np.cos(direction), speed * np.sin(direction)
+            if self._varies:
+                self.sigma[row] = draw(self.current.variation_mps, rng)
+                self.seed[row] = draw_seed(rng)
+        if self._varies:
+            self.drawn[rows] = 2
+            self.variation[rows] = self.sigma[rows, None] * normals(self.seed[rows], 0 * rows, 2)
+
+    def advance(self, period_s: float) -> None:
+        if self._varies:
+            alpha = math.exp(-period_s / self.current.variation_time_s)
+            noise = self.sigma[:, None] * normals(self.seed, self.drawn, 2)
+            self.variation = alpha * self.variation + math.sqrt(1 - alpha**2) * noise
+            self.drawn += 2
 
     def water_velocity(self) -> Floats:
-        return self.velocity
+        return self.mean + self.variation
+
+    def episode(self) -> dict[str, Floats]:
+        x, y = self.mean.T
+        return {"speed_mps": np.hypot(x, y), "direction_deg": np.degrees(np.arctan2(y, x))}
+
+    @property
+    def _varies(self) -> bool:
+        return self.current.variation_mps != OFF

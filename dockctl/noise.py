@@ -1,0 +1,59 @@
+"""Random numbers that depend only on a seed and an index, so that each can be drawn without the others.
+
+The bits are those of SplitMix64 (Steele, Lea, Flood 2014, "Fast splittable pseudorandom number generators"),
+whose state is a multiple of the index. Normal numbers are made of two of them (Box and Muller 1958).
+"""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+from numpy.typing import NDArray
+
+from dockctl.compute import compiled
+from dockctl.geometry import Floats, Ints
+
+Seeds = NDArray[np.uint64]
+
+STEP = np.uint64(0x9E3779B97F4A7C15)
+FIRST, SECOND = np.uint64(0xBF58476D1CE4E5B9), np.uint64(0x94D049BB133111EB)
+A, B, C, TO_UNIT = np.uint64(30), np.uint64(27), np.uint64(31), np.uint64(11)
+UNIT = 2.0**-53
+
+
+@compiled()
+def bits(seed: int | np.uint64, index: int) -> np.uint64:
+    """Return 64 random bits."""
+    z = np.uint64(seed) + (np.uint64(index) + np.uint64(1)) * STEP
+    z = (z ^ (z >> A)) * FIRST
+    z = (z ^ (z >> B)) * SECOND
+    return z ^ (z >> C)
+
+
+@compiled()
+def uniform(seed: int | np.uint64, index: int) -> float:
+    """Return a number of the uniform distribution over [0, 1)."""
+    return float(bits(seed, index) >> TO_UNIT) * UNIT
+
+
+@compiled()
+def normal(seed: int | np.uint64, index: int) -> float:
+    """Return a number of the standard normal distribution."""
+    radius = math.sqrt(-2.0 * math.log(1.0 - uniform(seed, 2 * index)))
+    return radius * math.cos(2.0 * math.pi * uniform(seed, 2 * index + 1))
+
+
+@compiled()
+def normals(seeds: Seeds, index: Ints, count: int) -> Floats:
+    """Return `count` standard normal numbers from `index` (n,) on for each of n seeds, (n, count)."""
+    numbers = np.empty((len(seeds), count))
+    for row in range(len(seeds)):
+        for k in range(count):
+            numbers[row, k] = normal(seeds[row], index[row] + k)
+    return numbers
+
+
+def draw_seed(rng: np.random.Generator) -> np.uint64:
+    """Return a seed drawn from a generator."""
+    return np.uint64(rng.integers(2**63))

@@ -1,0 +1,92 @@
+"""Propeller and rudder that do not follow their commands at once."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Annotated, Literal
+
+import numpy as np
+from pydantic import Field, Strict
+
+from dockctl.geometry import Floats, Ints
+from dockctl.plugins import CONDITIONS
+from dockctl.scenarios.base import NonNegative, Positive
+from dockctl.scenarios.extensions import OFF, Condition, Disturbance, Drawn, draw, draw_integer, register
+
+Steps = Annotated[int, Strict(), Field(ge=0, le=100)]
+Factor = Annotated[Positive, Field(le=10)]
+
+
+@register(CONDITIONS, group="actuation", source="not in the thesis; Fossen 2021, sections 9.5 and 15.3")
+class Actuators(Condition):
+    """Delay in whole control steps, lag of the propeller, rate limit of the rudder, and weaker astern thrust.
+
+    The delay acts first. Without a key the actuator is ideal in that respect.
+    """
+
+    kind: Literal["actuators"] = "actuators"
+    delay_steps: Drawn[Steps] = (0,)
+    propeller_lag_s: Drawn[NonNegative] = OFF
+    rudder_rate_degps: Drawn[Positive] | None = None
+    astern_factor: Drawn[Factor] = (1.0,)
+
+    def build(self, num_boats: int) -> Disturbance:
+        return RealActuators(self, num_boats)
+
+
+class RealActuators(Disturbance):
+    """Propeller and rudder of n boats."""
+
+    def __init__(self, actuators: Actuators, num_boats: int) -> None:
+        self.actuators = actuators
+        self.delay = np.zeros(num_boats, np.int64)
+        self.lag, self.thrust, self.angle = np.zeros((3, num_boats))
+        self.rate, self.astern = np.full(num_boats, np.inf), np.ones(num_boats)
+        self.past = np.zeros((num_boats, actuators.delay_steps[-1] + 1, 1, 2))
+
+    def reset(self, rows: Ints, rngs: Sequence[np.random.Generator]) -> None:
+        given = self.actuators
+        for row, rng in zip(rows, rngs, strict=True):
+            self.delay[row] = draw_integer(given.delay_steps, rng)
+            self.lag[row] = draw(given.propeller_lag_s, rng)
+            if given.rudder_rate_degps is not None:
+                self.rate[row] = np.radians(draw(given.rudder_rate_degps, rng))
+            self.astern[row] = draw(given.astern_factor, rng)
+        self.thrust[rows] = self.angle[rows] = 0.0
+        self.past[rows] = 0.0
+
+    def actuate(self, commands: Floats, substep_s: float) -> Floats:
+        boats, substeps, _ = commands.shape
+        if self.past.shape[2] != substeps:  # the first step
+            self.past = np.zeros((*self.past.shape[:2], substeps, 2))
+        self.past = np.concatenate([commands[:, None], self.past[:, :-1]], axis=1)
+        wanted, actual = self.past[np.arange(boats), self.delay], np.empty_like(commands)
+        for part in range(substeps):
+            force, self.thrust = _lagged(self.thrust, wanted[:, part, 0], self.lag, substep_s)
+            actual[:, part, 0] = np.where(force < 0, self.astern, 1.0) * force
+            actual[:, part, 1], self.angle = _limited(self.angle, wanted[:, part, 1], self.rate * substep_s)
+        return actual
+
+    def episode(self) -> dict[str, Floats]:
+        values = {"delay_steps": self.delay.astype(float), "propeller_lag_s": self.lag}
+        if self.actuators.rudder_rate_degps is not None:
+            values["rudder_rate_degps"] = np.degrees(self.rate)
+        return {**values, "astern_factor": self.astern}
+
+
+def _lagged(start: Floats, target: Floats, lag_s: Floats, period_s: float) -> tuple[Floats, Floats]:
+    """Return mean and final value (n,) of a first-order lag over a period with a constant target."""
+    with np.errstate(divide="ignore"):
+        ratio = np.where(lag_s > 0, period_s / lag_s, np.inf)
+    left = np.exp(-ratio)
+    return target + (start - target) * (1 - left) / ratio, target + (start - target) * left
+
+
+def _limited(start: Floats, target: Floats, reach: Floats) -> tuple[Floats, Floats]:
+    """Return mean and final value (n,) of a value that moves by at most `reach` in the period."""
+    way = target - start
+    with np.errstate(invalid="ignore"):
+        arriving = target - way * np.abs(way) / (2 * reach)
+        moved = np.sign(way) * reach
+    arrives = np.abs(way) <= reach
+    return np.where(arrives, arriving, start + moved / 2), np.where(arrives, target, start + moved)
