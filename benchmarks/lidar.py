@@ -138,7 +138,7 @@ def main() -> None:
             at_least=0.85 * cores,
             unit="×",
         ),
-        bench.Target("grid of a harbor", report.facts["harbor_mb"], at_most=25, unit="MB"),
+        bench.Target("grid of a harbor", report.facts["harbor_mb"], at_most=10, unit="MB"),
     ]
     report.write()
 

@@ -18,7 +18,6 @@ from dockctl.errors import DockctlError
 from dockctl.geometry import Floats
 from dockctl.sim.lidar.raycast import MISS, compiled_bare, corner_and_edges, hit_triangle
 
-Singles = NDArray[np.float32]
 Ints = NDArray[np.int32]
 Bands = NDArray[np.int64]
 Members = NDArray[np.void]
@@ -28,13 +27,17 @@ FINEST_CELL_M = 0.1
 MAX_CELLS = 4_000_000
 MAX_MEMBERS = 100_000_000
 """Triangles of all cells, at 6 bytes each."""
-# Radii of the levels, in cells: these, then 4, 5, 6 times 2, 4, 8 ... on cells as much larger.
-FINE_REACHES = (1, 2, 3, 4, 5, 6)
-COARSE_REACHES = (4, 5, 6)
+# Radii of the levels, in cells: these, then 3, 4, 5 times 2, 4, 8 ... on cells as much larger.
+FINE_REACHES = (1, 2, 3, 4)
+COARSE_REACHES = (3, 4, 5)
 DISTANCE_STRIDE = 2
 SLACK_M = 1e-5  # greater than any rounding error, also in float32
 
+DISTANCE_STEP_M = 0.01
+FARTHEST = 65535
+TILE = 8  # `in_tiles` uses shifts
 MEMBER = np.dtype([("triangle", np.int32), ("low", np.uint8), ("high", np.uint8)])
+SMALL_MEMBER = np.dtype([("triangle", np.uint16), ("low", np.uint8), ("high", np.uint8)])
 
 
 @compiled(inline="always")
@@ -54,31 +57,37 @@ def bits(low: int, high: int) -> int:
 class HeightGrid(NamedTuple):
     """Bands of height on a grid of square cells; rows run along y.
 
-    Few sets of bands occur, so a cell stores an index into `palette`, with an eighth of the memory.
+    Most of a harbor is open water or land, and few sets of bands occur. The cells are therefore stored in
+    tiles of `TILE` by `TILE`, equal tiles once, with indices into `palette` instead of sets of bands.
 
     Attributes:
         frame: (3,) x and y of the lower corner, and the cell size [m].
         radii: (levels,) [m]; the first is 0.
-        level_shape: (levels, 4) offset into `levels`, nx, ny and stride in cells of each level.
-        levels: for each level and cell, the bands within the radius of the level of any point of the cell;
-            indices into `palette`.
+        level_shape: (levels, 4) offset into `directory`, nx, ny and stride in cells of each level.
+        directory: indices into `tiles`, for each level and tile of cells.
+        tiles: (k, TILE * TILE) for each cell of a level, the bands within the radius of the level of any
+            point of the cell; indices into `palette`.
         palette: (sets,) sets of bands with obstacles; the first is 0.
-        starts, members: triangles of cell ``iy * nx + ix`` are ``members[starts[cell]:starts[cell + 1]]``,
-            with their lowest and highest band in the cell.
-        triangles: (m, 9) in the form of `hit_triangle`.
-        distances: lower bound of the distance from any point of a block of cells to a cell that is not empty
-            [m].
+        list_directory, list_tiles: in the same way, the list of triangles of each cell.
+        starts, members: the triangles of a list are ``members[starts[list]:starts[list + 1]]``, with their
+            lowest and highest band in the cell; list 0 is empty.
+        triangles: (m, 9) in the form of `hit_triangle`, neighbors together.
+        distances: lower bound of the distance from any point of a block of cells to a cell that is not empty,
+            in multiples of `DISTANCE_STEP_M`.
     """
 
     frame: Floats
     radii: Floats
     level_shape: Ints
-    levels: NDArray[np.unsignedinteger[Any]]
+    directory: Ints
+    tiles: NDArray[np.unsignedinteger[Any]]
     palette: Bands
+    list_directory: Ints
+    list_tiles: Ints
     starts: Ints
     members: Members
     triangles: Floats
-    distances: Singles
+    distances: NDArray[np.uint16]
 
     @classmethod
     def build(cls, triangles: Floats, largest_radius_m: float) -> HeightGrid:
@@ -88,6 +97,7 @@ class HeightGrid(NamedTuple):
         margin = largest_radius_m + 1.0
         low, high = corners.min(axis=0) - margin, corners.max(axis=0) + margin
         cell = max(FINEST_CELL_M, math.sqrt(float(np.prod(high - low)) / MAX_CELLS))
+        low, high = low - 2.0 * cell, high + 2.0 * cell  # the outermost cells must be empty
         nx, ny = (math.ceil(side / cell) for side in high - low)
         touched = (np.ptp(above[:, :, :2], axis=1) // cell + 2).prod(axis=1).sum()
         if touched > MAX_MEMBERS:
@@ -97,34 +107,89 @@ class HeightGrid(NamedTuple):
                 code="out_of_range",
             )
         frame = np.array([low[0], low[1], cell])
-        counts = np.zeros(nx * ny + 1, np.int32)
+        counts = np.zeros(-(-nx // TILE) * -(-ny // TILE) * TILE**2 + 1, np.int32)
         bands = np.zeros((ny, nx), np.int64)
         _rasterize(above, frame, bands, counts, np.empty(0, MEMBER))
         starts = np.concatenate([[0], np.cumsum(counts[:-1])]).astype(np.int32)
         members = np.empty(starts[-1], MEMBER)
         _rasterize(above, frame, bands, starts[:-1].copy(), members)
         radii, shapes, levels = _dilate_levels(bands, cell, largest_radius_m)
-        palette = np.unique(levels)
-        place_type = np.uint16 if len(palette) <= 1 << 16 else np.uint32
+        palette = np.unique(np.concatenate([np.unique(level) for level in levels]))
+        index_type = np.uint16 if len(palette) <= 1 << 16 else np.uint32
+        tiles, directory = _unique_rows(
+            np.concatenate([_tiled(np.searchsorted(palette, level).astype(index_type)) for level in levels])
+        )
+        lists, starts, members = _unique_lists(counts[:-1], starts, members)
+        list_tiles, list_directory = _unique_rows(lists.reshape(-1, TILE**2))
+        # Neighboring triangles together: the cells that a ray passes are then in the same lines of a cache.
+        used, first = np.unique(members["triangle"], return_index=True)
+        order = used[np.argsort(first)]
+        place = np.zeros(len(above), np.int32)
+        place[order] = np.arange(len(order))
+        members["triangle"] = place[members["triangle"]]
         return cls(
             frame=frame,
             radii=radii,
             level_shape=shapes,
-            levels=np.searchsorted(palette, levels).astype(place_type),
+            directory=directory,
+            tiles=tiles,
             palette=palette,
+            list_directory=list_directory,
+            list_tiles=list_tiles,
             starts=starts,
-            members=members,
-            triangles=corner_and_edges(above),
+            members=members.astype(SMALL_MEMBER) if len(order) <= 1 << 16 else members,
+            triangles=corner_and_edges(above[order]),
             distances=_distances(_block_union(bands, DISTANCE_STRIDE), cell * DISTANCE_STRIDE),
         )
+
+
+def _tiled(cells: NDArray[Any]) -> NDArray[Any]:
+    """Return the tiles of a level, (k, TILE * TILE), row by row; cells beyond its edges are 0."""
+    ny, nx = cells.shape
+    padded = np.pad(cells, ((0, -ny % TILE), (0, -nx % TILE)))
+    tiles = padded.reshape(len(padded) // TILE, TILE, -1, TILE).swapaxes(1, 2)
+    return tiles.reshape(-1, TILE**2)
+
+
+def _unique_rows(rows: NDArray[Any]) -> tuple[NDArray[Any], Ints]:
+    """Return the distinct rows, in the order of their first occurrence, and the index of each row in them."""
+    whole = np.dtype((np.void, rows.shape[1] * rows.itemsize))
+    keys = np.ascontiguousarray(rows).view(whole).ravel()
+    _, first, inverse = np.unique(keys, return_index=True, return_inverse=True)
+    order = np.argsort(first)
+    return rows[first[order]], np.argsort(order)[inverse].astype(np.int32)
+
+
+def _unique_lists(counts: Ints, starts: Ints, members: Members) -> tuple[Ints, Ints, Members]:
+    """Return the list of each cell, and `starts` and `members` with equal lists of one triangle stored once.
+
+    On land, most cells contain one triangle, and all of it in the same bands.
+    """
+    single, several = counts == 1, counts > 1
+    rows = members[starts[:-1][single]].view(np.uint8).reshape(-1, MEMBER.itemsize)
+    singles, index = _unique_rows(rows)
+    lists = np.zeros(len(counts), np.int32)
+    lists[single] = 1 + index
+    lists[several] = 1 + len(singles) + np.arange(several.sum())
+    lengths = np.concatenate([[0], np.ones(len(singles), int), counts[several]])
+    kept = np.concatenate([singles.ravel().view(MEMBER), members[np.repeat(several, counts)]])
+    return lists, np.concatenate([[0], np.cumsum(lengths)]).astype(np.int32), kept
+
+
+@compiled(inline="always")
+def in_tiles(ix: int, iy: int, nx: int) -> int:
+    """Return the place of a cell in the order of the tiles of a level with nx cells in a row."""
+    tile, row, column = (iy >> 3) * ((nx + 7) >> 3) + (ix >> 3), iy & 7, ix & 7
+    return (tile << 6) + (row << 3) + column
 
 
 @compiled()
 def _rasterize(triangles: Floats, frame: Floats, bands: Bands, places: Ints, members: Members) -> None:
     """Add each triangle, with its bands, to the cells that it touches in plan view.
 
-    If `members` is empty, triangles are counted in `places`; otherwise they are written from `places` on.
-    Triangles under water are skipped: rays end at the water surface.
+    If `members` is empty, triangles are counted in `places`; otherwise they are written from `places` on. The
+    cells of `places` are in the order of the tiles. Triangles under water are skipped: rays end at the water
+    surface.
     """
     ny, nx = bands.shape
     x0, y0, cell = frame
@@ -146,7 +211,7 @@ def _rasterize(triangles: Floats, frame: Floats, bands: Bands, places: Ints, mem
                 if high_z < 0.0:
                     continue
                 low, high = band_at(low_z), band_at(high_z)
-                place = iy * nx + ix
+                place = in_tiles(ix, iy, nx)
                 if len(members) > 0:
                     member = members[places[place]]
                     member.triangle, member.low, member.high = index, low, high
@@ -184,20 +249,26 @@ def _cut(polygon: Floats, out: Floats, corners: int, axis: int, sign: float, bou
     return count
 
 
-def _dilate_levels(bands: Bands, cell: float, largest_radius_m: float) -> tuple[Floats, Ints, Bands]:
-    """Return `radii`, `level_shape` and the concatenated bands of the levels; the first level is `bands`."""
-    radii, shapes, parts = [0.0], [(0, bands.shape[1], bands.shape[0], 1)], [bands.ravel()]
-    stride, offset = 1, bands.size
+def _dilate_levels(bands: Bands, cell: float, largest_radius_m: float) -> tuple[Floats, Ints, list[Bands]]:
+    """Return `radii`, `level_shape` and the bands of the levels; the first level is `bands`."""
+    radii, strides, levels = [0.0], [1], [bands]
+    stride = 1
     while radii[-1] < largest_radius_m:
         blocks = _block_union(bands, stride)
         for reach in FINE_REACHES if stride == 1 else COARSE_REACHES:
-            level = _dilated(blocks, reach)
+            if radii[-1] >= largest_radius_m:
+                break
             radii.append(reach * stride * cell)
-            shapes.append((offset, level.shape[1], level.shape[0], stride))
-            parts.append(level.ravel())
-            offset += level.size
+            strides.append(stride)
+            levels.append(_dilated(blocks, reach))
         stride *= 2
-    return np.array(radii), np.array(shapes, np.int32), np.concatenate(parts)
+    sizes = [-(-level.shape[0] // TILE) * -(-level.shape[1] // TILE) for level in levels]
+    offsets = np.cumsum([0, *sizes[:-1]])
+    shapes = [
+        (offset, level.shape[1], level.shape[0], step)
+        for offset, level, step in zip(offsets, levels, strides, strict=True)
+    ]
+    return np.array(radii), np.array(shapes, np.int32), levels
 
 
 def _block_union(bands: Bands, stride: int) -> Bands:
@@ -225,17 +296,18 @@ def _dilated(bands: Bands, reach: int) -> Bands:
     return out
 
 
-def _distances(bands: Bands, cell: float) -> Singles:
-    """Return a lower bound of the distance to the nearest cell that is not empty.
+def _distances(bands: Bands, cell: float) -> NDArray[np.uint16]:
+    """Return a lower bound of the distance to the nearest cell that is not empty [DISTANCE_STEP_M].
 
     It is the distance between the centers of the cells, minus the diagonal of a cell.
     """
     from scipy.ndimage import distance_transform_edt  # not needed when the grid is cached
 
     if not bands.any():  # the transform would measure the distance to a cell that does not exist
-        return np.full(bands.shape, np.inf, np.float32)
+        return np.full(bands.shape, FARTHEST, np.uint16)
     centers: Floats = distance_transform_edt(bands == 0) * cell
-    return np.maximum(centers - math.sqrt(2.0) * cell - SLACK_M, 0.0).astype(np.float32)
+    least = np.maximum(centers - math.sqrt(2.0) * cell - SLACK_M, 0.0)
+    return np.minimum(least / DISTANCE_STEP_M, FARTHEST).astype(np.uint16)
 
 
 @compiled(inline="always")
@@ -246,7 +318,8 @@ def bands_near(grid: HeightGrid, level: int, x: float, y: float) -> int:
     iy = math.floor((y - grid.frame[1]) / (grid.frame[2] * stride))
     if ix < 0 or iy < 0 or ix >= nx or iy >= ny:
         return 0  # the margin of the grid is wider than every radius
-    return int(grid.palette[grid.levels[offset + iy * nx + ix]])
+    place = in_tiles(ix, iy, nx)
+    return int(grid.palette[grid.tiles[grid.directory[offset + (place >> 6)], place & 63]])
 
 
 @compiled(inline="always")
@@ -259,77 +332,80 @@ def distance_at(grid: HeightGrid, x: float, y: float) -> float:
         beyond_x = max(left - x, x - left - nx * cell, 0.0)
         beyond_y = max(lower - y, y - lower - ny * cell, 0.0)
         return math.sqrt(beyond_x * beyond_x + beyond_y * beyond_y)
-    return float(grid.distances[iy, ix])
+    return float(grid.distances[iy, ix] * DISTANCE_STEP_M)
 
 
-@compiled_bare
-def first_hit(grid: HeightGrid, line: Line, begin: float, end: float) -> float:
+@compiled(inline="always")
+def first_hit(grid: HeightGrid, line: Line, begin: float, end: float, bands: int) -> float:
     """Return the closest hit of a ray between two of its parameters, or infinity, by traversing the grid.
 
     Amanatides and Woo, "A fast voxel traversal algorithm for ray tracing", 1987. A cell is skipped if the ray
-    passes above or below everything in it. A hit on a triangle of a visited cell may be slightly beyond
-    `end`.
+    passes above or below everything in it.
 
     Args:
         grid: the harbor.
         line: x, y, z of the ray's origin [m] and of its direction, in the world frame.
         begin, end: ray parameters.
+        bands: contains the bands of the ray between them; -1: any.
     """
     ox, oy, oz, dx, dy, dz = line
-    levels, palette, starts = grid.levels, grid.palette, grid.starts
-    members, triangles = grid.members, grid.triangles
+    directory, tiles, palette = grid.directory, grid.tiles, grid.palette
+    starts, members, triangles = grid.starts, grid.members, grid.triangles
     nx, ny = grid.level_shape[0, 1], grid.level_shape[0, 2]
-    left, lower, cell = grid.frame
-    px, py, vx, vy = (ox - left) / cell, (oy - lower) / cell, dx / cell, dy / cell  # in cells
+    per_meter = 1.0 / grid.frame[2]
+    px, py = (ox - grid.frame[0]) * per_meter, (oy - grid.frame[1]) * per_meter  # in cells
+    vx, vy = dx * per_meter, dy * per_meter
     if not (_inside(px + begin * vx, nx) and _inside(px + end * vx, nx)):
         begin, end = _within(px, vx, nx, begin, end)
     if not (_inside(py + begin * vy, ny) and _inside(py + end * vy, ny)):
         begin, end = _within(py, vy, ny, begin, end)
-    if begin > end:
-        return MISS
-    ix = min(max(math.floor(px + begin * vx), 0), nx - 1)
-    iy = min(max(math.floor(py + begin * vy), 0), ny - 1)
-    step_x, step_y = (1 if vx > 0.0 else -1), (1 if vy > 0.0 else -1)
-    per_x, per_y = (1.0 / vx if vx != 0.0 else MISS), (1.0 / vy if vy != 0.0 else MISS)
-    across_x, across_y = abs(per_x), abs(per_y)
-    next_x = (ix + (vx > 0.0) - px) * per_x if vx != 0.0 else MISS
-    next_y = (iy + (vy > 0.0) - py) * per_y if vy != 0.0 else MISS
     best = MISS
-    entry = begin
-    while True:
-        t_exit = min(next_x, next_y)
-        z_in, z_out = oz + dz * entry, oz + dz * min(t_exit, end)
-        low, high = band_at(min(z_in, z_out)), band_at(max(z_in, z_out))
-        place = iy * nx + ix
-        if palette[levels[place]] & bits(low, high):
-            for slot in range(starts[place], starts[place + 1]):
-                member = members[slot]
-                if member.low <= high and member.high >= low:
-                    t = hit_triangle(triangles[member.triangle], ox, oy, oz, dx, dy, dz)
-                    if t < best:
-                        best = t
-        if best <= t_exit or t_exit >= end:
-            return best
-        entry = t_exit
-        if next_x < next_y:
-            ix += step_x
-            next_x += across_x
-        else:
-            iy += step_y
-            next_y += across_y
-        if ix < 0 or iy < 0 or ix >= nx or iy >= ny:
-            return best
+    if begin <= end:
+        ix, iy = math.floor(px + begin * vx), math.floor(py + begin * vy)
+        step_x, step_y = (1 if vx > 0.0 else -1), (1 if vy > 0.0 else -1)
+        per_x, per_y = (1.0 / vx if vx != 0.0 else MISS), (1.0 / vy if vy != 0.0 else MISS)
+        across_x, across_y = abs(per_x), abs(per_y)
+        next_x = (ix + (vx > 0.0) - px) * per_x if vx != 0.0 else MISS
+        next_y = (iy + (vy > 0.0) - py) * per_y if vy != 0.0 else MISS
+        entry = begin
+        while True:
+            t_exit = min(next_x, next_y)
+            place = in_tiles(ix, iy, nx)
+            present = palette[tiles[directory[place >> 6], place & 63]] & bands
+            if present != 0:
+                z_in, z_out = oz + dz * entry, oz + dz * min(t_exit, end)
+                low, high = band_at(min(z_in, z_out)), band_at(max(z_in, z_out))
+                if present & bits(low, high) != 0:
+                    number = grid.list_tiles[grid.list_directory[place >> 6], place & 63]
+                    for slot in range(starts[number], starts[number + 1]):
+                        member = members[slot]
+                        if member.low <= high and member.high >= low:
+                            t = hit_triangle(triangles[member.triangle], ox, oy, oz, dx, dy, dz)
+                            if t <= end:
+                                best = end = t
+            if t_exit >= end:
+                break
+            entry = t_exit
+            x_first = next_x < next_y
+            ix += step_x if x_first else 0
+            iy += 0 if x_first else step_y
+            next_x += across_x if x_first else 0.0
+            next_y += 0.0 if x_first else across_y
+    return best
 
 
 @compiled(inline="always")
 def _inside(p: float, cells: int) -> bool:
-    return 0.0 <= p < cells
+    return 1.0 <= p < cells - 1
 
 
 @compiled_bare
 def _within(p: float, v: float, cells: int, begin: float, end: float) -> tuple[float, float]:
-    """Return the part of ``begin .. end`` with ``p + t v`` inside the grid; begin > end if there is none."""
+    """Return the part of ``begin .. end`` with ``p + t v`` in the grid without its outermost, empty cells.
+
+    Return begin > end if there is none.
+    """
     if v == 0.0:
         return MISS, end
-    a, b = -p / v, (cells - p) / v
+    a, b = (1.0 - p) / v, (cells - 1 - p) / v
     return max(begin, min(a, b)), min(end, max(a, b))

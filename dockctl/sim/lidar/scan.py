@@ -20,7 +20,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dockctl.compute import compiled
-from dockctl.geometry import Floats, sector_index
+from dockctl.geometry import Bools, Floats, sector_index
 from dockctl.sim.lidar.height_grid import (
     SLACK_M,
     HeightGrid,
@@ -39,6 +39,7 @@ Pose = tuple[float, float, float, float]  # x, y [m], cosine and sine of the hea
 
 BINS_PER_SECTOR = 32
 SHELL_GROWTH = 1.03
+SHELL_STEP_M = 0.02
 CORE_CELL_M = 0.25
 CORE_STEP_M = 0.05
 # From the center of a core cell to the rays that are added to it by a point every step.
@@ -67,7 +68,10 @@ class ShellTable(NamedTuple):
         bins: (bins, 2) cosine and sine of the center azimuth of each bin.
         half_diagonals: (shells,) from the center of a cell to its farthest corner [m].
         starts, runs: the runs: first ray, number of rays, lowest and highest band.
-        core: (cells, 2) centers of the core cells [m].
+        core: (cells, 2) centers of the core cells [m], the innermost first.
+        core_sectors: (cells, 2) first and last sector of the rays in a core cell, modulo the number of
+            sectors.
+        shell_at: (k,) the first shell that is not entirely within each multiple of `SHELL_STEP_M`.
     """
 
     origins: Floats
@@ -79,6 +83,8 @@ class ShellTable(NamedTuple):
     starts: Ints
     runs: Runs
     core: Floats
+    core_sectors: Ints
+    shell_at: NDArray[np.int16]
 
     @classmethod
     def build(
@@ -93,16 +99,26 @@ class ShellTable(NamedTuple):
         middle_radius, half_angle = (radii[:-1] + radii[1:]) / 2, np.pi / count
         corner = np.stack([radii[1:] * math.cos(half_angle), radii[1:] * math.sin(half_angle)])
         half_diagonals = np.hypot(corner[0] - middle_radius, corner[1]) + SLACK_M
+        steps = np.arange(math.ceil(radii[-1] / SHELL_STEP_M) + 1)
         places, sensor = np.unique(origins, axis=0, return_inverse=True)
         rays = np.column_stack([directions, reach])
         side = math.ceil(inner / CORE_CELL_M)
         middle = (np.arange(2 * side) + 0.5 - side) * CORE_CELL_M
         core = np.stack(np.meshgrid(middle, middle), axis=-1).reshape(-1, 2)
+        order = np.argsort(np.hypot(core[:, 0], core[:, 1]), kind="stable")
+        rank = np.argsort(order).astype(np.int32)
+        core = core[order]
+        half_width = np.arcsin(
+            np.minimum(CORE_REACH_M / np.maximum(np.hypot(core[:, 0], core[:, 1]), 1e-9), 1.0)
+        )
+        azimuth = np.arctan2(core[:, 1], core[:, 0]) + np.pi
+        edges = np.column_stack([azimuth - half_width, azimuth + half_width]) * (sectors / (2 * np.pi))
+        edges[half_width > 1.5] = 0, sectors - 1
         counts = np.zeros(shells * count + len(core) + 1, np.int32)
-        _gather(origins, rays, channel, radii, count, side, counts, np.empty(0, RUN))
+        _gather(origins, rays, channel, radii, count, side, rank, counts, np.empty(0, RUN))
         starts = np.concatenate([[0], np.cumsum(counts[:-1])]).astype(np.int32)
         runs = np.zeros(starts[-1], RUN)
-        _gather(origins, rays, channel, radii, count, side, starts[:-1].copy(), runs)
+        _gather(origins, rays, channel, radii, count, side, rank, starts[:-1].copy(), runs)
         return cls(
             origins=places,
             sensor=sensor.astype(np.uint8),
@@ -113,6 +129,8 @@ class ShellTable(NamedTuple):
             starts=starts,
             runs=runs,
             core=core,
+            core_sectors=np.floor(edges).astype(np.int32),
+            shell_at=np.searchsorted(radii[1:], steps * SHELL_STEP_M, side="right").astype(np.int16),
         )
 
 
@@ -135,6 +153,12 @@ def needed_radii(table: ShellTable) -> Floats:
     return np.concatenate([[table.radii[0], CORE_REACH_M], table.half_diagonals])
 
 
+def work_arrays(table: ShellTable) -> tuple[Ints, Ints, Bools]:
+    """Return the work arrays of `sector_ranges`; every thread needs its own."""
+    shells, bins, rays = len(table.radii) - 1, len(table.bins), len(table.rays)
+    return np.empty(shells, np.int32), np.empty(bins, np.int32), np.empty(rays, np.bool_)
+
+
 @compiled()
 def _gather(
     origins: Floats,
@@ -143,6 +167,7 @@ def _gather(
     radii: Floats,
     bins: int,
     core_side: int,
+    core_rank: Ints,
     places: Ints,
     runs: Runs,
 ) -> None:
@@ -164,7 +189,7 @@ def _gather(
             middle = (begin + end) / 2
             ix = min(int((ox + middle * dx) / CORE_CELL_M + core_side), 2 * core_side - 1)
             iy = min(int((oy + middle * dy) / CORE_CELL_M + core_side), 2 * core_side - 1)
-            cell = shells * bins + iy * 2 * core_side + ix
+            cell = shells * bins + core_rank[iy * 2 * core_side + ix]
             _add(ray, cell, joined, oz + dz * begin, oz + dz * end, last, places, runs)
         theta = math.atan2(oy + t * dy, ox + t * dx)
         for shell in range(shells):
@@ -212,7 +237,7 @@ def _add(
 
 @compiled(inline="always")
 def _exit_parameter(origin: Floats, ray: Floats, radius: float) -> float:
-    """Return the ray parameter at which a ray with its origin within `radius` leaves that circle."""
+    """Return the ray parameter at which a ray leaves the circle of `radius`; NaN if it does not enter it."""
     h2 = ray[0] * ray[0] + ray[1] * ray[1]
     if h2 < 1e-12:
         return MISS
@@ -228,12 +253,15 @@ def sector_ranges(
     levels: Levels,
     range_m: float,
     poses: Floats,
-    skip_below: Floats,
+    first: Ints,
+    following: Ints,
+    traced: Bools,
     out: Floats,
 ) -> None:
     """Write the range of the nearest return in each sector [m] from the poses (n, 3) to `out` (n, sectors).
 
-    `skip_below` (bins,) is a work array: the radius below which a bin is known to be empty [m].
+    Work arrays: `first` (shells,) and `following` (bins,) are lists of the bins to look up in each shell,
+    ended by -1; `traced` (rays,) marks rays that have been traversed through the core.
     """
     # Local names: the compiler does not read them from the tuple again in the inner loops.
     radii, middles = table.radii, table.bins
@@ -245,42 +273,86 @@ def sector_ranges(
         c, s = math.cos(poses[row, 2]), math.sin(poses[row, 2])
         pose, best = (x, y, c, s), out[row]
         best[:] = range_m
-        skip_below[:] = 0.0
         if bands_near(grid, levels.whole_core, x, y) != 0:
-            _search_core(table, grid, levels.core_cell, pose, best)
+            _search_core(table, grid, levels.core_cell, pose, traced, best)
+        first[:] = -1
+        for index in range(len(middles)):
+            following[index] = index - 1
+        first[0] = len(middles) - 1
         for shell in range(shells):
             inner, outer = radii[shell], radii[shell + 1]
             middle = (inner + outer) / 2
-            searching = False
-            for sector in range(sectors):
-                if best[sector] <= inner:
-                    continue
-                searching = True
-                for index in range(sector * bins, (sector + 1) * bins):
-                    if skip_below[index] >= outer:
-                        continue
+            index = first[shell]
+            while index >= 0:
+                after, sector = following[index], index // bins
+                if best[sector] > inner:
                     across, along = middle * middles[index, 0], middle * middles[index, 1]
                     wx, wy = x + (c * across - s * along), y + (s * across + c * along)
                     near = bands_near(grid, levels.shell_cells[shell], wx, wy)
+                    upcoming = shell + 1
                     if near == 0:
-                        skip_below[index] = (distance_at(grid, wx, wy) + middle) / widening
-                    elif best[sector] > inner:
+                        clear = (distance_at(grid, wx, wy) + middle) / widening
+                        upcoming = max(upcoming, shell_of(table, clear))
+                    else:
                         cell = shell * len(middles) + index
-                        _visit(table, grid, cell, near, inner, min(outer, best[sector]), pose, best)
-            if not searching:
-                break
+                        _visit(table, grid, cell, near, inner, outer, sector, pose, best)
+                    if upcoming < shells:
+                        following[index] = first[upcoming]
+                        first[upcoming] = index
+                index = after
+
+
+@compiled(inline="always")
+def shell_of(table: ShellTable, radius: float) -> int:
+    """Return the first shell, or an earlier one, that is not entirely within a radius [m]."""
+    return int(table.shell_at[min(int(radius / SHELL_STEP_M), len(table.shell_at) - 1)])
 
 
 @compiled_bare
-def _search_core(table: ShellTable, grid: HeightGrid, level: int, pose: Pose, best: Floats) -> None:
-    """Visit the core cells with obstacles nearby."""
+def _search_core(
+    table: ShellTable, grid: HeightGrid, level: int, pose: Pose, traced: Bools, best: Floats
+) -> None:
+    """Traverse the rays of the core cells with obstacles nearby, from their origins through the core."""
     x, y, c, s = pose
     shell_cells = len(table.bins) * (len(table.radii) - 1)
+    traced[:] = False
     for index in range(len(table.core)):
         ahead, lateral = table.core[index, 0], table.core[index, 1]
+        first, last = table.core_sectors[index]
+        if math.sqrt(ahead * ahead + lateral * lateral) - CORE_REACH_M > _farthest(best, first, last):
+            continue
         near = bands_near(grid, level, x + (c * ahead - s * lateral), y + (s * ahead + c * lateral))
-        if near != 0:
-            _visit(table, grid, shell_cells + index, near, 0.0, table.radii[0], pose, best)
+        if near == 0:
+            continue
+        cell = shell_cells + index
+        for slot in range(table.starts[cell], table.starts[cell + 1]):
+            run = table.runs[slot]
+            farthest = min(_farthest(best, 0, len(best) - 1), table.radii[0])
+            if bits(run.low, run.high) & near == 0:
+                continue
+            origin = table.origins[table.sensor[run.first]]
+            for number in range(run.first, run.first + run.length):
+                if traced[number]:
+                    continue
+                traced[number] = True
+                ray = table.rays[number]
+                leaves = _exit_parameter(origin, ray, farthest)
+                if not leaves >= 0.0:  # a ray from outside of `farthest` that does not enter it
+                    continue
+                end = min(leaves + 1e-7, ray[3])
+                t = first_hit(grid, _in_world(origin, ray, pose), 0.0, end, -1)
+                if t <= end:
+                    rho, sector = _polar(origin, ray, t, len(best))
+                    best[sector] = min(best[sector], rho)
+
+
+@compiled(inline="always")
+def _farthest(best: Floats, first: int, last: int) -> float:
+    """Return the farthest of the nearest returns [m] of the sectors from `first` to `last`."""
+    farthest = 0.0
+    for sector in range(first, last + 1):
+        farthest = max(farthest, best[sector % len(best)])
+    return farthest
 
 
 @compiled_bare
@@ -291,6 +363,7 @@ def _visit(
     near: int,
     inner: float,
     outer: float,
+    bin_sector: int,
     pose: Pose,
     best: Floats,
 ) -> None:
@@ -298,28 +371,37 @@ def _visit(
     runs, rays, core = table.runs, table.rays, table.radii[0]
     for slot in range(table.starts[cell], table.starts[cell + 1]):
         run = runs[slot]
-        if bits(run.low, run.high) & near == 0:
+        bands = bits(run.low, run.high)
+        if bands & near == 0:
             continue
         origin = table.origins[table.sensor[run.first]]
+        farthest = min(outer, best[bin_sector])
+        if farthest <= inner:
+            return
         for index in range(run.first, run.first + run.length):
             ray = rays[index]
-            begin = _exit_parameter(origin, ray, inner) - 1e-7 if inner > 0.0 else 0.0
-            end = min(_exit_parameter(origin, ray, outer) + 1e-7, ray[3])
+            begin = _exit_parameter(origin, ray, inner) - 1e-7
+            end = min(_exit_parameter(origin, ray, farthest) + 1e-7, ray[3])
             if begin > end:
                 continue
-            line = _in_world(origin, ray, pose)
-            t = first_hit(grid, line, begin, end)
-            if t > ray[3]:
+            t = first_hit(grid, _in_world(origin, ray, pose), begin, end, bands)
+            if t > end:
                 continue
             rho, sector = _polar(origin, ray, t, len(best))
             if rho >= best[sector]:
                 continue
-            clear = _clear_up_to(origin, ray, core, t, best) if inner > 0.0 else inner
+            clear = _clear_up_to(origin, ray, core, t, best)
             if clear < inner:  # something else may be hit first
-                begin = _exit_parameter(origin, ray, clear) - 1e-7 if clear > 0.0 else 0.0
-                t = first_hit(grid, line, begin, t)
+                t = _trace(grid, origin, ray, clear, t, pose)
                 rho, sector = _polar(origin, ray, t, len(best))
             best[sector] = min(best[sector], rho)
+
+
+@compiled_bare
+def _trace(grid: HeightGrid, origin: Floats, ray: Floats, clear: float, t: float, pose: Pose) -> float:
+    """Return the first hit of a ray between a radius [m] and its parameter t."""
+    begin = _exit_parameter(origin, ray, clear) - 1e-7 if clear > 0.0 else 0.0
+    return min(t, first_hit(grid, _in_world(origin, ray, pose), begin, t, -1))
 
 
 @compiled_bare

@@ -19,7 +19,7 @@ from dockctl.geometry import Floats, nearest_in_sectors
 from dockctl.sim.lidar import height_grid, scan
 from dockctl.sim.lidar.height_grid import FINEST_CELL_M, MAX_CELLS, HeightGrid
 from dockctl.sim.lidar.raycast import BoundingVolumes
-from dockctl.sim.lidar.scan import Levels, ShellTable, needed_radii, sector_ranges
+from dockctl.sim.lidar.scan import Levels, ShellTable, needed_radii, sector_ranges, work_arrays
 from dockctl.sim.lidar.spinning import LidarMount, SpinningLidars
 
 Ints = NDArray[np.int32]
@@ -27,7 +27,7 @@ Tables = tuple[ShellTable, HeightGrid, Levels]
 
 # Measured on the reference marina with full LiDARs.
 RAY_BYTES = 160  # of the table of rays, per ray of a scan
-CELL_BYTES = 36  # of the grid of the harbor, per cell
+CELL_BYTES = 13  # of the grid of the harbor, per cell
 GRID_MARGIN_M = 7.0  # of the grid around the harbor, both sides together
 
 
@@ -147,7 +147,7 @@ class SpinningSensor:
         tables = self._tables
 
         def fill(rows: slice) -> None:
-            sector_ranges(*tables, self.spec.range_m, poses[rows], np.empty(len(tables[0].bins)), out[rows])
+            sector_ranges(*tables, self.spec.range_m, poses[rows], *work_arrays(tables[0]), out[rows])
 
         on_all_cores(fill, _blocks(len(poses)))
         return out

@@ -14,7 +14,7 @@ from dockctl.errors import DockctlError
 from dockctl.scenarios.loader import load
 from dockctl.sim.lidar import height_grid
 from dockctl.sim.lidar import spinning_sensor as lidar_module
-from dockctl.sim.lidar.height_grid import HeightGrid, band_at, bands_near, bits, distance_at
+from dockctl.sim.lidar.height_grid import HeightGrid, band_at, bands_near, bits, distance_at, in_tiles
 from dockctl.sim.lidar.raycast import BoundingVolumes, closest_hits
 from dockctl.sim.lidar.spinning import LidarMount, SpinningLidars
 from dockctl.sim.lidar.spinning_sensor import Rays, SpinningSensor, rotation
@@ -238,12 +238,24 @@ def test_triangles_of_a_cell_have_their_bands_of_height() -> None:
     x0, y0, cell = grid.frame
     nx = grid.level_shape[0, 1]
     corners = grid.triangles[:, :3]
+    assert len(corners) == (triangles[:, :, 2].max(axis=1) >= 0).sum()
     for index in np.flatnonzero(corners[:, 2] >= 0)[::7]:
         x, y, z = corners[index]
-        place = int((y - y0) / cell) * nx + int((x - x0) / cell)
-        members = grid.members[grid.starts[place] : grid.starts[place + 1]]
+        tile, place = divmod(in_tiles(int((x - x0) / cell), int((y - y0) / cell), nx), 64)
+        number = grid.list_tiles[grid.list_directory[tile], place]
+        members = grid.members[grid.starts[number] : grid.starts[number + 1]]
         (member,) = members[members["triangle"] == index]
         assert member["low"] <= band_at(z) <= member["high"]
+
+
+def test_a_grid_stores_equal_tiles_once() -> None:
+    """A quay of 40 x 40 m: most of its cells, and of the water around it, are in one of two tiles."""
+    quay = trimesh.creation.box(bounds=[[0.0, 0.0, -1.0], [40.0, 40.0, 0.6]])
+    grid = HeightGrid.build(np.array(quay.triangles), 0.5)
+    assert len(grid.list_directory) > 50 * 50
+    assert len(grid.list_tiles) < 0.2 * len(grid.list_directory)
+    assert len(grid.tiles) < 0.2 * len(grid.directory)
+    assert len(grid.members) < 20_000
 
 
 @given(low=st.floats(-2, 30), size=st.floats(0, 30))
