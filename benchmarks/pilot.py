@@ -1,17 +1,22 @@
 """Decisions of `dockctl.pilot` from full scans, against those of the policy in the simulator, and their time.
 
-    python benchmarks/pilot.py                         # 10,000 decisions; about half an hour on one core
+    python benchmarks/pilot.py                         # 10,000 decisions from 1,000 scans; some minutes
     python benchmarks/pilot.py --decisions 200 s1      # fewer, of one checkpoint
 
 Each checkpoint is exported and docks in the simulator from random starts, as in `dockctl evaluate`. At every
 step the pilot gets the pose, the velocity, and all points of a scan: it computes sectors, observation and
 action itself. The simulator computes the sectors without the points.
+
+Each scan is used for ten decisions: that of the episode, and nine at random velocities with the command of
+the decision before, for which the simulator's observation is computed with these.
 """
 
 from __future__ import annotations
 
 import argparse
+import itertools
 import json
+import math
 import tempfile
 from collections.abc import Iterator
 from dataclasses import replace
@@ -20,55 +25,73 @@ from time import perf_counter
 from typing import Any
 
 import numpy as np
-from rich.progress import track
 
+from dockctl.envs.observation import ObservationEncoder, View
 from dockctl.evaluation import Rollout, load_policy
 from dockctl.evaluation.starts import testing_starts
 from dockctl.experiments.portable import export_files
 from dockctl.pilot import Checks, Decision, Pilot, Reading
 
 SHARES = {"s1": 0.2, "s2": 0.2, "s3": 0.4, "marina": 0.2}
+PER_SCAN = 10
+"""Decisions from one scan: that of the episode, and others at random velocities."""
+FASTEST = np.array([0.8, 0.2, 0.08])
+SLOWEST_SURGE = 0.11  # [m/s]: no pose counts as reached
+
+Row = tuple[int, np.ndarray, Decision, float]
 
 
-def decisions(name: str, count: int, folder: Path) -> Iterator[tuple[int, np.ndarray, Decision, float]]:
+def decisions(name: str, count: int, folder: Path) -> Iterator[Row]:
     """Yield action and observation in the simulator, the pilot's decision, and its time [ms]."""
     file = folder / f"{name}.npz"
     export_files([Path(name)], None, file)
     pilot = Pilot.load(file, checks=Checks(max_jump_m=0.1))
     loaded = load_policy(name)
-    rollout = Rollout(loaded.scenario())
-    env = rollout.env()
-    policy = loaded.make(env)
-    starts = testing_starts(env.scenario, env.worlds, 1 + count // 50, seed=0)
-    made, number = 0, 0
-    while made < count:
+    env = Rollout(loaded.scenario()).env()
+    simulator, scenario, policy = env.simulator, env.scenario, loaded.make(env)
+    encode = ObservationEncoder(scenario.observation, scenario.sensors.lidar.sectors)
+    rng = np.random.default_rng(0)
+    starts = testing_starts(scenario, env.worlds, 1 + count // 50, seed=0)
+
+    def timed(pilot: Pilot, velocity: np.ndarray) -> tuple[Decision, float]:
+        now_s = step * pilot.control_period_s
+        begin = perf_counter()
+        pose, nu, points = (Reading(now_s, value) for value in (simulator.eta[0], velocity, cloud))
+        decision = pilot.decide(now_s, pose, nu, {"all": points})
+        return decision, 1000 * (perf_counter() - begin)
+
+    for number in itertools.count():
         start = starts[number % len(starts)]
-        number += 1
         observation, info = env.reset(seed=0, options={"starts": [replace(start, seed=number)]})
         policy.reset(np.array([0]), info)
-        pilot.goals = np.array(env.simulator.goals[0])
+        pilot.goals = np.array(simulator.goals[0])
         if start.phase:
             pilot.goals[0] = np.nan
         pilot.reset()
         ended, step = False, 0
-        while not ended and made < count:
+        while not ended:
             action = policy.act(observation, info)
-            pose, velocity = info["pose"][0], info["velocity"][0]
-            cloud = env.worlds[int(env.simulator.harbor[0])].lidar.points(pose)
-            now = step * pilot.control_period_s
-            begin = perf_counter()
-            decision = pilot.decide(
-                now, Reading(now, pose), Reading(now, velocity), {"all": Reading(now, cloud)}
-            )
-            yield int(action[0]), observation[0], decision, 1000 * (perf_counter() - begin)
+            cloud = env.worlds[int(simulator.harbor[0])].lidar.points(simulator.eta[0])
+            yield int(action[0]), observation[0], *timed(pilot, simulator.nu[0])
+            other = Pilot(pilot.description, pilot.layers, pilot.goals)
+            other.phase = int(simulator.phase[0])
+            command = np.zeros((1, 2))
+            for _ in range(PER_SCAN - 1):
+                velocity = rng.uniform(-FASTEST, FASTEST)
+                velocity[0] += math.copysign(SLOWEST_SURGE, velocity[0])
+                view = View.of(simulator, simulator.sector_ranges_m)
+                seen = encode(replace(view, nu=velocity[None], command=command))
+                decision, milliseconds = timed(other, velocity)
+                yield int(policy.act(seen, info)[0]), seen[0], decision, milliseconds
+                command = np.array([[decision.propeller_n, decision.rudder_rad]])
             observation, _, terminated, truncated, info = env.step(action)
-            ended, step, made = bool(terminated[0] or truncated[0]), step + 1, made + 1
+            ended, step = bool(terminated[0] or truncated[0]), step + 1
 
 
 def compare(name: str, count: int) -> dict[str, Any]:
     """Return how many of `count` decisions, observations and stops differ, and the times of the decisions."""
     with tempfile.TemporaryDirectory() as folder:
-        rows = list(track(decisions(name, count, Path(folder)), name, count))
+        rows = list(itertools.islice(decisions(name, count, Path(folder)), count))
     return {
         "decisions": len(rows),
         "other_action": sum(decision.action != action for action, _, decision, _ in rows),

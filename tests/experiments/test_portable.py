@@ -3,18 +3,25 @@
 from __future__ import annotations
 
 import json
+import shutil
 import sys
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 import pytest
 
-from dockctl.envs.observation import ObservationEncoder, View
+from dockctl.agents.checkpoint import PolicyCard, load_pair, save_policy
+from dockctl.envs.observation import Columns, ObservationEncoder, View, observation_part
 from dockctl.errors import DockctlError
 from dockctl.evaluation import load_policy
-from dockctl.experiments.portable import export_files
+from dockctl.evaluation.policies import CheckpointPolicy
+from dockctl.experiments.portable import description, export_files, onnx_model, pilot_file
 from dockctl.pilot import Pilot
-from tests.commands.conftest import dockctl, only_run, quick_train
+from dockctl.runs.directory import shipped
+from dockctl.scenarios.loader import load
+from dockctl.scenarios.schema import ObservationPart
+from tests.commands.conftest import dockctl
 
 
 @pytest.fixture(scope="module")
@@ -68,9 +75,7 @@ def test_an_exported_model_docks_like_its_policy(files: tuple[Path, Path], tmp_p
     tables = []
     for number, policy in enumerate((files[0], "s3")):
         csv = tmp_path / f"{number}.csv"
-        outcome = dockctl(
-            "evaluate", policy, "--scenario", "s3", "--episodes", 0, "--csv", csv, "--out", tmp_path
-        )
+        outcome = dockctl("evaluate", policy, "--scenario", "s3", "--episodes", 0, "--csv", csv)
         assert outcome.code == 0, outcome.err
         tables.append(csv.read_text())
     assert tables[0] == tables[1]
@@ -100,18 +105,34 @@ def test_what_cannot_be_exported(tmp_path: Path, monkeypatch: pytest.MonkeyPatch
     assert (outcome.code, outcome.error_code) == (2, "invalid")
 
 
-@pytest.mark.slow
-def test_an_observation_that_the_pilot_does_not_compute(tmp_path: Path) -> None:
-    (tmp_path / "parts.py").write_text(
-        "from dockctl.envs.observation import Columns, observation_part\n"
-        "@observation_part('knots')\n"
-        "def knots(view):\n    return Columns(['knots'], view.nu[:, :1], -10, 10, 0.5144, ['m/s'])\n"
-    )
-    (tmp_path / "mine.yaml").write_text("extends: s1\nplugins: [parts.py]\nobservation: [distance, knots]\n")
-    assert quick_train(tmp_path / "runs", tmp_path / "mine.yaml", "--steps", 100).code == 0
-    run = only_run(tmp_path / "runs")
+def test_an_observation_that_the_pilot_does_not_compute() -> None:
+    @observation_part("knots")
+    def knots(view: View) -> Columns:
+        return Columns(["knots"], view.nu[:, :1], -10, 10, 0.5144, ["m/s"])
+
+    policy = load_policy("s1")
+    assert isinstance(policy, CheckpointPolicy)
+    scenario = load("s1").scenario.model_copy(update={"observation": (ObservationPart(part="knots"),)})
     with pytest.raises(DockctlError) as caught:
-        export_files([run], None, tmp_path / "mine.npz")
+        pilot_file(policy, scenario)
     assert caught.value.code == "unavailable"
     assert "knots" in str(caught.value)
-    export_files([run], tmp_path / "mine.onnx", None)
+    (column,) = description(policy, scenario)["observation"]
+    assert column == {"name": "knots", "unit": "m/s", "scale": 0.5144, "low": -10.0, "high": 10.0}
+
+
+def test_another_algorithm_cannot_be_exported(tmp_path: Path) -> None:
+    source = shipped()["s1"]
+    tensors, facts = load_pair(source / "policy.json")
+    shutil.copy(source / "scenario.yaml", tmp_path)
+    card = PolicyCard.model_validate(facts)
+    policy = load_policy("s1")
+    assert isinstance(policy, CheckpointPolicy)
+    save_policy(tmp_path, {f"q_net.{name}": array for name, array in tensors.items()}, card)
+    other = replace(
+        policy, file=tmp_path / "policy.json", card=card.model_copy(update={"algorithm": {"kind": "sb3"}})
+    )
+    for encode in (onnx_model, pilot_file):
+        with pytest.raises(DockctlError, match="'sb3'") as caught:
+            encode(other, policy.scenario().scenario)
+        assert caught.value.code == "unavailable"
