@@ -7,10 +7,11 @@ import importlib
 import io
 import logging
 import sys
+from itertools import pairwise
 from typing import Annotated, Any
 
 import typer
-from typer.core import TyperGroup
+from typer.core import TyperCommand, TyperGroup
 
 from dockctl import __version__
 from dockctl.console import SafeStream
@@ -34,7 +35,6 @@ GROUPS = {
         "config": "config",
         "schema": "schema",
         "export": "export",
-        "record": "record",
     },
 }
 """Commands by heading of the help; the value is the function in the module ``dockctl.commands.<command>``."""
@@ -64,6 +64,17 @@ class _Commands(TyperGroup):
             with formatter.section(heading):
                 rows = [(f"{name:{width}}", self.commands[name].get_short_help_str(200)) for name in group]
                 formatter.write_dl(rows)
+
+
+class _Command(TyperCommand):
+    """Options whose metavar is in brackets may be given without a value, which is the empty text then."""
+
+    def parse_args(self, ctx: Any, args: list[str]) -> list[str]:
+        optional = {name for each in self.params if str(each.metavar).startswith("[") for name in each.opts}
+        words = []
+        for word, following in pairwise([*args, "-"]):
+            words += [word, ""] if word in optional and following.startswith("-") else [word]
+        return super().parse_args(ctx, words)
 
 
 def _known_error(error: Exception) -> DockctlError | None:
@@ -101,7 +112,7 @@ def _main(
 
 
 for _name, _function in COMMANDS.items():
-    app.command(_name)(getattr(importlib.import_module(f"dockctl.commands.{_name}"), _function))
+    app.command(_name, cls=_Command)(getattr(importlib.import_module(f"dockctl.commands.{_name}"), _function))
 
 
 def main() -> None:

@@ -5,15 +5,16 @@ from __future__ import annotations
 import io
 import os
 import shlex
+from collections.abc import Sequence
+from copy import copy
+from dataclasses import replace
 from typing import Self
 
 from rich import box
 from rich.console import Console
+from rich.measure import Measurement
 from rich.table import Column, Table
 from rich.text import Text
-
-MIN_WIDTH = 80
-"""Columns that the tables need. On a narrower terminal lines wrap, and no number is truncated."""
 
 
 class SafeStream(io.TextIOWrapper):
@@ -65,11 +66,29 @@ def print_text(console: Console, text: str, style: str = "") -> None:
     console.print(Text(text, style=style), soft_wrap=True)
 
 
-def table_console() -> Console:
-    """Return a console that is wide enough for the tables."""
-    console = Console()
-    console.width = max(console.width, MIN_WIDTH)
-    return console
+def print_table(console: Console, table: Table) -> None:
+    """Print a table; one that is too wide is printed in parts, each with the first column."""
+    first, *others = table.columns
+    parts: list[list[Column]] = [[]]
+    for column in others:
+        if parts[-1] and _least_width(console, _part(table, [first, *parts[-1], column])) > console.width:
+            parts.append([])
+        parts[-1].append(column)
+    for number, columns in enumerate(parts):
+        part = _part(table, [first, *columns])
+        if number:
+            part.title = None
+        console.print(part)
+
+
+def _part(table: Table, columns: Sequence[Column]) -> Table:
+    part = copy(table)
+    part.columns = [replace(column, _index=index) for index, column in enumerate(columns)]
+    return part
+
+
+def _least_width(console: Console, table: Table) -> int:
+    return Measurement.get(console, console.options.update(max_width=10_000), table).minimum
 
 
 def make_table(*columns: str | Column, title: str | Text | None = None) -> Table:

@@ -161,7 +161,7 @@ def error_of(*arguments: str) -> DockctlError:
 
 
 @pytest.mark.parametrize(
-    "command", ["returns", "evaluate --scenario", "map --scenario", "record --scenario", "latency --scenario"]
+    "command", ["returns --scenario", "evaluate --scenario", "map --scenario", "latency --scenario"]
 )
 def test_a_scenario_that_does_not_exist_is_reported_before_a_run_that_does_not(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, command: str

@@ -25,6 +25,14 @@ def ending(row: Mapping[Any, Any]) -> str:
     return str(row["outcome"])
 
 
+def kinds_of_ending(endings: Mapping[str, int]) -> dict[str, int]:
+    """Return the counts of `endings`, with one count for collisions, whatever was hit."""
+    kinds: Counter[str] = Counter()
+    for words, count in endings.items():
+        kinds[words.partition(" with ")[0]] += count
+    return dict(kinds.most_common())
+
+
 def summarize(rows: Sequence[Mapping[str, Any]], control_period_s: float) -> dict[str, Any]:
     """Success with its Wilson interval, endings, smallest clearance, and means over the docked episodes.
 

@@ -10,8 +10,8 @@ from rich.console import Console
 from rich.table import Column, Table
 from rich.text import Text
 
-from dockctl.commands.options import Episodes, Json, Plugins, StartSeed, Trust, save_figures
-from dockctl.console import make_table, numeric, print_text, table_console
+from dockctl.commands.options import Episodes, Json, Overrides, Plugins, StartSeed, Trust, save_figures
+from dockctl.console import make_table, numeric, print_table, print_text
 from dockctl.runs.files import require_writable, require_writable_file, write_atomically
 from dockctl.runs.tables import EVALUATION, START_KINDS, to_csv
 
@@ -33,6 +33,7 @@ def compare(
         str | None,
         typer.Option(help="Scenario to dock in, file or name; that of the first policy by default."),
     ] = None,
+    set_: Overrides = None,
     plugin: Plugins = None,
     trust: Trust = False,
     episodes: Episodes = None,
@@ -58,7 +59,7 @@ def compare(
     require_writable(out)
     with Console(stderr=True).status("running episodes"):
         loaded = [load_policy(policy, plugin_files=plugin or (), trust=trust) for policy in policies]
-        result = run(loaded, scenario, episodes=episodes, seed=seed)
+        result = run(loaded, scenario, episodes=episodes, seed=seed, overrides=set_ or ())
     _print(result)
     if csv:
         write_atomically(csv, to_csv(result.rows(), ["policy", *EVALUATION]).encode())
@@ -71,42 +72,41 @@ def compare(
 
 def _print(result: Comparison) -> None:
     """Print the success of each policy and its differences from the first."""
-    console = table_console()
+    console = Console()
     for kind in result.first.groups:
-        console.print(_endings_table(result, kind))
+        print_table(console, _endings_table(result, kind))
         for pair in result.contrasts:
             if pair.kind == kind:
-                console.print(_difference_table(pair))
+                print_table(console, _difference_table(pair))
                 counts = f"{pair.only_first} by {pair.first}, {pair.only_second} by {pair.second}"
                 text = f"Docked by only one policy: {counts}; exact McNemar p = {pair.p:.2g}.\n"
                 print_text(console, text, "dim")
 
 
 def _endings_table(result: Comparison, kind: str) -> Table:
+    from dockctl.analysis.episodes import kinds_of_ending
     from dockctl.analysis.statistics import describe_share
 
     seeded = "" if kind == "pose" else f", seed {result.first.seed}"
     title = f"{START_KINDS[kind].capitalize()}{seeded}, scenario '{result.first.scenario.name}'"
-    policy, others = Column("policy", overflow="fold"), Column("other endings", overflow="fold")
-    table = make_table(policy, *numeric("docked", "success", "95 % interval"), others, title=title)
+    policy = Column("policy", no_wrap=True)
+    table = make_table(
+        policy, *numeric("docked", "success", "95 % interval"), Column("other endings"), title=title
+    )
     for name, evaluation in result.evaluations.items():
         summary = evaluation.summaries[kind]
         docked, rate, interval = describe_share(summary["docked"], summary["episodes"])
-        endings = [f"{count} {ending}" for ending, count in summary["endings"].items() if ending != "docked"]
+        kinds = kinds_of_ending(summary["endings"]).items()
+        endings = [f"{count} {ending}" for ending, count in kinds if ending != "docked"]
         table.add_row(Text(name), docked, f"[bold]{rate}[/]", interval, ", ".join(endings) or "-")
     return table
 
 
 def _difference_table(contrast: Contrast) -> Table:
-    policies = [
-        Column(Text(name), justify="right", overflow="fold", min_width=7)
-        for name in (contrast.first, contrast.second)
-    ]
     table = make_table(
         Column("", no_wrap=True),
-        *policies,
-        *numeric("difference", "95 % interval", "pairs"),
-        title=Text(f"{contrast.second} against {contrast.first}", "table.title"),
+        *numeric("first", "second", "difference", "95 % interval", "pairs"),
+        title=Text(f"{contrast.second} (second) against {contrast.first} (first)", "table.title"),
     )
     for measure, compared in contrast.compared.items():
         table.add_row(*_difference_cells(measure, compared))

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 import os
+from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
@@ -19,19 +20,29 @@ from dockctl.commands.options import (
     Overrides,
     Plugins,
     PolicyArgument,
+    Poses,
     ScenarioOption,
     StartSeed,
     Trust,
     finite,
+    parse_pose,
     select_policy,
 )
-from dockctl.console import make_table, numeric, print_text, table_console
-from dockctl.runs.files import make_folder, require_writable_file, write_atomically, writing
-from dockctl.runs.results import write_measurement
+from dockctl.console import make_table, numeric, print_table, print_text
+from dockctl.runs.directory import FIGURES, RECORDING, TRANSFER
+from dockctl.runs.files import (
+    make_folder,
+    require_replaceable,
+    require_writable_file,
+    write_atomically,
+    writing,
+)
+from dockctl.runs.results import require_same_policy, setting_names, write_measurement
 from dockctl.runs.tables import EVALUATION, START_KINDS, to_csv
 
 if TYPE_CHECKING:
     from dockctl.evaluation.evaluate import Evaluation
+    from dockctl.evaluation.policies import LoadedPolicy
 
 BELOW_MINIMUM = 1
 MEANS = (
@@ -66,40 +77,59 @@ def evaluate(
     ] = None,
     json_: Json = None,
     csv: Annotated[Path | None, typer.Option(help="Write one row per episode to this file.")] = None,
+    pose: Poses = None,
+    recorded: Annotated[
+        str | None,
+        typer.Option(
+            "--record",
+            metavar="[DIR]",
+            help="Also write every step of the episodes from the poses, for dockctl plot; by default to"
+            " transfer/<scenario>/ in the run folder, or below figures/evaluate/.",
+        ),
+    ] = None,
 ) -> None:
     """Run greedy episodes from the evaluation poses and from random starts around the initial poses.
 
-    The result is also stored in the run folder of a checkpoint. The names of its files include the scenario,
-    if it is not the policy's own, and values that are set.
+    The result is also stored in the run folder of a checkpoint, except with --pose. The names of its files
+    include the scenario, if it is not the policy's own, and values that are set.
 
     Example: dockctl evaluate s3 --episodes 200 --min-success 0.9
     """
     from dockctl.evaluation import evaluate as run
     from dockctl.sim.starts import UNREACHABLE
 
+    poses = [parse_pose(text) for text in pose or ()]
     given = select_policy(policy, ckpt, plugin, trust, scenario)
     if csv:
         require_writable_file(csv, ".csv")
+    folder = None if recorded is None else _recording_folder(recorded, given, scenario, set_ or ())
     with Console(stderr=True).status("running episodes"):
-        result = run(given, scenario, episodes=episodes, seed=seed, overrides=set_ or (), on=on)
+        result = run(
+            given,
+            scenario,
+            episodes=episodes,
+            seed=seed,
+            overrides=set_ or (),
+            poses=poses,
+            record=bool(folder),
+            on=on,
+        )
     table = to_csv(result.rows(), EVALUATION)
     if csv:
         write_atomically(csv, table.encode())
     if json_:
         json_.write(result.as_json())
-    if given.run and given.results and os.access(given.run.path, os.W_OK):
-        with writing(given.results):
-            make_folder(given.results)
-        write_measurement(given.results / result.stem, table, result.as_json())
-    elif given.run:
-        note = f"note: {given.run.path} is read-only, the result is not stored in it"
-        print_text(Console(stderr=True), note)
-    console = table_console()
+    if not poses:
+        _store(result, table)
+    console = Console()
     changes = "".join(f", {change}" for change in result.overrides)
     print_text(console, f"Policy {given.description} on scenario '{result.scenario.name}'{changes}")
     if "pose" in result.groups:
-        console.print(_episode_table(result))
-    console.print(_summary_table(result))
+        print_table(console, _episode_table(result))
+    print_table(console, _summary_table(result))
+    if folder and result.recording:
+        result.recording.write(folder)
+        print_text(console, str(folder))
     if result.rejected_draws:
         note = (
             f"{result.rejected_draws} poses drawn for the random starts {UNREACHABLE}, and were drawn again"
@@ -110,6 +140,38 @@ def evaluate(
             f"success {result.lowest_success:.0%} is below the required {min_success:.0%}", fg="red", err=True
         )
         raise typer.Exit(BELOW_MINIMUM)
+
+
+def _store(result: Evaluation, table: str) -> None:
+    """Write the result to the run folder of its policy, if there is one that can be written."""
+    policy = result.policy
+    if policy.run and policy.results and os.access(policy.run.path, os.W_OK):
+        with writing(policy.results):
+            make_folder(policy.results)
+        write_measurement(policy.results / result.stem, table, result.as_json())
+    elif policy.run:
+        note = f"note: {policy.run.path} is read-only, the result is not stored in it"
+        print_text(Console(stderr=True), note)
+
+
+def _recording_folder(
+    given: str, policy: LoadedPolicy, scenario: str | None, overrides: Sequence[str]
+) -> Path:
+    """Return the folder of a recording: `given`, or one in the run folder of the policy, or below figures/.
+
+    Raises:
+        DockctlError: it contains something else, or the recording of another policy.
+    """
+    from dockctl.evaluation.record import FILES
+
+    name = "-".join([policy.scenario(scenario, overrides).scenario.name, *setting_names(overrides)])
+    if policy.results and not given:
+        folder = policy.results / TRANSFER / name
+    else:
+        folder = Path(given) if given else Path(FIGURES) / "evaluate" / f"{name}-{policy.file_name}"
+        require_same_policy(folder / RECORDING, policy.facts())
+    require_replaceable(folder, FILES, (FIGURES, RECORDING), "earlier recording")
+    return folder
 
 
 def _episode_table(result: Evaluation) -> Table:
@@ -151,15 +213,17 @@ def _summary_table(result: Evaluation) -> Table:
 
 
 def _summary_cells(summary: dict[str, Any]) -> dict[str, str]:
+    from dockctl.analysis.episodes import kinds_of_ending
     from dockctl.analysis.statistics import describe_share
 
     docked, rate, interval = describe_share(summary["docked"], summary["episodes"])
+    endings = kinds_of_ending(summary["endings"])
     clearance, means = summary["least_clearance_m"], summary["mean_of_docked"] or {}
     cells = {
         "docked": docked,
         "success": f"[bold]{rate}[/]",
         "95 % interval": interval,
-        **{kind: str(count) for kind, count in summary["endings"].items() if kind != "docked"},
+        **{kind: str(count) for kind, count in endings.items() if kind != "docked"},
         "least clearance": "-" if clearance is None else f"{clearance:.2f} m",
     }
     return cells | {name: form.format(means[key]) for name, key, form in MEANS if key in means}

@@ -11,7 +11,9 @@ from rich.table import Table
 
 from dockctl.commands.options import (
     Ckpt,
+    Json,
     Outputs,
+    Overrides,
     Plugins,
     PolicyArgument,
     ScenarioOption,
@@ -19,7 +21,7 @@ from dockctl.commands.options import (
     save_figures,
     select_policy,
 )
-from dockctl.console import make_table, numeric, print_text, table_console
+from dockctl.console import make_table, numeric, print_table, print_text
 from dockctl.runs.results import write_measurement
 
 
@@ -27,11 +29,13 @@ def latency(
     policy: PolicyArgument = None,
     ckpt: Ckpt = None,
     scenario: ScenarioOption = None,
+    set_: Overrides = None,
     plugin: Plugins = None,
     trust: Trust = False,
     decisions: Annotated[
         int, typer.Option(min=10, max=1_000_000, help="Decisions to time at least, in complete episodes.")
     ] = 500,
+    json_: Json = None,
     out: Annotated[
         Path | None,
         typer.Option(help="Folder of the results; the run's figures, or figures/latency, by default."),
@@ -48,14 +52,16 @@ def latency(
     from dockctl.reports.latency import latency_figure
 
     given = select_policy(policy, ckpt, plugin, trust, scenario)
-    outputs = Outputs.select("latency", given, scenario, out, None)
+    outputs = Outputs.select("latency", given, scenario, set_ or (), out)
     folder, stem = outputs.figures, outputs.stem
     with Console(stderr=True).status("timing decisions"):
-        result = run(given, scenario, decisions)
-    console, subtitle = table_console(), f"{result.subject}; {len(result.samples):,} decisions"
+        result = run(given, scenario, decisions, overrides=set_ or ())
+    console, subtitle = Console(), f"{result.subject}; {len(result.samples):,} decisions"
     print_text(console, f"Timed: {subtitle}")
-    console.print(_table(result.summary))
+    print_table(console, _table(result.summary))
     print_text(console, verdict(result.summary, result.control_period_ms))
+    if json_:
+        json_.write(result.as_json())
     period = result.control_period_ms
     save_figures(lambda: {stem: latency_figure(result.samples, subtitle, period)}, folder)
     csv = result.samples.to_csv(index_label="decision", float_format="%.6g", lineterminator="\n")

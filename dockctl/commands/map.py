@@ -10,8 +10,10 @@ from rich.console import Console
 
 from dockctl.commands.options import (
     Ckpt,
+    Json,
     On,
     Outputs,
+    Overrides,
     Plugins,
     PolicyArgument,
     ScenarioOption,
@@ -20,7 +22,7 @@ from dockctl.commands.options import (
     parse_numbers,
     select_policy,
 )
-from dockctl.console import make_table, numeric, print_text, table_console
+from dockctl.console import make_table, numeric, print_table, print_text
 from dockctl.runs.directory import MAP
 
 if TYPE_CHECKING:
@@ -31,6 +33,7 @@ def map_(
     policy: PolicyArgument = None,
     ckpt: Ckpt = None,
     scenario: ScenarioOption = None,
+    set_: Overrides = None,
     plugin: Plugins = None,
     trust: Trust = False,
     reach_m: Annotated[
@@ -46,6 +49,7 @@ def map_(
         typer.Option(metavar="DEGREES,…", help="Heading offsets [°]; 0, ±20, ±45, ±90 and 180 by default."),
     ] = None,
     on: On = None,
+    json_: Json = None,
     csv: Annotated[Path | None, typer.Option(help="Write the table to this file as well.")] = None,
     out: Annotated[
         Path | None,
@@ -67,10 +71,12 @@ def map_(
     given: dict[str, Any] = {"reach_m": reach_m, "step_m": step_m, "headings_deg": offsets}
     grid = Grid(**{name: value for name, value in given.items() if value is not None})
     loaded_policy = select_policy(policy, ckpt, plugin, trust, scenario)
-    outputs = Outputs.select(MAP, loaded_policy, scenario, out, csv)
+    outputs = Outputs.select(MAP, loaded_policy, scenario, set_ or (), out, csv)
     with Console(stderr=True).status("running episodes"):
-        result = success_map(loaded_policy, scenario, grid, on=on)
+        result = success_map(loaded_policy, scenario, grid, overrides=set_ or (), on=on)
     _print(result)
+    if json_:
+        json_.write(result.as_json())
     caption, task = loaded_policy.caption, result.scenario.task
     outputs.write(result.csv, lambda: {outputs.stem: map_figure(result.table, result.plan, task, caption)})
 
@@ -80,7 +86,7 @@ def _print(result: SuccessMap) -> None:
     from dockctl.analysis import success_map as analysis
     from dockctl.analysis.statistics import describe_share
 
-    console, rows, limit = table_console(), result.table, analysis.SMALL_OFFSET_DEG
+    console, rows, limit = Console(), result.table, analysis.SMALL_OFFSET_DEG
     free, reach_m = analysis.free_starts(rows), analysis.half_width(rows)
     print_text(
         console,
@@ -99,5 +105,5 @@ def _print(result: SuccessMap) -> None:
         others = [f"{(group['outcome'] == outcome).sum()}" for outcome in ("collision", "timeout")]
         radius = analysis.format_radius(analysis.success_radius(group, reach_m))
         table.add_row(name, *describe_share(int(group["docked"].sum()), len(group)), *others, radius)
-    console.print(table)
+    print_table(console, table)
     print_text(console, "Success radius: the largest distance up to which every free start docks.")

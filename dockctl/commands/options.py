@@ -26,7 +26,7 @@ from dockctl.runs.files import (
     write_json,
     writing,
 )
-from dockctl.runs.results import require_same_policy, write_measurement
+from dockctl.runs.results import require_same_policy, setting_names, write_measurement
 
 if TYPE_CHECKING:
     from dockctl.evaluation.policies import LoadedPolicy
@@ -244,7 +244,13 @@ class Outputs:
 
     @classmethod
     def select(
-        cls, what: str, policy: LoadedPolicy, scenario: str | None, out: Path | None, csv: Path | None
+        cls,
+        what: str,
+        policy: LoadedPolicy,
+        scenario: str | None,
+        overrides: Sequence[str],
+        out: Path | None,
+        csv: Path | None = None,
     ) -> Outputs:
         """Select the run folder of the policy, or `out`, or a folder under ``figures/``.
 
@@ -252,6 +258,7 @@ class Outputs:
             what: stem of the files; the scenario's name is appended where it is not the policy's own, and
                 that of the policy outside of its run folder.
             scenario: the scenario that the user asked for, if any.
+            overrides: changed values of it, which are in the names of the files.
             out: the folder that the user asked for, if any.
             csv: the copy of the table, if any.
 
@@ -269,11 +276,11 @@ class Outputs:
             require_writable(folder)
         if csv:
             require_writable_file(csv, ".csv")
-        resolved = policy.scenario(scenario).scenario
-        is_own = scenario is None or not policy.is_transfer(resolved)
-        names = [what, *([] if run and is_own else [resolved.name])]
+        resolved, changes = policy.scenario(scenario, overrides).scenario, setting_names(overrides)
+        is_own = not changes and (scenario is None or not policy.is_transfer(resolved))
+        names = [what, *([] if run and is_own else [resolved.name]), *changes]
         if out or run is None:
-            names = [what, resolved.name, policy.file_name]
+            names = [what, resolved.name, *changes, policy.file_name]
             require_same_policy(tables / f"{'-'.join(names)}.json", policy.facts())
         stem = "-".join(names)
         return cls(tables, figures, stem, csv, policy)

@@ -11,7 +11,9 @@ from rich.console import Console
 
 from dockctl.commands.options import (
     Ckpt,
+    Json,
     Outputs,
+    Overrides,
     Plugins,
     PolicyArgument,
     ScenarioOption,
@@ -19,7 +21,7 @@ from dockctl.commands.options import (
     parse_numbers,
     select_policy,
 )
-from dockctl.console import make_table, numeric, print_text, table_console
+from dockctl.console import make_table, numeric, print_table, print_text
 from dockctl.errors import DockctlError
 from dockctl.runs.directory import RETURNS
 
@@ -31,12 +33,14 @@ def returns(
     policy: PolicyArgument = None,
     ckpt: Ckpt = None,
     scenario: ScenarioOption = None,
+    set_: Overrides = None,
     plugin: Plugins = None,
     trust: Trust = False,
     units: Annotated[
         str,
         typer.Option(metavar="METERS,…", help="Units of the distance in the reward [m]."),
     ] = "20,1",
+    json_: Json = None,
     csv: Annotated[Path | None, typer.Option(help="Write the table to this file as well.")] = None,
     out: Annotated[
         Path | None,
@@ -55,10 +59,12 @@ def returns(
 
     units_m = parse_units(units)
     loaded_policy = select_policy(policy, ckpt, plugin, trust, scenario)
-    outputs = Outputs.select(RETURNS, loaded_policy, scenario, out, csv)
+    outputs = Outputs.select(RETURNS, loaded_policy, scenario, set_ or (), out, csv)
     with Console(stderr=True).status("simulating behaviors"):
-        result = run(loaded_policy, scenario, units_m)
+        result = run(loaded_policy, scenario, units_m, overrides=set_ or ())
     _print(result)
+    if json_:
+        json_.write(result.as_json())
     gamma = result.scenario.training.gamma
     caption = f"scenario {result.scenario.name}, {loaded_policy.caption}; discounted by {gamma:g} per step"
     outputs.write(result.csv, lambda: {outputs.stem: returns_figure(result.table, caption)})
@@ -81,7 +87,7 @@ def _print(result: Returns) -> None:
     """Print the returns with every unit, the highest first, and the conclusions."""
     from dockctl.analysis.returns import format_unit, verdicts
 
-    console, gamma = table_console(), result.scenario.training.gamma
+    console, gamma = Console(), result.scenario.training.gamma
     print_text(
         console,
         f"Discounted returns on scenario '{result.scenario.name}' (gamma {gamma:g}); docking is the greedy"
@@ -92,6 +98,6 @@ def _print(result: Returns) -> None:
         table = make_table("behavior", *numeric("ends", "time", "return"), title=title)
         for _, row in rows.sort_values("return", ascending=False).iterrows():
             table.add_row(row["behavior"], row["outcome"], f"{row['time_s']:g} s", f"{row['return']:,.0f}")
-        console.print(table)
+        print_table(console, table)
         for verdict in verdicts(rows):
             print_text(console, verdict)

@@ -9,9 +9,18 @@ import typer
 from rich.console import Console
 from rich.table import Table
 
-from dockctl.commands.options import DEFAULT_SCENARIO, Plugins, Trust, parse_pose, save_figures
-from dockctl.console import make_table, numeric, print_text
+from dockctl.commands.options import (
+    DEFAULT_SCENARIO,
+    Json,
+    Overrides,
+    Plugins,
+    Trust,
+    parse_pose,
+    save_figures,
+)
+from dockctl.console import make_table, numeric, print_table, print_text
 from dockctl.errors import DockctlError
+from dockctl.runs.directory import FIGURES
 
 if TYPE_CHECKING:
     from dockctl.geometry import Floats
@@ -31,9 +40,13 @@ def show(
             help="Pose of the LiDAR scan [m, m, °]; the first initial pose by default.",
         ),
     ] = None,
-    out: Annotated[Path | None, typer.Option(help="Output folder; figures/<scenario> by default.")] = None,
+    set_: Overrides = None,
     plugin: Plugins = None,
     trust: Trust = False,
+    json_: Json = None,
+    out: Annotated[
+        Path | None, typer.Option(help="Output folder; figures/show/<scenario> by default.")
+    ] = None,
 ) -> None:
     """Draw the harbor, the poses and a LiDAR scan (PNG, SVG); print the distance in each sector.
 
@@ -44,18 +57,21 @@ def show(
     from dockctl.sim.harbor.build import build_harbor, build_scene
     from dockctl.sim.world import PoseCheck, load_checked
 
-    loaded = load_checked(scenario, plugin_files=plugin or (), trust=trust)
+    loaded = load_checked(scenario, overrides=set_ or (), plugin_files=plugin or (), trust=trust)
     spec = loaded.scenario
     harbor = build_harbor(spec.harbor, loaded.base_dir)
     start = spec.task.initial[0] if pose is None else parse_pose(pose)
     if problem := PoseCheck.build(spec, harbor).problem(start):
         raise DockctlError(f"--pose {pose}: {problem}")
-    folder = out or Path("figures") / spec.name
+    folder = out or Path(FIGURES) / "show" / spec.name
     require_writable(folder)
     measured = scan(spec, harbor, start)
     console = Console()
     print_text(console, f"{len(measured.points):,} LiDAR points from {measured.label}")
-    console.print(sector_table(measured))
+    print_table(console, sector_table(measured))
+    if json_:
+        sectors = measured.ranges_m.tolist()
+        json_.write({"scenario": spec.name, "pose": start.model_dump(), "sectors_m": sectors})
     plan = build_scene(harbor, spec.vessel.hull)
     save_figures(lambda: figures(plan, spec, *bodies(spec, harbor), measured, berths(spec)), folder)
 

@@ -10,7 +10,7 @@ import typer
 from dockctl.commands.options import DEFAULT_SCENARIO, Overrides, Plugins, Trust
 from dockctl.errors import DockctlError
 from dockctl.experiments.interrupt import INTERRUPTED
-from dockctl.runs.directory import RUNS
+from dockctl.runs.directory import RUNS, RunDirectory
 
 
 def train(
@@ -23,8 +23,12 @@ def train(
         typer.Option(help="Output folder, for <scenario>/<time>-seed<N>/.", show_default=str(RUNS)),
     ] = None,
     resume: Annotated[
-        Path | None,
-        typer.Option(help="Run folder to continue after an interruption, or to extend to --steps."),
+        str | None,
+        typer.Option(
+            metavar="[RUN]",
+            help="Continue a run after an interruption, or extend it to --steps; without RUN, the latest run"
+            " in ./runs that is not finished.",
+        ),
     ] = None,
     set_: Overrides = None,
     steps: Annotated[
@@ -40,7 +44,7 @@ def train(
 ) -> None:
     """Train a policy, and write checkpoints, tables and trajectories to a run folder.
 
-    Example: dockctl train scenarios/s3.yaml --seed 1 --set training.boats=8
+    Example: dockctl train s3 --seed 1 --set training.boats=8
     """
     from dockctl import experiments
 
@@ -60,6 +64,7 @@ def train(
         given = {"SCENARIO": scenario, "--seed": seed, "--out": out, "--set": set_, "--plugin": plugin}
         if extra := [name for name, value in given.items() if value not in (None, [])]:
             raise DockctlError(f"--resume continues the run with its own settings: omit {', '.join(extra)}")
-        run = experiments.resume(resume, steps=steps, on_divergence=on_divergence, device=device, trust=trust)
+        path = Path(resume) if resume else RunDirectory.latest_interrupted(RUNS).path
+        run = experiments.resume(path, steps=steps, on_divergence=on_divergence, device=device, trust=trust)
     if run.reason == "interrupted":
         raise typer.Exit(INTERRUPTED)

@@ -2,14 +2,15 @@
 
 from __future__ import annotations
 
+from dataclasses import asdict
 from pathlib import Path
 from typing import Annotated
 
 import typer
 from rich.console import Console
 
-from dockctl.commands.options import Plugins, Trust
-from dockctl.console import make_table, numeric, print_text, table_console
+from dockctl.commands.options import Json, Plugins, Trust
+from dockctl.console import make_table, numeric, print_table, print_text
 
 DIFFERENT = 1
 
@@ -21,6 +22,7 @@ def verify(
     ] = 10_000,
     plugin: Plugins = None,
     trust: Trust = False,
+    json_: Json = None,
 ) -> None:
     """Repeat the first steps of a training in a temporary folder, and compare its tables with the run's.
 
@@ -34,17 +36,19 @@ def verify(
 
     with Console(stderr=True).status("repeating the training"):
         result = repeat(run, steps, plugin_files=plugin or (), trust=trust)
-    console = table_console()
+    if json_:
+        json_.write(asdict(result))
+    console = Console()
     table = make_table("table", *numeric("rows", "SHA-256"), "", title=f"The first {result.steps:,} steps")
     for check in result.tables:
         verdict = f"[red]{check.difference}[/]" if check.difference else "[green]equal[/]"
         table.add_row(check.name, f"{check.rows:,}", check.here[:16], verdict)
-    console.print(table)
+    print_table(console, table)
     if result.conditions:
         table = make_table("differs here", "in the run", "here")
         for row in result.conditions:
             table.add_row(*row)
-        console.print(table)
+        print_table(console, table)
     else:
         print_text(console, "Software, processor and plugins are those of the run.")
     if not result.is_equal:

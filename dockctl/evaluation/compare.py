@@ -50,6 +50,7 @@ class Comparison:
         """Return all results except the single episodes."""
         return {
             "scenario": self.first.scenario.name,
+            "set": list(self.first.overrides),
             "random_seed": self.first.seed,
             "policies": {
                 name: {"policy": evaluation.policy.facts(), **evaluation.summaries}
@@ -83,6 +84,7 @@ def compare(
     *,
     episodes: int | None = None,
     seed: int | None = None,
+    overrides: Sequence[str] = (),
 ) -> Comparison:
     """Run policies from the same starts.
 
@@ -90,6 +92,7 @@ def compare(
         policies: two or more; see `dockctl.evaluation.policies.load_policy`.
         scenario: file or name; that of the first policy by default.
         episodes, seed: of the random starts; see `evaluate`.
+        overrides: changed values of the scenario, ``key=value``.
 
     Raises:
         DockctlError: fewer than two policies, or one does not exist or does not fit the scenario.
@@ -98,7 +101,9 @@ def compare(
         raise DockctlError("a comparison needs two or more policies", code="missing_key")
     loaded = [load_policy(policy) for policy in policies]
     source = scenario or loaded[0].own_scenario
-    results = [evaluate(policy, source, episodes=episodes, seed=seed) for policy in loaded]
+    results = [
+        evaluate(policy, source, episodes=episodes, seed=seed, overrides=overrides) for policy in loaded
+    ]
     return Comparison(dict(zip(_names(loaded), results, strict=True)))
 
 

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-import re
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
@@ -15,12 +14,15 @@ import pandas as pd
 
 from dockctl.analysis.episodes import summarize
 from dockctl.evaluation.policies import LoadedPolicy, load_policy
+from dockctl.evaluation.record import Recording
 from dockctl.evaluation.rollout import Episode, Rollout
-from dockctl.evaluation.starts import evaluation_starts, testing_starts
+from dockctl.evaluation.starts import checked_starts, evaluation_starts, testing_starts, trajectory_starts
 from dockctl.runs.directory import EVALUATION
+from dockctl.runs.results import setting_names
 from dockctl.runs.tables import START_KEYS, Value
+from dockctl.scenarios.base import Pose
 from dockctl.scenarios.schema import Scenario
-from dockctl.sim.starts import Start
+from dockctl.sim.starts import Start, own_site
 
 MAX_STEM = 150
 Run = Callable[[Sequence[Start]], list[Episode]]
@@ -36,6 +38,7 @@ class Evaluation:
         seed: of the random starts.
         rejected_draws: unreachable poses that were drawn for the random starts, and drawn again.
         groups: episodes by kind of start, keys of `START_KEYS`.
+        recording: if it was asked for, the episodes from the poses, or at each berth of a task with berths.
     """
 
     policy: LoadedPolicy
@@ -45,6 +48,7 @@ class Evaluation:
     seed: int
     rejected_draws: int
     groups: dict[str, list[Episode]]
+    recording: Recording | None = None
 
     @property
     def control_period_s(self) -> float:
@@ -53,7 +57,7 @@ class Evaluation:
     @property
     def stem(self) -> str:
         """Stem of the names of the result files."""
-        changes = [re.sub(r"[^\w.=-]+", "_", override) for override in self.overrides]
+        changes = setting_names(self.overrides)
         place = [self.scenario.name] if self.is_transfer or changes else []
         return "-".join([EVALUATION, *place, *changes])[:MAX_STEM]
 
@@ -134,6 +138,8 @@ def evaluate(
     episodes: int | None = None,
     seed: int | None = None,
     overrides: Sequence[str] = (),
+    poses: Sequence[Pose] = (),
+    record: bool = False,
     on: str | None = None,
 ) -> Evaluation:
     """Run a policy from a scenario's evaluation poses and from random starts.
@@ -141,28 +147,42 @@ def evaluate(
     Args:
         policy: see `dockctl.evaluation.policies.load_policy`; the latest run by default.
         scenario: file or name; the policy's own by default.
-        episodes: number of random starts; the scenario's by default.
+        episodes: number of random starts; by default the scenario's, and none with `poses`.
         seed: of the random starts; the scenario's by default.
         overrides: changed values of the scenario, ``key=value``.
+        poses: to start from instead of the evaluation poses.
+        record: return the trajectories too.
         on: run the episodes on Ray, see `dockctl.cluster.connected`; the result is the same.
 
     Raises:
-        DockctlError: there is no such policy or scenario, they do not fit, or Ray cannot be used.
+        DockctlError: there is no such policy or scenario, they do not fit, a pose is not free, or Ray cannot be
+            used.
     """
     loaded_policy = load_policy(policy)
     loaded = loaded_policy.scenario(scenario, overrides)
-    random = loaded.scenario.evaluation.random_starts
+    resolved = loaded.scenario
+    random = resolved.evaluation.random_starts
     seed = random.seed if seed is None else seed
+    if episodes is None:
+        episodes = 0 if poses else random.episodes
     rollout = Rollout(loaded)
-    starts = [
-        *evaluation_starts(loaded.scenario, rollout.worlds),
-        *testing_starts(
-            loaded.scenario, rollout.worlds, random.episodes if episodes is None else episodes, seed
-        ),
-    ]
+    starts = checked_starts(loaded, poses) if poses else evaluation_starts(resolved, rollout.worlds)
+    starts += testing_starts(resolved, rollout.worlds, episodes, seed)
+    shown: list[Episode] = []
     with running(loaded_policy, rollout, on) as run:
         results = run(starts)
-    kinds = dict.fromkeys(start.kind for start in starts)
+        groups: dict[str, list[Episode]] = {start.kind: [] for start in starts}
+        for episode in results:
+            groups[episode.start.kind].append(episode)
+        if record:
+            shown = groups.get("pose") or run(trajectory_starts(resolved, rollout.worlds))
+    recording = None
+    if record:
+        if poses:
+            tests = resolved.evaluation.model_copy(update={"poses": tuple(poses)})
+            resolved = resolved.model_copy(update={"evaluation": tests})
+        scene = rollout.worlds[own_site(resolved).harbor].scene()
+        recording = Recording(loaded_policy, resolved, scene, shown)
     return Evaluation(
         policy=loaded_policy,
         scenario=loaded.scenario,
@@ -170,5 +190,6 @@ def evaluate(
         overrides=tuple(overrides),
         seed=seed,
         rejected_draws=sum(start.rejected for start in starts),
-        groups={kind: [episode for episode in results if episode.start.kind == kind] for kind in kinds},
+        groups=groups,
+        recording=recording,
     )

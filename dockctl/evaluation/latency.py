@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from time import perf_counter
@@ -67,18 +68,21 @@ def latency(
     policy: str | Path | LoadedPolicy | None = None,
     scenario: str | Path | None = None,
     decisions: int = 500,
+    *,
+    overrides: Sequence[str] = (),
 ) -> Latency:
     """Time at least `decisions` decisions of one boat.
 
     Args:
         policy: see `dockctl.evaluation.policies.load_policy`; the latest run by default.
         scenario: file or name; the policy's own by default.
+        overrides: changed values of the scenario, ``key=value``.
 
     Raises:
         DockctlError: there is no such policy or scenario, or they do not fit.
     """
     loaded_policy = load_policy(policy)
-    loaded = loaded_policy.scenario(scenario)
+    loaded = loaded_policy.scenario(scenario, overrides)
     env = Rollout(loaded).env()
     samples = time_decisions(env, loaded_policy.make(env), decisions)
     return Latency(loaded_policy, loaded.scenario, samples)

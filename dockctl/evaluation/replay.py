@@ -16,18 +16,17 @@ from dockctl.agents.interface import Policy
 from dockctl.analysis.episodes import ending
 from dockctl.compute import workers
 from dockctl.drawing import palette
-from dockctl.errors import DockctlError
 from dockctl.evaluation.policies import LoadedPolicy, load_policy
 from dockctl.evaluation.rollout import Episode, Rollout
-from dockctl.evaluation.starts import pose_check, trajectory_starts
-from dockctl.geometry import Floats, pose_array
+from dockctl.evaluation.starts import checked_starts, trajectory_starts
+from dockctl.geometry import Floats
 from dockctl.scenarios.base import Pose
 from dockctl.scenarios.harbor import layouts
 from dockctl.scenarios.loader import LoadedScenario
 from dockctl.scenarios.schema import Scenario, Task
 from dockctl.sim.harbor.build import Harbor, build_harbor
 from dockctl.sim.harbor.solids import hull_mesh, hull_outline
-from dockctl.sim.starts import Start, given_start, own_site
+from dockctl.sim.starts import Start
 
 MAX_SCANS, MAX_POINTS = 240, 360_000
 """LiDAR scans and points of all episodes together, so that a page stays small."""
@@ -118,15 +117,10 @@ def _starts(loaded: LoadedScenario, poses: Sequence[Pose]) -> list[Start]:
     Raises:
         DockctlError: a pose is not free.
     """
-    scenario = loaded.scenario
-    if not poses:
-        starts = trajectory_starts(scenario, Rollout(loaded).worlds)
-        return [start for start in starts if start.harbor == starts[0].harbor]
-    check = pose_check(loaded)
-    if problems := [problem for pose in poses if (problem := check.problem(pose))]:
-        raise DockctlError("\n".join(f"--pose: {problem}" for problem in problems))
-    site = own_site(scenario)
-    return [given_start(site, scenario.task, pose_array(pose), i) for i, pose in enumerate(poses)]
+    if poses:
+        return checked_starts(loaded, poses)
+    starts = trajectory_starts(loaded.scenario, Rollout(loaded).worlds)
+    return [start for start in starts if start.harbor == starts[0].harbor]
 
 
 def _replay(loaded: LoadedScenario, runs: Sequence[_Run]) -> Replay:

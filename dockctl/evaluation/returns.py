@@ -6,6 +6,7 @@ import io
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pandas as pd
@@ -84,11 +85,18 @@ class Returns:
     def table(self) -> pd.DataFrame:
         return pd.read_csv(io.StringIO(self.csv), keep_default_na=False, na_values=[""])
 
+    def as_json(self) -> dict[str, Any]:
+        """Return the behaviors with every distance unit, as plain data."""
+        behaviors = self.table.to_dict("records")
+        return {"policy": self.policy.facts(), "scenario": self.scenario.name, "behaviors": behaviors}
+
 
 def returns(
     policy: str | Path | LoadedPolicy | None = None,
     scenario: str | Path | None = None,
     units_m: Sequence[float] = UNITS_M,
+    *,
+    overrides: Sequence[str] = (),
 ) -> Returns:
     """Simulate the policy and other behaviors and compute their returns with every distance unit.
 
@@ -97,12 +105,13 @@ def returns(
             `dockctl.evaluation.policies.load_policy`.
         scenario: file or name; the policy's own by default.
         units_m: units of the distance in the reward [m].
+        overrides: changed values of the scenario, ``key=value``.
 
     Raises:
         DockctlError: there is no such policy or scenario, or they do not fit.
     """
     loaded_policy = load_policy(policy)
-    rollout = Rollout(loaded_policy.scenario(scenario))
+    rollout = Rollout(loaded_policy.scenario(scenario, overrides))
     simulated = list(behaviors(rollout, loaded_policy))
     rows = [row for unit_m in units_m for row in evaluate_behaviors(rollout.scenario, unit_m, simulated)]
     return Returns(loaded_policy, rollout.scenario, to_csv(rows, all_columns(RETURNS, rows)))

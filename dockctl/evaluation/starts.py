@@ -10,7 +10,9 @@ from dataclasses import replace
 
 import numpy as np
 
+from dockctl.errors import DockctlError
 from dockctl.geometry import pose_array
+from dockctl.scenarios.base import Pose
 from dockctl.scenarios.harbor import layouts
 from dockctl.scenarios.loader import LoadedScenario
 from dockctl.scenarios.schema import Scenario
@@ -64,6 +66,19 @@ def evaluation_starts(scenario: Scenario, worlds: Sequence[World]) -> list[Start
         kind="trained",
         spread=True,
     )
+
+
+def checked_starts(loaded: LoadedScenario, poses: Sequence[Pose]) -> list[Start]:
+    """Return starts at poses that the user gave with ``--pose``.
+
+    Raises:
+        DockctlError: a pose is not free.
+    """
+    check = pose_check(loaded)
+    if problems := [problem for pose in poses if (problem := check.problem(pose))]:
+        raise DockctlError("\n".join(f"--pose: {problem}" for problem in problems))
+    site, task = own_site(loaded.scenario), loaded.scenario.task
+    return [given_start(site, task, pose_array(pose), index) for index, pose in enumerate(poses)]
 
 
 def validation_starts(scenario: Scenario, worlds: Sequence[World]) -> list[Start]:

@@ -4,9 +4,10 @@ from __future__ import annotations
 
 import io
 import math
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pandas as pd
@@ -86,12 +87,18 @@ class SuccessMap:
     def table(self) -> pd.DataFrame:
         return pd.read_csv(io.StringIO(self.csv), keep_default_na=False, na_values=[""])
 
+    def as_json(self) -> dict[str, Any]:
+        """Return the starts and how their episodes ended, as plain data."""
+        starts = self.table.to_dict("records")
+        return {"policy": self.policy.facts(), "scenario": self.scenario.name, "starts": starts}
+
 
 def success_map(
     policy: str | Path | LoadedPolicy | None = None,
     scenario: str | Path | None = None,
     grid: Grid | None = None,
     *,
+    overrides: Sequence[str] = (),
     on: str | None = None,
 ) -> SuccessMap:
     """Run a policy from every free start of a grid around the first initial pose of the task.
@@ -100,6 +107,7 @@ def success_map(
         policy: see `dockctl.evaluation.policies.load_policy`; the latest run by default.
         scenario: file or name; the policy's own by default.
         grid: ±10 m in steps of 2 m with eight headings by default.
+        overrides: changed values of the scenario, ``key=value``.
         on: run the episodes on Ray, see `dockctl.cluster.connected`; the result is the same.
 
     Raises:
@@ -107,7 +115,7 @@ def success_map(
             used.
     """
     loaded_policy, grid = load_policy(policy), grid or Grid()
-    loaded = loaded_policy.scenario(scenario)
+    loaded = loaded_policy.scenario(scenario, overrides)
     rollout = Rollout(loaded)
     site = own_site(loaded.scenario)
     with running(loaded_policy, rollout, on) as run:

@@ -138,24 +138,23 @@ class Stage:
     Attributes:
         name: shown while it runs.
         arguments: of the command line.
-        output: JSON file of its results.
+        outputs: JSON files of its results.
         policy: SHA-256 of the policy that it measures.
     """
 
     name: str
     arguments: tuple[str, ...]
-    output: Path | None = None
+    outputs: tuple[Path, ...] = ()
     policy: str | None = None
 
     @property
     def is_done(self) -> bool:
         """Whether the results exist, are intact, and were not made from other tables or of another policy."""
-        if self.output is None:
-            return False
         try:
-            return policy_hash(read_results(self.output)) in (None, self.policy)
+            hashes = {policy_hash(read_results(output)) for output in self.outputs}
         except DockctlError:
             return False
+        return bool(hashes) and hashes <= {None, self.policy}
 
 
 @dataclass(frozen=True, eq=False)
@@ -224,21 +223,21 @@ class Job:
         return (stage for stage in stages if not stage.is_done)
 
     def _measurements(self, run: Path) -> Iterator[Stage]:
-        policy, recordings = ("--ckpt", str(run)), run / TRANSFER
-        yield Stage("evaluate", ("evaluate", *policy), run / f"{EVALUATION}.json")
+        policy, recordings = str(run), run / TRANSFER
+        yield Stage("evaluate", ("evaluate", policy), (run / f"{EVALUATION}.json",))
         for source, name in self.transfer:
-            on = (*policy, "--scenario", source)
-            yield Stage(f"evaluate on {name}", ("evaluate", *on), run / f"{EVALUATION}-{name}.json")
-            yield Stage(f"record on {name}", ("record", *on), recordings / name / RECORDING)
-        yield Stage("plot", ("plot", str(run)), run / DRAWN)
+            recorded = ("evaluate", policy, "--scenario", source, "--record")
+            outputs = (run / f"{EVALUATION}-{name}.json", recordings / name / RECORDING)
+            yield Stage(f"evaluate on {name}", recorded, outputs)
+        yield Stage("plot", ("plot", policy), (run / DRAWN,))
         for probe in self.experiment.probes:
-            yield Stage(probe, (probe, *policy), run / f"{PROBE_STEMS[probe]}.json")
+            yield Stage(probe, (probe, policy), (run / f"{PROBE_STEMS[probe]}.json",))
         table = run / f"{MAP}.csv"
         if "map" in self.experiment.probes and table.is_file() and (poses := nearest_failures(table)):
             out = recordings / FAILURES
             starts = [word for pose in poses for word in ("--pose", pose)]
-            arguments = ("record", *policy, *starts, "--out", str(out))
-            yield Stage("record failures", arguments, out / RECORDING)
+            arguments = ("evaluate", policy, *starts, "--record", str(out))
+            yield Stage("record failures", arguments, (out / RECORDING,))
 
 
 def nearest_failures(table: Path) -> list[str]:
@@ -287,10 +286,7 @@ def make_jobs(experiments: Sequence[Experiment], out: Path) -> list[Job]:
 
 
 def _finished(run: Path) -> bool:
-    try:
-        return RunDirectory(run).read_json(PROVENANCE).get("finished") is not None
-    except DockctlError:
-        return False
+    return RunDirectory(run).is_finished
 
 
 def _policy_hash(run: Path) -> str | None:

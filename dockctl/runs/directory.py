@@ -25,7 +25,7 @@ Written by the commands that measure the policy:
 ``evaluation.csv/json``   episodes and summary of ``dockctl evaluate``
 ``map.csv/json``          outcome by start pose, of ``dockctl map``
 ``returns.csv/json``      discounted returns of behaviors, of ``dockctl returns``
-``transfer/``             recordings on other scenarios, of ``dockctl record``
+``transfer/``             recordings, of ``dockctl evaluate --record``
 ``figures/``              figures, and ``latency.csv/json`` of ``dockctl latency``
 ``last/``                 the same for the checkpoint ``last``, if that is the one that was measured
 ========================  =============================================================================
@@ -41,7 +41,7 @@ import hashlib
 import os
 import shutil
 from collections.abc import Iterable, Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from datetime import UTC, datetime
 from itertools import pairwise
 from pathlib import Path
@@ -50,7 +50,7 @@ from typing import Any
 import dockctl
 from dockctl.errors import DockctlError
 from dockctl.reading import read_json
-from dockctl.runs.files import make_folder, new_folder, sync, write_atomically, write_json
+from dockctl.runs.files import exclusive_lock, make_folder, new_folder, sync, write_atomically, write_json
 from dockctl.runs.tables import Table
 
 RUNS = Path("runs")
@@ -68,7 +68,7 @@ RECORDING = "recording.json"
 STUDY = "study.json"
 """The study of archived runs, in the folder of their experiments."""
 TRANSFER, FAILURES = "transfer", "failures"
-"""Folder of the recordings on other scenarios, and in it that of a study's nearest failures."""
+"""Folder of the recordings, and in it that of a study's nearest failures."""
 ARCHIVED_AS = "archived_as"
 """Key in the scene file of an archived run: relative path of the compressed scene that several runs share."""
 FIGURES, CHECKPOINTS, PLUGINS, MESHES = "figures", "checkpoints", "plugins", "meshes"
@@ -156,6 +156,27 @@ class RunDirectory:
             )
             raise DockctlError(message, code="not_found")
         return max(runs, key=lambda run: (run.sequence, run.path.name))
+
+    @classmethod
+    def latest_interrupted(cls, root: Path) -> RunDirectory:
+        """Return the run under `root` that was started last, of those that can be resumed and do not run.
+
+        Raises:
+            DockctlError: there is none.
+        """
+        runs = (run for run in cls._all(root) if run.checkpoints(LAST) and not run.is_finished)
+        for run in sorted(runs, key=lambda run: (run.sequence, run.path.name), reverse=True):
+            with suppress(DockctlError), exclusive_lock(run.path):
+                return run
+        raise DockctlError(f"{root}: no interrupted run; give one with --resume RUN", code="not_found")
+
+    @property
+    def is_finished(self) -> bool:
+        """Whether the training has ended and is complete."""
+        try:
+            return self.read_json(PROVENANCE).get("finished") is not None
+        except DockctlError:
+            return False
 
     @classmethod
     def next_sequence(cls, root: Path) -> int:

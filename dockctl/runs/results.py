@@ -7,7 +7,8 @@ from __future__ import annotations
 
 import hashlib
 import os
-from collections.abc import Mapping
+import re
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -66,6 +67,11 @@ def read_results(path: Path) -> dict[str, Any]:
             message = f"{file}: damaged, or not of the results in {path.name}: run the command again"
             raise DockctlError(message, code="mismatch")
     return facts
+
+
+def setting_names(overrides: Sequence[str]) -> list[str]:
+    """Return changed values of a scenario, ``key=value``, as parts of a file name."""
+    return [re.sub(r"[^\w.=-]+", "_", override) for override in overrides]
 
 
 def require_same_policy(path: Path, policy: Mapping[str, Any]) -> None:

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import json
+import shutil
 from pathlib import Path
 
 import pytest
@@ -11,18 +13,26 @@ from dockctl.cli import app
 from dockctl.commands import list as command
 from dockctl.errors import DockctlError
 from dockctl.plugins import REWARD_TERMS, VESSELS
+from dockctl.runs.directory import SHIPPED
 
 GENTLE = Path(__file__).parent.parent.parent / "examples/local-term/gentle.py"
 runner = CliRunner()
 
 
 def rows(*arguments: object) -> dict[str, list[str]]:
+    """Kind, source, parameters and origin by name."""
+    return {line["name"]: [line[key] for key in KEYS] for line in lines(*arguments)}
+
+
+KEYS = ("kind", "source", "parameters", "origin")
+
+
+def lines(*arguments: object) -> list[dict[str, str]]:
     result = runner.invoke(app, ["list", *map(str, arguments)])
     assert result.exit_code == 0, result.output
     head, *lines = [line.split("\t") for line in result.stdout.splitlines()]
-    assert head == ["name", "kind", "source", "parameters", "origin"]
-    assert all(len(line) == 5 for line in lines)
-    return {line[0]: line[1:] for line in lines}
+    assert {"listing", "name", "description", *KEYS} == {*head}
+    return [dict(zip(head, line, strict=True)) for line in lines]
 
 
 def test_rewards() -> None:
@@ -48,16 +58,29 @@ def test_action_types() -> None:
     assert found["grid"][2].startswith("propeller_n=")
 
 
-def test_scenarios_are_the_default() -> None:
-    found = rows()
+def test_scenarios() -> None:
+    found = rows("scenarios")
     assert list(found) == sorted(found)
     assert {"s1", "s2", "s3", "marina"} <= set(found)
-    assert found == rows("scenarios")
     assert found["s3"][0] == "two phases"
 
 
+def test_everything_is_listed_by_default_with_a_description(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    shutil.copytree(SHIPPED / "s1", tmp_path / "checkpoints" / "mine")
+    found = lines()
+    assert [line for name in command.LISTINGS for line in lines(name)] == found
+    assert {line["listing"] for line in found} >= {*command.LISTINGS} - {"policies", "conditions"}
+    assert all(line["description"] for line in found)
+    result = runner.invoke(app, ["list", "--json", "-"])
+    assert json.loads(result.stdout) == found
+    assert any(line["name"] == "mine" and line["origin"].endswith("mine") for line in found)
+
+
 def test_vessels_and_harbors() -> None:
-    assert rows("vessels")["eilbrecht"][2:] == ["3 x 1 m, 150 kg", "dockctl"]
+    assert lines("vessels")[0]["description"] == "3 x 1 m, 150 kg"
     assert {name: row[0] for name, row in rows("harbors").items()} == {
         "haven": "marina",
         "reference": "marina",
@@ -75,7 +98,8 @@ def test_a_broken_one_is_listed_as_broken(tmp_path: Path) -> None:
 
     REWARD_TERMS.register_lazily("unlucky", "package p 1", fail)
     VESSELS.register("sunk", tmp_path / "sunk.yaml")
-    assert rows("rewards")["unlucky"] == ["broken", "", "no luck", "package p 1"]
+    assert rows("rewards")["unlucky"] == ["broken", "", "", "package p 1"]
+    assert any(line["description"] == "no luck" for line in lines("rewards"))
     assert rows("vessels")["sunk"][0] == "broken"
 
 
@@ -97,9 +121,8 @@ def test_an_unknown_registry_lists_the_known_ones() -> None:
 def test_a_table_in_a_terminal(monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]) -> None:
     monkeypatch.setattr(command.sys.stdout, "isatty", lambda: True, raising=False)
     monkeypatch.setenv("COLUMNS", "160")
-    command._print(
-        "rewards", [("speed", "dense", "eq. 3.10", "floor=0.02 [m]", "dockctl"), ("x", "broken", "", "", "")]
-    )
+    speed = ("speed", "dense", "floor [m]", "floor=0.02", "eq. 3.10", "dockctl")
+    command._print({"rewards": [speed, ("x", "broken", "", "", "", "")]})
     out = capsys.readouterr().out
     assert "─" in out
-    assert "floor=0.02 [m]" in out
+    assert "floor [m]" in out

@@ -1,4 +1,4 @@
-"""``dockctl record``: a recording is read like a run, and poses are checked."""
+"""``dockctl evaluate --record``: a recording is read like a run, and poses are checked."""
 
 from __future__ import annotations
 
@@ -13,9 +13,10 @@ from tests.commands.conftest import Outcome, dockctl
 
 @pytest.mark.slow
 def test_a_recording_is_stored_in_the_run_and_plotted_like_a_run(run: Path, tmp_path: Path) -> None:
-    outcome = dockctl("record", "--ckpt", run, "--scenario", "s2", "--pose", "20,2,160")
+    outcome = dockctl("evaluate", run, "--scenario", "s2", "--pose", "20,2,160", "--record")
     assert outcome.code == 0, outcome.err
-    assert outcome.out.startswith("from 20, 2, 160°: ")
+    assert "20, 2, 160" in outcome.out
+    assert not (run / "evaluation-s2.json").exists()  # not an evaluation from the poses of the scenario
     recorded = read_run(run / "transfer" / "s2")
     assert (recorded.scenario, recorded.tests) == ("s2", (Pose(x_m=20, y_m=2, heading_deg=160),))
     assert recorded.trajectories is not None
@@ -26,7 +27,7 @@ def test_a_recording_is_stored_in_the_run_and_plotted_like_a_run(run: Path, tmp_
 
 
 def test_without_a_pose_it_records_the_test_poses_as_the_training_did(run: Path, tmp_path: Path) -> None:
-    assert dockctl("record", "--ckpt", run, "--out", tmp_path / "here").code == 0
+    assert dockctl("evaluate", run, "--record", tmp_path / "here").code == 0
     recorded = (tmp_path / "here" / "trajectories.csv").read_text()
     assert recorded == (run / "trajectories.csv").read_text()
 
@@ -38,12 +39,12 @@ def test_only_an_earlier_recording_is_replaced(
     here.mkdir()
     monkeypatch.chdir(here)
     for _ in range(2):
-        assert dockctl("record", "--ckpt", run, "--out", ".").code == 0
+        assert dockctl("evaluate", run, "--episodes", 0, "--record", ".").code == 0
         monkeypatch.chdir(here)  # it is a new folder
     (here / "mine.txt").write_text("mine")
     for folder in (here, run, Path()):
         before = sorted(path.name for path in folder.iterdir())
-        outcome = dockctl("record", "--ckpt", run, "--out", folder)
+        outcome = dockctl("evaluate", run, "--episodes", 0, "--record", folder)
         assert outcome.code == 2
         assert outcome.error is not None and str(outcome.error).startswith(f"{folder}: ")
         assert sorted(path.name for path in folder.iterdir()) == before
@@ -51,15 +52,15 @@ def test_only_an_earlier_recording_is_replaced(
 
 def test_a_second_policy_does_not_replace_the_recording_of_the_first(run: Path, tmp_path: Path) -> None:
     def recorded(ckpt: object, *out: object) -> Outcome:
-        return dockctl("record", "--ckpt", ckpt, "--pose", "20,2,160", *out)
+        return dockctl("evaluate", ckpt, "--pose", "20,2,160", "--record", *out)
 
     best, last, here = run, run / "checkpoints" / "last", tmp_path / "here"
     assert recorded(best).code == recorded(last).code == 0
     assert (run / "transfer" / "s1" / "recording.json").is_file()
     assert (run / "last" / "transfer" / "s1" / "recording.json").is_file()
-    assert recorded(best, "--out", here).code == recorded(best, "--out", here).code == 0
+    assert recorded(best, here).code == recorded(best, here).code == 0
     before = (here / "recording.json").read_bytes()
-    refused = recorded("s1", "--out", here)
+    refused = recorded("s1", here)
     assert (refused.code, refused.error_code) == (2, "mismatch")
     assert (here / "recording.json").read_bytes() == before
 
@@ -74,7 +75,7 @@ def test_a_second_policy_does_not_replace_the_recording_of_the_first(run: Path, 
     ],
 )
 def test_a_pose_that_cannot_be_used(run: Path, pose: str, code: str) -> None:
-    outcome = dockctl("record", "--ckpt", run, "--pose", pose)
+    outcome = dockctl("evaluate", run, "--pose", pose, "--record")
     assert (outcome.code, outcome.error_code) == (2, code)
     assert str(outcome.error).startswith("--pose")
     assert not (run / "transfer").exists()

@@ -116,9 +116,11 @@ def test_interrupted_training_is_resumed(out: Path) -> None:
 
 def test_measurements_follow_the_experiment(out: Path) -> None:
     job = jobs(out, evaluate_on=["s2"], probes=["latency", "returns"])[3]
-    names = ["evaluate", "evaluate on s2", "record on s2", "plot", "latency", "returns"]
+    names = ["evaluate", "evaluate on s2", "plot", "latency", "returns"]
     assert [stage.name for stage in job.measurements()] == names
-    assert dockctl("evaluate", "--ckpt", the_run(out), "--scenario", "s2", "--episodes", 0).code == 0
+    assert (
+        dockctl("evaluate", "--ckpt", the_run(out), "--scenario", "s2", "--episodes", 0, "--record").code == 0
+    )
     assert [stage.name for stage in job.measurements()] == [n for n in names if n != "evaluate on s2"]
 
 
@@ -217,7 +219,7 @@ def test_failure_is_one_line(tmp_path: Path, stage: str) -> None:
 
 
 def test_stage_without_its_file_has_failed(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    stage = Stage("empty", ("--version",), output=tmp_path / "nowhere")
+    stage = Stage("empty", ("--version",), outputs=(tmp_path / "nowhere",))
     assert work(jobs(tmp_path, seeds=1), {0: [stage]}, monkeypatch)[0].state == "failed"
 
 

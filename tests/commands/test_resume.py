@@ -77,3 +77,22 @@ def test_a_killed_process_resumes_exactly(tmp_path: Path) -> None:
         assert 100 <= saved < 2000
         assert dockctl("train", "--resume", run).code == 0
         assert contents(run) == contents(only_run(tmp_path / "whole")), number
+
+
+def test_resume_without_a_run_continues_the_latest_that_is_interrupted(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    for seed in range(3):
+        assert quick_train(Path("runs"), "s1", "--seed", seed, "--steps", 120).code == 0
+    runs = [next(Path("runs").glob(f"*/*-seed{seed}")) for seed in range(3)]
+    for run in runs[:2]:
+        facts = json.loads((run / "provenance.json").read_text())
+        text = json.dumps({**facts, "finished": None, "stop_reason": "interrupted"})
+        (run / "provenance.json").write_text(text)
+    for run in reversed(runs[:2]):
+        outcome = dockctl("train", "--resume")
+        assert outcome.code == 0, outcome.err
+        assert f"run folder: {run}\n" in outcome.out
+    outcome = dockctl("train", "--resume", "--device", "cpu")
+    assert (outcome.code, outcome.error_code) == (2, "not_found")

@@ -55,7 +55,8 @@ def test_four_drawings_and_the_distances(tmp_path: Path, monkeypatch: pytest.Mon
     monkeypatch.chdir(tmp_path)
     outcome = dockctl("show", "s3", "--pose", "25,1.5,170")
     assert outcome.code == 0
-    written = [tmp_path / "figures" / "s3" / f"{name}.{kind}" for name in DRAWINGS for kind in ("png", "svg")]
+    folder = tmp_path / "figures" / "show" / "s3"
+    written = [folder / f"{name}.{kind}" for name in DRAWINGS for kind in ("png", "svg")]
     assert all(path.stat().st_size > 10_000 for path in written)
     assert all(path.stat().st_size < 2_000_000 for path in written)
     loaded = load("s3")

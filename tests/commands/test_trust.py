@@ -34,7 +34,7 @@ COMMANDS = {
     "evaluate any policy": ("evaluate", "--episodes", 0, "--policy", "RUN"),
     "evaluate another policy there": ("evaluate", "--ckpt", "s1", "--scenario", "RUN/scenario.yaml"),
     "map": ("map", "--reach-m", 0, "--headings", 0, "--ckpt", "RUN"),
-    "record": ("record", "--ckpt", "RUN"),
+    "record": ("evaluate", "RUN", "--episodes", 0, "--record"),
     "returns": ("returns", "--ckpt", "RUN"),
     "latency": ("latency", "--decisions", 10, "--ckpt", "RUN"),
     "compare": ("compare", "RUN", "s1", "--episodes", 0, "--out", "OUT"),

@@ -130,7 +130,6 @@ def measured(what: str) -> set[str]:
         (("map", "--reach-m", 0, "--headings", 0), measured("map")),
         (("latency", "--decisions", 10), measured("latency")),
         (("returns",), measured("returns")),
-        (("record",), {"scenario.yaml", "scene.json", "trajectories.csv", "recording.json"}),
     ],
 )
 def test_every_command_takes_a_controller(

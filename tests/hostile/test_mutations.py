@@ -136,7 +136,7 @@ def resume(run: Path) -> Outcome:
 
 
 def record(run: Path) -> Outcome:
-    return dockctl("record", "--ckpt", run, "--out", run.parent / "recording")
+    return dockctl("evaluate", run, "--episodes", 0, "--record", run.parent / "recording")
 
 
 def map_(run: Path) -> Outcome:
