@@ -7,10 +7,13 @@ from typing import Annotated
 
 import typer
 
-from dockctl.commands.options import DEFAULT_SCENARIO, Overrides, Plugins, Trust
+from dockctl.commands.options import DEFAULT_SCENARIO, Plugins, Trust
 from dockctl.errors import DockctlError
 from dockctl.experiments.interrupt import INTERRUPTED
 from dockctl.runs.directory import RUNS, RunDirectory
+
+SWEEPS = RUNS / "sweep"
+FAILED = 1
 
 
 def train(
@@ -18,9 +21,21 @@ def train(
         str | None, typer.Argument(help=f"Scenario file or name; {DEFAULT_SCENARIO} by default.")
     ] = None,
     seed: Annotated[int | None, typer.Option(min=0, help="Random seed.")] = None,
+    seeds: Annotated[
+        int | None,
+        typer.Option(min=1, max=1000, help="Train with the seeds 0 to N-1, and compare.", metavar="N"),
+    ] = None,
+    jobs: Annotated[
+        int | None,
+        typer.Option(min=1, max=1024, help="Parallel trainings of several.", show_default="cores"),
+    ] = None,
     out: Annotated[
         Path | None,
-        typer.Option(help="Output folder, for <scenario>/<time>-seed<N>/.", show_default=str(RUNS)),
+        typer.Option(
+            help="Output folder, for <scenario>/<time>-seed<N>/; of several trainings, for"
+            " <scenario>/<combination>/<scenario>/<time>-seed<N>/.",
+            show_default=f"{RUNS}, or {SWEEPS}",
+        ),
     ] = None,
     resume: Annotated[
         str | None,
@@ -30,7 +45,15 @@ def train(
             " in ./runs that is not finished.",
         ),
     ] = None,
-    set_: Overrides = None,
+    set_: Annotated[
+        list[str] | None,
+        typer.Option(
+            "--set",
+            metavar="KEY=VALUE[,VALUE…]",
+            help="Override a value of the scenario; several values train every combination. Commas in"
+            " brackets or quotes do not separate.",
+        ),
+    ] = None,
     steps: Annotated[
         int | None, typer.Option(min=1, help="Limit of environment steps, all boats together.")
     ] = None,
@@ -41,30 +64,64 @@ def train(
     device: Annotated[str, typer.Option(help="Torch device of the networks: cpu, cuda, ...")] = "cpu",
     plugin: Plugins = None,
     trust: Trust = False,
+    name: Annotated[str | None, typer.Option(help="Name of the run, for its provenance.")] = None,
+    tag: Annotated[list[str] | None, typer.Option(help="Tag of the run; can be repeated.")] = None,
 ) -> None:
     """Train a policy, and write checkpoints, tables and trajectories to a run folder.
+
+    With --seeds, or several values after --set, train and evaluate every combination, and print a summary;
+    the same command resumes it.
 
     Example: dockctl train s3 --seed 1 --set training.boats=8
     """
     from dockctl import experiments
+    from dockctl.experiments.sweep import is_list
 
-    if resume is None:
+    start = {
+        "SCENARIO": scenario, "--seed": seed, "--seeds": seeds, "--jobs": jobs, "--out": out, "--set": set_,
+        "--plugin": plugin, "--name": name, "--tag": tag,
+    }  # fmt: skip
+    if resume is not None:
+        if extra := [option for option, value in start.items() if value not in (None, [])]:
+            raise DockctlError(f"--resume continues the run with its own settings: omit {', '.join(extra)}")
+        path = Path(resume) if resume else RunDirectory.latest_interrupted(RUNS).path
+        run = experiments.resume(path, steps=steps, on_divergence=on_divergence, device=device, trust=trust)
+    elif seeds is not None or any(map(is_list, set_ or ())):
+        if seed is not None or plugin or trust:
+            message = (
+                "several trainings take --seeds N instead of --seed, and their plugins from the scenario file"
+            )
+            raise DockctlError(f"--seed, --plugin, --trust: {message}")
+        limits = {"training.total_steps": steps, "training.on_divergence": on_divergence}
+        settings = [*(set_ or ()), *(f"{key}={value}" for key, value in limits.items() if value is not None)]
+        options = ["--device", device, *([] if name is None else ["--name", name])]
+        options += [word for each in tag or () for word in ("--tag", each)]
+        _sweep(scenario or DEFAULT_SCENARIO, settings, seeds or 1, out or SWEEPS, jobs, options)
+        return
+    else:
         run = experiments.train(
-            DEFAULT_SCENARIO if scenario is None else scenario,
+            scenario or DEFAULT_SCENARIO,
             seed=seed,
             steps=steps,
             on_divergence=on_divergence,
             overrides=set_ or (),
             plugin_files=plugin or (),
-            out=RUNS if out is None else out,
+            out=out or RUNS,
             device=device,
             trust=trust,
+            name=name,
+            tags=tag or (),
         )
-    else:
-        given = {"SCENARIO": scenario, "--seed": seed, "--out": out, "--set": set_, "--plugin": plugin}
-        if extra := [name for name, value in given.items() if value not in (None, [])]:
-            raise DockctlError(f"--resume continues the run with its own settings: omit {', '.join(extra)}")
-        path = Path(resume) if resume else RunDirectory.latest_interrupted(RUNS).path
-        run = experiments.resume(path, steps=steps, on_divergence=on_divergence, device=device, trust=trust)
     if run.reason == "interrupted":
         raise typer.Exit(INTERRUPTED)
+
+
+def _sweep(
+    scenario: str, settings: list[str], seeds: int, out: Path, jobs: int | None, options: list[str]
+) -> None:
+    from dockctl.compute import usable_cores
+    from dockctl.experiments.sweep import sweep
+
+    ending = sweep(scenario, settings, seeds, out, jobs or usable_cores(), options)
+    if ending != "done":
+        raise typer.Exit(INTERRUPTED if ending == "interrupted" else FAILED)

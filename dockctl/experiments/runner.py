@@ -65,6 +65,25 @@ def run_study(
         require_writable(folder)
     jobs = make_jobs(experiments, out)
     console = Console()
+    ending, done = run_jobs(console, jobs, workers)
+    if ending != "interrupted":
+        archived = [
+            archive(finished, results, job.experiment.name, job.seed)
+            for job in done
+            if (finished := job.finished())
+        ]
+        if archived:
+            write_json(results / STUDY, study.model_dump(mode="json"))
+        print_text(console, f"{count(len(archived), 'run')} archived in {results}")
+    return ending
+
+
+def run_jobs(console: Console, jobs: Sequence[Job], workers: int) -> tuple[Ending, list[Job]]:
+    """Run the remaining stages of jobs, report their progress, and return how it ended and which are done.
+
+    Args:
+        workers: number of parallel jobs.
+    """
     for job in jobs:
         for run, difference in job.mismatched_runs():
             print_text(console, f"note: {run} is not a run of {job.label}: {difference}", "yellow")
@@ -84,17 +103,7 @@ def run_study(
         with display.shown(), on_interrupt(runner.stop):
             runner.work(display.refresh)
     ending = _report_ending(console, runner)
-    if ending != "interrupted":
-        done = (progress.job for progress in runner.progress if progress.state == "done")
-        archived = [
-            archive(finished, results, job.experiment.name, job.seed)
-            for job in done
-            if (finished := job.finished())
-        ]
-        if archived:
-            write_json(results / STUDY, study.model_dump(mode="json"))
-        print_text(console, f"{count(len(archived), 'run')} archived in {results}")
-    return ending
+    return ending, [progress.job for progress in runner.progress if progress.state == "done"]
 
 
 @dataclass(eq=False)

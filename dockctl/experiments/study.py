@@ -165,6 +165,7 @@ class Job:
         scenario: resolved, with the seed.
         transfer: other scenarios to evaluate the policy on, as (source in the study, scenario name).
         folder: of the runs, ``<scenario>/<time>-seed<N>/``, and the log.
+        options: further ones of ``dockctl train``.
     """
 
     experiment: Experiment
@@ -172,6 +173,7 @@ class Job:
     scenario: Scenario
     transfer: tuple[tuple[str, str], ...]
     folder: Path
+    options: tuple[str, ...] = ()
 
     @property
     def label(self) -> str:
@@ -208,7 +210,7 @@ class Job:
         if run is None:
             settings = [word for setting in self.experiment.set for word in ("--set", setting)]
             arguments = [self.experiment.scenario, "--seed", str(self.seed), "--out", str(self.folder)]
-            return Stage("train", ("train", *arguments, *settings))
+            return Stage("train", ("train", *arguments, *settings, *self.options))
         return None if _finished(run) else Stage("resume", ("train", "--resume", str(run)))
 
     def finished(self) -> Path | None:
@@ -265,8 +267,11 @@ def _offset(row: dict[str, str]) -> tuple[bool, float, float]:
     return abs(turn) > SMALL_OFFSET_DEG, math.hypot(dx, dy), abs(turn)
 
 
-def make_jobs(experiments: Sequence[Experiment], out: Path) -> list[Job]:
+def make_jobs(experiments: Sequence[Experiment], out: Path, options: Sequence[str] = ()) -> list[Job]:
     """Return the jobs of the experiments in order, with run folders below `out`.
+
+    Args:
+        options: further ones of ``dockctl train``.
 
     Raises:
         DockctlError: a scenario of an experiment is invalid.
@@ -281,7 +286,8 @@ def make_jobs(experiments: Sequence[Experiment], out: Path) -> list[Job]:
             raise DockctlError("\n".join(lines), code=error.code) from None
         for seed in range(experiment.seeds):
             scenario = load(experiment.scenario, overrides=experiment.overrides(seed)).scenario
-            jobs.append(Job(experiment, seed, scenario, transfer, out / experiment.name))
+            folder = out / experiment.name
+            jobs.append(Job(experiment, seed, scenario, transfer, folder, tuple(options)))
     return jobs
 
 

@@ -73,6 +73,8 @@ def train(
     out: Path = Path("runs"),
     device: str = "cpu",
     trust: bool = False,
+    name: str | None = None,
+    tags: Sequence[str] = (),
     console: Console | None = None,
 ) -> TrainedRun:
     """Train a policy into a new run folder.
@@ -87,6 +89,7 @@ def train(
         out: parent of ``<scenario>/<time>-seed<N>/``.
         device: torch device of the networks.
         trust: run the plugins of a received scenario, see `dockctl.scenarios.loader.load`.
+        name, tags: of the run, for its provenance.
         console: shows the progress; standard output by default.
 
     Raises:
@@ -109,6 +112,7 @@ def train(
     run = RunDirectory.create(out, loaded.scenario.name, loaded.scenario.training.seed)
     with exclusive_lock(run.path):
         facts = provenance.collect(loaded.scenario.training.seed, sys.argv)
+        facts |= {"name": name, "tags": [*tags]}
         facts["sequence"] = RunDirectory.next_sequence(out)
         facts["plugins"] = run.copy_files(PLUGINS, loaded.plugin_files)
         facts["meshes"] = run.copy_files(MESHES, mesh_files(loaded.scenario))

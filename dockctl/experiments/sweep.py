@@ -1,0 +1,151 @@
+"""A sweep: one scenario trained with every combination of settings and several seeds."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Iterator, Sequence
+from itertools import product
+from pathlib import Path
+from typing import Any
+
+from rich.console import Console
+from rich.table import Table
+
+from dockctl.console import make_table, numeric, print_table, print_text
+from dockctl.errors import DockctlError
+from dockctl.experiments.runner import Ending, run_jobs
+from dockctl.experiments.study import Experiment, Job, make_jobs
+from dockctl.runs.directory import EVALUATION
+from dockctl.runs.files import require_writable
+from dockctl.runs.results import read_results
+from dockctl.runs.tables import START_KEYS, START_KINDS
+from dockctl.sim.world import load_checked
+
+MAX_COMBINATIONS = 1000
+TOKENS = re.compile(r"""("[^"]*"|'[^']*')|([\[{(])|([\]})])|(,)|.""", re.DOTALL)
+"""Quoted text, opening and closing brackets, commas, anything else."""
+
+
+def values(setting: str) -> list[str]:
+    """Return ``key=value`` for each value of ``key=value,value,...``.
+
+    Commas in brackets or quotes belong to a value: ``a=[1,2],[3]`` has two, ``a="1,2"`` has one.
+    """
+    key, equals, text = setting.partition("=")
+    found, depth = [""], 0
+    for token in TOKENS.finditer(text):
+        _, opening, closing, comma = token.groups()
+        depth += bool(opening) - bool(closing)
+        if comma and depth <= 0:
+            found.append("")
+        else:
+            found[-1] += token[0]
+    return [f"{key}{equals}{value.strip()}" for value in found] if len(found) > 1 else [setting]
+
+
+def is_list(setting: str) -> bool:
+    """Return whether a setting has several values."""
+    return len(values(setting)) > 1
+
+
+def experiments(scenario: str, settings: Sequence[str], seeds: int) -> list[Experiment]:
+    """Return one experiment for each combination of the values of `settings`, named after its values.
+
+    Raises:
+        DockctlError: a value is empty or comes twice, or there are too many combinations.
+    """
+    choices = [values(setting) for setting in settings]
+    for setting, options in zip(settings, choices, strict=True):
+        if len(options) > 1 and (len({*options}) < len(options) or any(o.endswith("=") for o in options)):
+            raise DockctlError(f"--set {setting}: expected different values, separated by commas")
+    combinations = list(product(*choices))
+    if len(combinations) > MAX_COMBINATIONS:
+        message = f"--set: {len(combinations):,} combinations, at most {MAX_COMBINATIONS:,}"
+        raise DockctlError(message, code="out_of_range")
+    varied = [i for i, options in enumerate(choices) if len(options) > 1]
+    names = [_name([combination[i] for i in varied]) for combination in combinations]
+    return [
+        Experiment(
+            name=name if names.count(name) == 1 else f"{number}-{name}",
+            group="sweep",
+            scenario=scenario,
+            seeds=seeds,
+            set=combination,
+        )
+        for number, (name, combination) in enumerate(zip(names, combinations, strict=True))
+    ]
+
+
+def _name(settings: Sequence[str]) -> str:
+    """Return ``boats-8_gamma-0.9`` for training.boats=8 and training.gamma=0.9: the name of a folder."""
+    split = (setting.partition("=") for setting in settings)
+    parts = [f"{key.rpartition('.')[2]}-{value}" for key, _, value in split]
+    return re.sub(r"[^\w.-]+", "-", "_".join(parts))[:50].strip("-._") or "all"
+
+
+def sweep(
+    scenario: str,
+    settings: Sequence[str],
+    seeds: int,
+    out: Path,
+    workers: int,
+    options: Sequence[str] = (),
+) -> Ending:
+    """Train and evaluate every combination with the seeds 0 to `seeds` - 1, and print a summary.
+
+    Finished runs are not repeated, and interrupted ones are resumed.
+
+    Args:
+        scenario: name or file.
+        settings: ``key=value`` or ``key=value,value,...``.
+        out: folder of the runs, ``<scenario>/<combination>/<scenario>/<time>-seed<N>/``.
+        workers: number of parallel trainings.
+        options: further ones of ``dockctl train``.
+
+    Raises:
+        DockctlError: a combination is invalid, or the folder cannot be written.
+    """
+    chosen = experiments(scenario, settings, seeds)
+    name = load_checked(scenario, overrides=chosen[0].overrides(0)).scenario.name
+    require_writable(out / name)
+    console, jobs = Console(), make_jobs(chosen, out / name, options)
+    print_text(console, f"{len(chosen)} combinations, {seeds} seeds; runs in {out / name}")
+    ending, done = run_jobs(console, jobs, workers)
+    if done:
+        print_table(console, summary(done))
+    return ending
+
+
+def summary(jobs: Sequence[Job]) -> Table:
+    """Return the table of the combinations: finished runs, and how many of all their starts dock."""
+    counted: dict[str, dict[str, list[tuple[int, int]]]] = {}
+    for job in jobs:
+        kinds = counted.setdefault(job.experiment.name, {})
+        for kind, facts in _evaluated(job):
+            kinds.setdefault(kind, []).append((facts["docked"], facts["episodes"]))
+    shown = list(dict.fromkeys(kind for kinds in counted.values() for kind in kinds))
+    table = make_table(
+        "combination", *numeric("runs", *(START_KINDS[kind] for kind in shown)), title="Docked"
+    )
+    for name, kinds in counted.items():
+        runs = sum(job.experiment.name == name for job in jobs)
+        table.add_row(name, f"{runs}", *(_docked(kinds.get(kind, [])) for kind in shown))
+    return table
+
+
+def _evaluated(job: Job) -> Iterator[tuple[str, dict[str, Any]]]:
+    """Yield kind of start and summary of the evaluation of a finished job."""
+    if (run := job.finished()) is not None:
+        facts = read_results(run / f"{EVALUATION}.json")
+        for kind, key in START_KEYS.items():
+            if facts.get(key):
+                yield kind, facts[key]
+
+
+def _docked(counts: Sequence[tuple[int, int]]) -> str:
+    """Return the share of all starts, and that of the worst and the best run if there are several."""
+    if not counts:
+        return "-"
+    shares = [docked / episodes for docked, episodes in counts if episodes]
+    total = sum(docked for docked, _ in counts) / sum(episodes for _, episodes in counts)
+    return f"{total:.0%}" + (f" ({min(shares):.0%} to {max(shares):.0%})" if len(shares) > 1 else "")

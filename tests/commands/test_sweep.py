@@ -1,0 +1,45 @@
+"""``dockctl train --seeds``: every combination is trained, evaluated and summarized, and not repeated."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+import pytest
+
+from tests.commands.conftest import QUICK, dockctl, only_run, quick_train
+
+
+@pytest.mark.slow
+def test_a_sweep_trains_every_combination_and_is_resumable(tmp_path: Path) -> None:
+    settings = [word for setting in QUICK for word in ("--set", setting)]
+    command = (
+        "train", "s1", "--seeds", 1, "--jobs", 2, "--steps", 120, "--tag", "quick", "--out", tmp_path,
+        *settings, "--set", "training.gamma=0.9,0.99",
+    )  # fmt: skip
+    first = dockctl(*command)
+    assert first.code == 0, first.out + first.err
+    runs = sorted((tmp_path / "s1").glob("*/s1/*-seed0"))
+    assert [run.parent.parent.name for run in runs] == ["gamma-0.9", "gamma-0.99"]
+    for run in runs:
+        assert json.loads((run / "provenance.json").read_text())["tags"] == ["quick"]
+        assert (run / "evaluation.json").is_file()
+        assert run.parent.parent.name in first.out
+    again = dockctl(*command)
+    assert again.code == 0
+    assert sorted((tmp_path / "s1").glob("*/s1/*-seed0")) == runs
+
+
+def test_name_and_tags_are_in_the_provenance(tmp_path: Path) -> None:
+    given = ("--steps", 60, "--name", "my run", "--tag", "a", "--tag", "b")
+    assert quick_train(tmp_path, "s1", *given).code == 0
+    facts = json.loads((only_run(tmp_path) / "provenance.json").read_text())
+    assert (facts["name"], facts["tags"]) == ("my run", ["a", "b"])
+
+
+@pytest.mark.parametrize("wrong", [("--seed", 1), ("--plugin", "x.py"), ("--trust",)])
+def test_options_of_a_single_training_are_refused(tmp_path: Path, wrong: tuple[object, ...]) -> None:
+    outcome = dockctl("train", "s1", "--seeds", 2, *wrong, "--out", tmp_path)
+    assert outcome.code == 2
+    assert str(wrong[0]) in outcome.err
+    assert not list(tmp_path.iterdir())
