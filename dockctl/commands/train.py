@@ -119,9 +119,8 @@ def train(
 def _sweep(
     scenario: str, settings: list[str], seeds: int, out: Path, jobs: int | None, options: list[str]
 ) -> None:
-    from dockctl.compute import usable_cores
     from dockctl.experiments.sweep import sweep
 
-    ending = sweep(scenario, settings, seeds, out, jobs or usable_cores(), options)
+    ending = sweep(scenario, settings, seeds, out, jobs, options)
     if ending != "done":
         raise typer.Exit(INTERRUPTED if ending == "interrupted" else FAILED)

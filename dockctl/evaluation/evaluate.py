@@ -155,8 +155,8 @@ def evaluate(
         on: run the episodes on Ray, see `dockctl.cluster.connected`; the result is the same.
 
     Raises:
-        DockctlError: there is no such policy or scenario, they do not fit, a pose is not free, or Ray cannot be
-            used.
+        DockctlError: there is no such policy or scenario, they do not fit, a pose is not free, or Ray cannot
+            be used.
     """
     loaded_policy = load_policy(policy)
     loaded = loaded_policy.scenario(scenario, overrides)

@@ -73,7 +73,7 @@ class LocalJob:
                     return False
                 if code == -signal.SIGKILL:
                     raise KilledError(f"{stage.name} was killed; was the memory full?")
-                if code or (stage.output and not stage.is_done):
+                if code or (stage.outputs and not stage.is_done):
                     raise DockctlError(last_line(self.job.log))
         return True
 

@@ -65,7 +65,7 @@ def run_study(
         require_writable(folder)
     jobs = make_jobs(experiments, out)
     console = Console()
-    ending, done = run_jobs(console, jobs, workers)
+    ending, done = run_jobs(console, jobs, workers, on)
     if ending != "interrupted":
         archived = [
             archive(finished, results, job.experiment.name, job.seed)
@@ -78,11 +78,13 @@ def run_study(
     return ending
 
 
-def run_jobs(console: Console, jobs: Sequence[Job], workers: int) -> tuple[Ending, list[Job]]:
+def run_jobs(
+    console: Console, jobs: Sequence[Job], workers: int | None = None, on: str | None = None
+) -> tuple[Ending, list[Job]]:
     """Run the remaining stages of jobs, report their progress, and return how it ended and which are done.
 
     Args:
-        workers: number of parallel jobs.
+        workers, on: see `run_study`.
     """
     for job in jobs:
         for run, difference in job.mismatched_runs():

@@ -88,7 +88,7 @@ def sweep(
     settings: Sequence[str],
     seeds: int,
     out: Path,
-    workers: int,
+    workers: int | None = None,
     options: Sequence[str] = (),
 ) -> Ending:
     """Train and evaluate every combination with the seeds 0 to `seeds` - 1, and print a summary.
@@ -99,7 +99,7 @@ def sweep(
         scenario: name or file.
         settings: ``key=value`` or ``key=value,value,...``.
         out: folder of the runs, ``<scenario>/<combination>/<scenario>/<time>-seed<N>/``.
-        workers: number of parallel trainings.
+        workers: number of parallel trainings; one per core by default.
         options: further ones of ``dockctl train``.
 
     Raises:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import os
+import shutil
 import signal
 import subprocess
 import sys
@@ -83,14 +84,15 @@ def test_resume_without_a_run_continues_the_latest_that_is_interrupted(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.chdir(tmp_path)
-    for seed in range(3):
-        assert quick_train(Path("runs"), "s1", "--seed", seed, "--steps", 120).code == 0
-    runs = [next(Path("runs").glob(f"*/*-seed{seed}")) for seed in range(3)]
-    for run in runs[:2]:
+    assert quick_train(Path("runs"), "s1", "--seed", 3, "--steps", 120).code == 0
+    finished = only_run(Path("runs"))
+    runs = [finished.with_name(f"2020010{day}-000000-seed3") for day in (2, 1)]
+    for sequence, run in enumerate(runs, start=2):  # the clock was turned back between them
+        shutil.copytree(finished, run)
         facts = json.loads((run / "provenance.json").read_text())
-        text = json.dumps({**facts, "finished": None, "stop_reason": "interrupted"})
-        (run / "provenance.json").write_text(text)
-    for run in reversed(runs[:2]):
+        facts |= {"finished": None, "stop_reason": "interrupted", "sequence": sequence}
+        (run / "provenance.json").write_text(json.dumps(facts))
+    for run in reversed(runs):
         outcome = dockctl("train", "--resume")
         assert outcome.code == 0, outcome.err
         assert f"run folder: {run}\n" in outcome.out
