@@ -22,22 +22,32 @@ def view(
     scenario: ScenarioOption = None,
     pose: Poses = None,
     out: Annotated[Path | None, typer.Option(help="The page; view-<name>.html by default.")] = None,
+    gif: Annotated[
+        Path | None, typer.Option(help="Write a film from above to this file, instead of the page.")
+    ] = None,
+    mp4: Annotated[
+        Path | None, typer.Option(help="Write a film as video; needs ffmpeg or the extra dockctl[video].")
+    ] = None,
     plugin: Plugins = None,
     trust: Trust = False,
 ) -> None:
-    """Write a 3-D replay as one HTML page that opens without a network.
+    """Write a 3-D replay as one HTML page that opens without a network, or a film.
 
     Example: dockctl view s3 --pose 25,0.5,175
     """
     from dockctl.errors import DockctlError
     from dockctl.evaluation.policies import load_policy
     from dockctl.evaluation.replay import page_data, preview, replay
+    from dockctl.reports import animation
     from dockctl.reports.replay import page
     from dockctl.runs.files import require_writable_file, write_atomically
     from dockctl.sim.world import load_checked
 
-    if out:
-        require_writable_file(out, ".html")
+    for path, suffix in ((out, ".html"), (gif, ".gif"), (mp4, ".mp4")):
+        if path:
+            require_writable_file(path, suffix)
+    if mp4:
+        animation.ffmpeg()  # fails before the episodes run
     poses = [parse_pose(text) for text in pose or ()]
     if source is not None and source.endswith((".yaml", ".yml")):
         if also or scenario is not None:
@@ -48,4 +58,9 @@ def view(
         sources = (source, *(also or ()))
         policies = [load_policy(policy, plugin_files=plugin or (), trust=trust) for policy in sources]
         shown, name = replay(policies, scenario, poses), policies[0].file_name
-    typer.echo(write_atomically(out or Path(f"view-{name}.html"), page(page_data(shown)).encode()))
+    data = page_data(shown)
+    if out or not (gif or mp4):
+        typer.echo(write_atomically(out or Path(f"view-{name}.html"), page(data).encode()))
+    for path, write in ((gif, animation.write_gif), (mp4, animation.write_mp4)):
+        if path:
+            typer.echo(write(path, shown.scene, data))

@@ -16,6 +16,7 @@ from dockctl.agents.interface import Policy
 from dockctl.analysis.episodes import ending
 from dockctl.compute import workers
 from dockctl.drawing import palette
+from dockctl.drawing.scene import Scene
 from dockctl.evaluation.policies import LoadedPolicy, load_policy
 from dockctl.evaluation.rollout import Episode, Rollout
 from dockctl.evaluation.starts import checked_starts, trajectory_starts
@@ -24,7 +25,7 @@ from dockctl.scenarios.base import Pose
 from dockctl.scenarios.harbor import layouts
 from dockctl.scenarios.loader import LoadedScenario
 from dockctl.scenarios.schema import Scenario, Task
-from dockctl.sim.harbor.build import Harbor, build_harbor
+from dockctl.sim.harbor.build import Harbor, build_harbor, build_scene
 from dockctl.sim.harbor.solids import hull_mesh, hull_outline
 from dockctl.sim.starts import Start
 
@@ -66,6 +67,11 @@ class Replay:
     scenario: Scenario
     harbor: Harbor
     tracks: list[Track]
+
+    @property
+    def scene(self) -> Scene:
+        """The harbor and the boat from above."""
+        return build_scene(self.harbor, self.scenario.vessel.hull)
 
 
 def replay(

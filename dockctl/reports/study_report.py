@@ -82,14 +82,9 @@ def study_page(title: str, folder: Path, trials: Sequence[Trial]) -> Page:
         page.add(
             overview, charts.interval_chart(name, "Share that docks", entries, percent=True, min=0, max=1)
         )
-    overview.tables.append(
-        Table(
-            "",
-            ("experiment", "about", "starts", "seeds", "docked", "success", "95 % interval"),
-            rows,
-            (3, 4, 5, 6),
-        )
-    )
+    columns = ("experiment", "about", "starts", "seeds", "docked", "success", "95 % interval")
+    if rows:
+        overview.tables.append(Table("", columns, rows, (3, 4, 5, 6)))
     for group in dict.fromkeys(trial.group for trial in trials):
         for trial in (t for t in trials if t.group == group):
             _trial_section(page, trial)

@@ -1,0 +1,292 @@
+"""Films of a replay: the boats from above and their commands (``dockctl view --gif, --mp4``)."""
+
+from __future__ import annotations
+
+import importlib
+import io
+import shutil
+import subprocess
+import tempfile
+from collections.abc import Iterator, Mapping, Sequence
+from contextlib import suppress
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from matplotlib.artist import Artist
+from matplotlib.axes import Axes
+from matplotlib.backends.backend_agg import FigureCanvasAgg
+from matplotlib.figure import Figure
+from matplotlib.lines import Line2D
+from matplotlib.patches import Circle, Polygon, Wedge
+from numpy.typing import NDArray
+from PIL import Image
+
+from dockctl.drawing import palette
+from dockctl.drawing.scene import Scene
+from dockctl.errors import DockctlError
+from dockctl.geometry import Floats, place_outline, wrap
+from dockctl.reports import plan_view
+from dockctl.reports.style import HALO, figure_style
+from dockctl.runs.files import write_atomically
+
+Frame = NDArray[np.uint8]
+SIZE_IN, DPI = (10.4, 6.0), 100
+"""Of a frame; the pixels are even numbers, as video formats require."""
+SPEED = 5.0
+"""Seconds of the episode per second of the film."""
+GIF_FPS, MP4_FPS = 10, 30
+HOLD_S = 1.5
+"""How long the last picture stays."""
+SHOWN_RANGE_M = 12.0
+PANELS = (
+    ("Distance to the goal [m]", "distance"),
+    ("Propeller force [N]", "force"),
+    ("Rudder angle [°]", "rudder"),
+)
+"""Titles of the curves, and their keys in `Boat.curves`."""
+
+
+@dataclass(frozen=True, eq=False)
+class Boat:
+    """One episode: poses (k, 3) [m, m, rad] and commands by step, and how it is drawn.
+
+    Attributes:
+        ranges: (k, sectors) nearest LiDAR return of each sector [m].
+        curves: by key of `PANELS`, (k,).
+        goals: x, y [m], heading [rad] and tolerance [m] of each goal.
+    """
+
+    label: str
+    color: str
+    ending: str
+    pose: Floats
+    ranges: Floats
+    curves: Mapping[str, Floats]
+    goals: Sequence[Sequence[float]]
+
+
+def boats(data: Mapping[str, Any]) -> list[Boat]:
+    """Return the episodes in the data of `dockctl.evaluation.replay.page_data`."""
+    return [
+        Boat(
+            label=episode["label"],
+            color=episode["color"],
+            ending=episode["text"],
+            pose=np.asarray(arrays["pose"], float),
+            ranges=np.asarray(arrays["ranges"], float),
+            curves={
+                "distance": _with_gap(arrays["distance_m"], arrays["phase"]),
+                "force": np.asarray(arrays["command"], float)[:, 0],
+                "rudder": np.degrees(np.asarray(arrays["command"], float)[:, 1]),
+            },
+            goals=[goal[:4] for goal in episode["goals"]],
+        )
+        for episode in data["episodes"]
+        for arrays in [episode["arrays"]]
+    ]
+
+
+def _with_gap(distance: Floats, phase: NDArray[np.uint8]) -> Floats:
+    """Return the distance without the step at which it is measured to another goal."""
+    changes = np.flatnonzero(np.diff(np.asarray(phase, int))) + 1
+    whole = np.array(distance, float)
+    whole[changes] = np.nan
+    return whole
+
+
+def frames(scene: Scene, data: Mapping[str, Any], fps: float) -> Iterator[Frame]:
+    """Yield the pictures of a film, (height, width, 3) RGB.
+
+    Args:
+        scene: plan view of the harbor.
+        data: of `dockctl.evaluation.replay.page_data`.
+        fps: pictures per second.
+    """
+    period_s, shown = data["period_s"], boats(data)
+    last = max(len(boat.pose) for boat in shown) - 1
+    with figure_style():
+        film = _Film(scene, shown, data["title"], period_s, data["range_m"])
+        count = int(np.ceil(last * period_s * fps / SPEED))
+        for i in range(count + 1):
+            picture = film.draw(min(i * SPEED / (fps * period_s), last))
+            yield picture
+        yield from [picture] * round(HOLD_S * fps)
+
+
+def write_gif(path: Path, scene: Scene, data: Mapping[str, Any]) -> Path:
+    """Write an animated GIF, which repeats.
+
+    Raises:
+        DockctlError: the file cannot be written.
+    """
+    pictures = (Image.fromarray(frame) for frame in frames(scene, data, GIF_FPS))
+    first = next(pictures).quantize(256, dither=Image.Dither.NONE)
+    others = (picture.quantize(palette=first, dither=Image.Dither.NONE) for picture in pictures)
+    content = io.BytesIO()
+    first.save(content, "GIF", save_all=True, append_images=others, duration=1000 // GIF_FPS, loop=0)
+    return write_atomically(path, content.getvalue())
+
+
+def write_mp4(path: Path, scene: Scene, data: Mapping[str, Any]) -> Path:
+    """Write an H.264 video.
+
+    Raises:
+        DockctlError: there is no ffmpeg, it fails, or the file cannot be written.
+    """
+    width, height = (round(side * DPI) for side in SIZE_IN)
+    raw = ("-f", "rawvideo", "-pix_fmt", "rgb24", "-s", f"{width}x{height}", "-r", str(MP4_FPS), "-i", "-")
+    coded = ("-c:v", "libx264", "-pix_fmt", "yuv420p", "-crf", "18", "-movflags", "+faststart")
+    with tempfile.TemporaryDirectory() as folder:
+        file = Path(folder) / "film.mp4"
+        with (Path(folder) / "errors").open("w+b") as errors:
+            command = [ffmpeg(), "-y", "-loglevel", "error", *raw, "-an", *coded, str(file)]
+            process = subprocess.Popen(command, stdin=subprocess.PIPE, stderr=errors)
+            assert process.stdin
+            with suppress(BrokenPipeError), process.stdin:  # it ended early: the exit status has the reason
+                for frame in frames(scene, data, MP4_FPS):
+                    process.stdin.write(frame.tobytes())
+            if process.wait():
+                errors.seek(0)
+                reason = errors.read().decode("utf-8", "replace").strip().splitlines()[-1:]
+                raise DockctlError(f"{path}: ffmpeg failed: {''.join(reason)}", code="not_writable")
+        return write_atomically(path, file.read_bytes())
+
+
+def ffmpeg() -> str:
+    """Return the path of ffmpeg: of the package imageio-ffmpeg, or that on the search path.
+
+    Raises:
+        DockctlError: there is none.
+    """
+    try:
+        return str(importlib.import_module("imageio_ffmpeg").get_ffmpeg_exe())
+    except (ImportError, RuntimeError):
+        if found := shutil.which("ffmpeg"):
+            return found
+    message = "an MP4 needs ffmpeg: pip install 'dockctl[video]', or install ffmpeg; --gif needs neither"
+    raise DockctlError(message, code="not_found")
+
+
+class _Film:
+    """Draws what does not move once, and the rest for each picture."""
+
+    def __init__(
+        self, scene: Scene, shown: Sequence[Boat], title: str, period_s: float, range_m: float
+    ) -> None:
+        self._boats, self._hull, self._period_s, self._range_m = shown, scene.hull, period_s, range_m
+        self._figure = Figure(figsize=SIZE_IN, dpi=DPI)
+        canvas: Any = FigureCanvasAgg(self._figure)  # its methods have no types
+        self._figure.text(0.02, 0.965, title, fontsize=12.5, fontweight="bold", va="top")
+        grid = self._figure.add_gridspec(
+            len(PANELS), 2, left=0.055, right=0.985, top=0.865, bottom=0.075, hspace=0.5, wspace=0.13,
+            width_ratios=(1.75, 1.0),
+        )  # fmt: skip
+        self._moving: list[Artist] = []
+        self._clock = self._add(self._figure.text(0.985, 0.965, "", fontsize=12.5, ha="right", va="top"))
+        self._harbor(self._figure.add_subplot(grid[:, 0]), scene)
+        self._lines = [
+            self._panel(self._figure.add_subplot(grid[row, 1]), text, key)
+            for row, (text, key) in enumerate(PANELS)
+        ]
+        canvas.draw()
+        self._canvas, self._background = canvas, canvas.copy_from_bbox(self._figure.bbox)
+
+    def _add(self, artist: Any) -> Any:
+        """Let an artist be drawn with every picture."""
+        artist.set_animated(True)
+        self._moving.append(artist)
+        return artist
+
+    def _harbor(self, ax: Axes, scene: Scene) -> None:
+        points = np.concatenate([boat.pose[:, :2] for boat in self._boats])
+        goals = np.unique(np.concatenate([boat.goals for boat in self._boats]), axis=0)
+        points = np.concatenate([points, goals[:, :2]])
+        plan = plan_view.extended(scene, points)
+        box = ax.get_position()
+        aspect = box.width * SIZE_IN[0] / (box.height * SIZE_IN[1])
+        view = plan_view.close_view(plan, points, aspect=(aspect, aspect))
+        plan_view.draw_harbor(ax, plan, view)
+        ax.set(xlabel="", ylabel="")
+        plan_view.draw_compass(ax, view)
+        for x, y, heading, radius in goals:
+            style: dict[str, Any] = {"radius": radius, "ec": palette.GOAL, "zorder": 3}
+            ax.add_patch(Circle((x, y), fc="none", lw=0.9, ls=(0, (1, 1.6)), **style))
+            plan_view.draw_boat(ax, scene.hull, np.array([x, y, heading]), palette.GOAL, dashed=True)
+        self._sectors: list[list[Wedge]] = []
+        self._trails: list[Line2D] = []
+        self._hulls: list[Polygon] = []
+        for boat in self._boats:
+            count = boat.ranges.shape[1] if len(self._boats) == 1 else 0
+            self._sectors.append([self._add(_sector(ax)) for _ in range(count)])
+            (trail,) = ax.plot([], [], color=boat.color, lw=1.8, zorder=6, path_effects=HALO)
+            self._trails.append(self._add(trail))
+            alpha = 1.0 if len(self._boats) == 1 else 0.8
+            hull = Polygon(scene.hull, fc=boat.color, ec="white", lw=1.0, alpha=alpha, zorder=8)
+            self._hulls.append(self._add(ax.add_patch(hull)))
+        labels = [f"{boat.label}: {boat.ending}" for boat in self._boats]
+        handles = [Line2D([], [], color=boat.color, lw=2.2) for boat in self._boats]
+        anchor: dict[str, Any] = {"loc": "lower left", "bbox_to_anchor": (-0.01, 1.0), "borderaxespad": 0.2}
+        if len(labels) <= 6:
+            ax.legend(handles, labels, ncols=min(3, len(labels)), fontsize=8, **anchor)
+
+    def _panel(self, ax: Axes, title: str, key: str) -> list[Line2D]:
+        """Draw the axes of a panel; return one growing line per boat."""
+        ax.set_title(title, loc="left", fontsize=9, fontweight="bold", pad=4)
+        curves = [boat.curves[key] for boat in self._boats]
+        low = min(0.0, *(np.nanmin(c) for c in curves))
+        high = max(0.0, *(np.nanmax(c) for c in curves))
+        margin = 0.08 * (high - low or 1.0)
+        ax.set(xlim=(0, self._period_s * max(len(c) - 1 for c in curves) or 1.0))
+        ax.set_ylim(low - margin, high + margin)
+        ax.axhline(0, color=palette.RULE, lw=0.8, zorder=1)
+        if key == PANELS[-1][1]:
+            ax.set_xlabel("Time [s]", labelpad=2)
+        else:
+            ax.tick_params(labelbottom=False)
+        style: dict[str, Any] = {"drawstyle": "steps-pre"} if key != "distance" else {}
+        return [self._add(ax.plot([], [], color=boat.color, lw=1.4, **style)[0]) for boat in self._boats]
+
+    def draw(self, step: float) -> Frame:
+        """Return the picture at a time, in control steps."""
+        self._clock.set_text(f"{step * self._period_s:.1f} s   {SPEED:g}×")
+        for i, boat in enumerate(self._boats):
+            at = min(step, len(boat.pose) - 1)
+            row = int(at)
+            pose = _between(boat.pose, at)
+            self._hulls[i].set_xy(place_outline(self._hull, pose))
+            self._trails[i].set_data(*np.concatenate([boat.pose[: row + 1, :2], pose[None, :2]]).T)
+            for number, wedge in enumerate(self._sectors[i]):
+                _place(wedge, pose, number, boat.ranges[row], self._range_m)
+            time = self._period_s * np.arange(row + 1)
+            for lines, (_, key) in zip(self._lines, PANELS, strict=True):
+                lines[i].set_data(time, boat.curves[key][: row + 1])
+        self._canvas.restore_region(self._background)
+        for artist in sorted(self._moving, key=lambda artist: artist.get_zorder()):
+            self._figure.draw_artist(artist)
+        return np.asarray(self._canvas.buffer_rgba())[..., :3].copy()
+
+
+def _sector(ax: Axes) -> Wedge:
+    wedge = Wedge((0, 0), 1.0, 0, 1, fc=palette.BLUE, ec="white", lw=0.8, alpha=0.22, zorder=5)
+    ax.add_patch(wedge)
+    return wedge
+
+
+def _place(wedge: Wedge, pose: Floats, number: int, ranges: Floats, range_m: float) -> None:
+    """Move a sector of the LiDAR with the boat, up to its nearest return."""
+    width, heading = 360 / len(ranges), float(np.degrees(pose[2]))
+    wedge.set_center((float(pose[0]), float(pose[1])))
+    wedge.set_theta1(heading - 180 + number * width)
+    wedge.set_theta2(heading - 180 + (number + 1) * width)
+    wedge.set_radius(min(float(ranges[number]), SHOWN_RANGE_M))
+    wedge.set_visible(bool(ranges[number] < range_m))
+
+
+def _between(poses: Floats, step: float) -> Floats:
+    """Return the pose between two steps, turning by the smaller angle."""
+    row = min(int(step), max(len(poses) - 2, 0))
+    change = poses[min(row + 1, len(poses) - 1)] - poses[row]
+    change[2] = wrap(change[2])
+    return np.asarray(poses[row] + (step - row) * change)

@@ -1,0 +1,117 @@
+"""What a report is made of: a run, a study, a comparison, or a training that is still running."""
+
+from __future__ import annotations
+
+import json
+import re
+import shutil
+from contextlib import ExitStack
+from pathlib import Path
+
+import pandas as pd
+import pytest
+
+from dockctl.errors import DockctlError
+from dockctl.experiments import report
+from dockctl.runs.files import exclusive_lock
+from tests.reports.synthetic import episodes, write_run
+
+
+def title(page: Path) -> str:
+    found = re.search(r"<h1>(.*?)</h1>", page.read_text(encoding="utf-8"))
+    assert found
+    return found[1]
+
+
+def quiet(text: str) -> None:
+    pass
+
+
+def test_the_study_has_its_own_title_and_experiments(tmp_path: Path) -> None:
+    results = tmp_path / "results" / "mine"
+    for name in ("small", "large"):
+        write_run(results / name / "seed0", count=20)
+    page = report.write_report(results, tmp_path / "page.html", note=quiet)
+    assert title(page) == "Study mine"
+    study = {
+        "name": "mine",
+        "title": "Does a larger batch help?",
+        "experiments": [
+            {"name": name, "group": "batch", "title": f"a {name} batch", "scenario": "s1"}
+            for name in ("large", "small", "of a part that has not run")
+        ],
+    }
+    study["experiments"][2]["name"] = "later"  # type: ignore[index]
+    (results / "study.json").write_text(json.dumps(study))
+    page = report.write_report(results, tmp_path / "page.html", note=quiet)
+    assert title(page) == "Does a larger batch help?"
+    headings = re.findall(r"<h2>(.*?)</h2>", page.read_text(encoding="utf-8"))
+    assert headings == ["large: a large batch", "small: a small batch"]
+
+
+def test_other_paths_are_errors(tmp_path: Path) -> None:
+    for source in (tmp_path / "nothing", tmp_path):
+        with pytest.raises(DockctlError) as error:
+            report.write_report(source, tmp_path / "page.html", note=quiet)
+        assert str(source) in str(error.value)
+    (tmp_path / "c.json").write_text("[1]")
+    with pytest.raises(DockctlError) as error:
+        report.write_report(tmp_path / "c.json", tmp_path / "page.html", note=quiet)
+    assert "c.json" in str(error.value)
+    assert not (tmp_path / "page.html").exists()
+
+
+def test_the_page_follows_a_training_until_it_ends(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    run, page = write_run(tmp_path / "run", count=40), tmp_path / "page.html"
+    (run / "trajectories.csv").unlink()
+    rows = (run / "episodes.csv").read_bytes()
+    (run / "episodes.csv").unlink()  # nothing to show yet
+    (run / "provenance.json").write_text(json.dumps({"finished": None, "stop_reason": None}))
+    seen: list[tuple[int, int | None] | None] = []
+    with ExitStack() as training:
+        training.enter_context(exclusive_lock(run))
+
+        def while_it_waits(seconds: float) -> None:
+            seen.append(shown(page) if page.exists() else None)
+            if len(seen) == 1:
+                (run / "episodes.csv").write_bytes(rows)
+            elif len(seen) == 2:
+                episodes(60).to_csv(run / "episodes.csv", index=False)
+            else:  # killed, without a word in the provenance
+                training.close()
+
+        monkeypatch.setattr(report.time, "sleep", while_it_waits)
+        assert report.follow(run, page, note=quiet) == page
+    assert seen == [None, (40, report.RELOAD_S), (60, report.RELOAD_S)]
+    assert shown(page) == (60, None)
+    assert [path.name for path in tmp_path.iterdir() if path.suffix != ".html"] == ["run"]
+
+
+def shown(page: Path) -> tuple[int, int | None]:
+    """Return the number of episodes in the page, and after how many seconds it loads itself again."""
+    found = re.search(r'id="data">(.*?)</script>', page.read_text(encoding="utf-8"), re.DOTALL)
+    assert found
+    data = json.loads(found[1])
+    (returns,) = (chart for chart in data["charts"].values() if chart["title"] == "Return")
+    dots = [line for line in returns["series"] if line["kind"] == "dots"]
+    return sum(len(line["x"]) for line in dots), data["reload_s"]
+
+
+def test_a_training_that_has_ended_is_written_once(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    run = write_run(tmp_path / "run", count=20)
+    (run / "provenance.json").write_text(json.dumps({"finished": "2026-01-01", "stop_reason": "steps"}))
+    monkeypatch.chdir(tmp_path)
+    page = report.follow(run, None, note=quiet)
+    assert page == Path("report-run.html")
+    assert shown(page)[1] is None
+    assert "The step limit is reached" in page.read_text(encoding="utf-8")
+
+
+def test_a_damaged_table_is_an_error(tmp_path: Path) -> None:
+    run = write_run(tmp_path / "run", count=20)
+    table = pd.read_csv(run / "episodes.csv").drop(columns="return")
+    table.to_csv(run / "episodes.csv", index=False)
+    with pytest.raises(DockctlError) as error:
+        report.write_report(run, tmp_path / "page.html", note=quiet)
+    assert "episodes.csv" in str(error.value)
+    shutil.rmtree(run)
