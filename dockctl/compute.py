@@ -91,6 +91,8 @@ def compiled(**options: Any) -> Callable[[Function], Function]:
 
     from numba import njit  # about half a second, which commands without a simulation do not need
 
+    _announce_compilation()
+
     def decorate(function: Function) -> Function:
         function.__qualname__ += f"_{_digest(Path(function.__code__.co_filename).parent)}"
         try:
@@ -99,6 +101,26 @@ def compiled(**options: Any) -> Callable[[Function], Function]:
             return cast("Function", njit(nogil=True, **options)(function))
 
     return decorate
+
+
+@cache
+def _announce_compilation() -> None:
+    """Log a warning, which is shown by default, when a function is compiled that is not in the cache."""
+    from numba.core import event
+
+    @cache
+    def announce() -> None:
+        log.warning("compiling the simulator and the learner (once, up to a minute)")
+
+    class Listener(event.Listener):  # type: ignore[misc]  # numba is untyped
+        def on_start(self, event: Any) -> None:
+            if event.data["dispatcher"].py_func.__module__.startswith("dockctl."):
+                announce()
+
+        def on_end(self, event: Any) -> None:
+            pass
+
+    event.register("numba:compile", Listener())
 
 
 @cache
@@ -173,7 +195,7 @@ def cached(name: str, inputs: Iterable[bytes], build: Callable[[], Arrays]) -> A
         os.utime(path)
         return arrays
     except (OSError, ValueError, EOFError, zipfile.BadZipFile):
-        log.info("building the %s table (once, a few seconds)", name)
+        log.warning("building the %s table (once, a few seconds)", name)
     arrays = build()
     try:
         _write(path, arrays)

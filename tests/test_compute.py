@@ -53,6 +53,14 @@ def test_the_second_call_builds_nothing() -> None:
     np.testing.assert_array_equal(cached("squares", [b"10"], never)["squares"], np.arange(10) ** 2)
 
 
+def test_building_is_shown_by_default(caplog: pytest.LogCaptureFixture) -> None:
+    for _ in range(2):
+        cached("squares", [b"10"], lambda: table(10))
+    (record,) = caplog.records
+    assert record.levelname == "WARNING"
+    assert "building the" in record.message
+
+
 def test_every_input_counts() -> None:
     cached("squares", [b"10", b"x"], lambda: table(10))
     for other in ([b"10"], [b"10", b"y"], [b"1", b"0x"], [b"10x"]):

@@ -8,10 +8,12 @@ import subprocess
 import sys
 import tomllib
 import zipfile
+from dataclasses import fields
 from itertools import chain
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 import pytest
 import typer
 from packaging.requirements import Requirement
@@ -20,12 +22,18 @@ from pydantic import BaseModel
 import dockctl
 from dockctl import plugins
 from dockctl.cli import app
+from dockctl.envs.observation import View
+from dockctl.experiments.dry_run import WALL
 from dockctl.plugins import ACTIONS, ALGORITHMS, CONDITIONS, RANGE_SENSORS
 from dockctl.runs.directory import SHIPPED
-from dockctl.scenarios.harbor import DEFAULT_MODELS
+from dockctl.scenarios.harbor import DEFAULT_MODELS, Marina
+from dockctl.scenarios.loader import load
 from dockctl.scenarios.schema import Scenario
 from dockctl.scenarios.training import THESIS
-from dockctl.sim.world import load_checked
+from dockctl.sim.goal import StepStatus
+from dockctl.sim.simulator import Simulator
+from dockctl.sim.starts import given_start, own_site
+from dockctl.sim.world import in_open_water, load_checked
 
 ROOT = Path(__file__).parents[1]
 DOCUMENTS = sorted([*ROOT.glob("*.md"), *ROOT.glob("docs/*.md"), *ROOT.glob("examples/**/*.md")])
@@ -194,6 +202,41 @@ class TestDocuments:
         assert scenarios
         for name in scenarios:
             assert load_checked(tmp_path / name).scenario.name == Path(name).stem
+
+    def test_a_berth_can_be_freed_as_the_page_says(self) -> None:
+        (override,) = re.findall(
+            r"`--set '(harbor\.rows[^']*)'`", (ROOT / "docs" / "scenario.md").read_text()
+        )
+        before, after = load("s3").scenario.harbor, load_checked("s3", overrides=[override]).scenario.harbor
+        assert isinstance(before, Marina) and isinstance(after, Marina)
+        free = [{*harbor.rows[0].free_y_m} for harbor in (before, after)]
+        assert len(free[1] - free[0]) == 1 and free[0] < free[1]
+
+    @pytest.mark.parametrize(
+        ("record", "heading"), [(StepStatus, "A reward term"), (View, "An observation part")]
+    )
+    def test_every_field_that_plugins_read_is_listed_with_its_shape(self, record: Any, heading: str) -> None:
+        text = (ROOT / "docs" / "plugins.md").read_text()
+        section = text.partition(f"\n## {heading}\n")[2].partition("\n## ")[0]
+        rows = re.findall(r"^\| `(\w+)` \| (\(.*?\).*?|tuple) \| (.*?) ?\| (.+) \|$", section, re.M)
+        listed = {name: shape for name, shape, _, _ in rows}
+        derived = {"speed_mps"} if record is StepStatus else set()
+        assert {*listed} == {field.name for field in fields(record)} | derived
+        scenario = load("s1").scenario
+        simulator = Simulator(scenario, [in_open_water(scenario.sensors.lidar.build(WALL))], 3)
+        site = own_site(scenario)
+        start = given_start(site, scenario.task, site.initial[0], 0)
+        simulator.reset(np.arange(3), [start] * 3, [np.random.default_rng(0)] * 3)
+        status = simulator.step(np.zeros((3, 2)))
+        found = status if record is StepStatus else View.of(simulator, status.sector_ranges_m)
+        for name, shape in listed.items():
+            numbers = shape.replace("sectors", str(simulator.sector_ranges_m.shape[1])).replace("n", "3", 1)
+            array = getattr(found, name)
+            if shape == "tuple":
+                assert isinstance(array, tuple)
+                continue
+            kind = {"b": " bool", "i": " int", "f": ""}[array.dtype.kind]
+            assert f"{array.shape}{kind}" == numbers, name
 
     def test_every_yaml_block_about_scenarios_is_valid(self, tmp_path: Path) -> None:
         blocks = re.findall(r"^```yaml\n(.*?)^```", (ROOT / "docs" / "scenario.md").read_text(), re.M | re.S)

@@ -77,6 +77,7 @@ class StepStatus:
         distance_m: delta d, from the center of gravity to the goal (eq. 3.5) [m].
         heading_error_rad: delta psi, heading minus the heading of the goal, wrapped to (-pi, pi] (eq. 3.6).
         previous_distance_m, previous_heading_error_rad: the same before the step, relative to the same goal.
+        eta: (n, 3) pose after the step, x, y [m] and heading [rad], world frame.
         nu: (n, 3) surge, sway [m/s] and yaw rate [rad/s] after the step.
         command, previous_command: (n, 2) propeller force [N] and rudder angle [rad].
         sector_ranges_m: (n, sectors) range of the nearest return in each sector [m].
@@ -88,6 +89,7 @@ class StepStatus:
     heading_error_rad: Floats
     previous_distance_m: Floats
     previous_heading_error_rad: Floats
+    eta: Floats
     nu: Floats
     command: Floats
     previous_command: Floats

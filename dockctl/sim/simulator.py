@@ -131,6 +131,7 @@ class Simulator:
             heading_error_rad=self.heading_error_rad.copy(),
             previous_distance_m=distance,
             previous_heading_error_rad=heading_error,
+            eta=self.eta.copy(),
             nu=self.nu.copy(),
             command=self.command.copy(),
             previous_command=previous_command,

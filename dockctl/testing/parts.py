@@ -256,6 +256,7 @@ def _step_values() -> Rows:
         "collided": event[0],
         "reached_intermediate": event[1],
         "reached_final": event[2],
+        "eta": rng.uniform(-1, 1, (BOATS, 3)) * [50.0, 50.0, np.pi],
     }
 
 
@@ -263,12 +264,10 @@ def _view_values() -> Rows:
     """Return random values of a `View` but the vessel's limits."""
     rng = np.random.default_rng(2)
     shared = {field.name for field in fields(View)} & {field.name for field in fields(StepStatus)}
-    poses = rng.uniform(-1, 1, (2, BOATS, 3)) * [50.0, 50.0, np.pi]
     return {
         **{key: value for key, value in _step_values().items() if key in shared},
-        "eta": poses[0],
         "apparent_wind": rng.uniform(-12, 12, (BOATS, 2)),
-        "goal": poses[1],
+        "goal": rng.uniform(-1, 1, (BOATS, 3)) * [50.0, 50.0, np.pi],
     }
 
 

@@ -8,7 +8,7 @@ from __future__ import annotations
 import os
 import socket
 import sys
-from collections.abc import Callable
+from contextlib import suppress
 from pathlib import Path
 
 import psutil
@@ -17,12 +17,11 @@ import pytest
 from dockctl import cluster
 from dockctl.errors import DockctlError
 from dockctl.evaluation import evaluate
-from dockctl.experiments.jobs import LocalJob, RunningJob
 from dockctl.experiments.runner import JobRunner
-from dockctl.experiments.study import Experiment, Job, make_jobs
+from dockctl.experiments.study import Experiment, make_jobs
 from tests.commands.conftest import QUICK, dockctl, only_run, quick_train
 
-TABLES = ("episodes.csv", "updates.csv", "evaluations.csv", "trajectories.csv", "evaluation.csv")
+TABLES = ("episodes.csv", "updates.csv", "evaluations.csv", "trajectories.csv")
 needs_ray = pytest.mark.skipif(not cluster.is_installed(), reason="dockctl[ray] is not installed")
 
 
@@ -37,50 +36,40 @@ def test_an_evaluation_on_ray_is_that_of_one_process(tmp_path: Path) -> None:
     assert here.as_json() == there.as_json()
 
 
-def work(job: Job, place: Callable[[Job], RunningJob], poll: Callable[[], None] = lambda: None) -> Path:
-    """Run a job to its end and return its run."""
-    runner = JobRunner([job], 1, lambda progress: None, place)
-    runner.work(poll)
-    (progress,) = runner.progress
-    assert progress.state == "done", progress.reason
-    run = job.finished()
-    assert run is not None
-    assert [*job.measurements()] == []
-    return run
-
-
 @pytest.mark.slow
 @needs_ray
 @pytest.mark.skipif(not os.environ.get("DOCKCTL_RAY"), reason="takes a minute; run with DOCKCTL_RAY=1")
 @pytest.mark.parametrize("victim", ["ray::Worker", "dockctl train"])
 def test_a_training_whose_worker_is_killed_ends_like_one_on_this_machine(tmp_path: Path, victim: str) -> None:
-    settings = (*QUICK, "training.total_steps=3000")
+    assert quick_train(tmp_path / "here", "s1", "--seed", 0, "--steps", 600).code == 0
+    settings = (*QUICK, "training.total_steps=600")
     experiment = {"name": "tiny", "group": "g", "scenario": "s1", "set": settings}
-
-    def job_in(out: Path) -> Job:
-        return make_jobs([Experiment.model_validate(experiment)], out)[0]
-
-    here, there = job_in(tmp_path / "here"), job_in(tmp_path / "there")
+    (job,) = make_jobs([Experiment.model_validate(experiment)], tmp_path / "there")
     killed: list[int] = []
 
     def kill() -> None:
         """Kill the worker once, when the head has a checkpoint."""
-        if not killed and [*there.folder.glob("*/*/checkpoints/last/learner.json")]:
+        if not killed and [*job.folder.glob("*/*/checkpoints/last/learner.json")] and not job.finished():
             for process in psutil.Process().children(recursive=True):
-                if victim in " ".join(process.cmdline()) and not there.finished():
-                    killed.append(process.pid)
-                    process.kill()
-                    return
+                with suppress(psutil.NoSuchProcess):
+                    if not killed and victim in " ".join(process.cmdline()):
+                        process.kill()
+                        killed.append(process.pid)
 
-    expected = work(here, LocalJob)
     with cluster.connected("ray"):
         from dockctl.experiments.ray_jobs import RayJob
 
-        found = work(there, RayJob, kill)
-    log = there.log.read_text()
+        runner = JobRunner([job], 1, lambda progress: None, RayJob)
+        runner.work(kill)
+    (progress,) = runner.progress
+    assert progress.state == "done", progress.reason
+    log = job.log.read_text()
     assert killed
     assert log.count("the worker was lost") == 1
     assert log.count("$ dockctl train --resume") == 1
+    found, expected = job.finished(), only_run(tmp_path / "here")
+    assert found is not None
+    assert [*job.measurements()] == []
     for name in TABLES:
         assert (found / name).read_bytes() == (expected / name).read_bytes(), name
 

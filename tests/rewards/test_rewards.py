@@ -34,6 +34,7 @@ def status(
         "heading_error_rad": np.radians([error_deg]),
         "previous_distance_m": np.array([distance]),
         "previous_heading_error_rad": np.radians([error_deg]),
+        "eta": np.zeros((1, 3)),
         "nu": np.array([[u, v, 0.7]]),
         "command": np.zeros((1, 2)),
         "previous_command": np.zeros((1, 2)),
