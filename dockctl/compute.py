@@ -112,7 +112,7 @@ def _announce_compilation() -> None:
     def announce() -> None:
         log.warning("compiling the simulator and the learner (once, up to a minute)")
 
-    class Listener(event.Listener):  # type: ignore[misc]  # numba is untyped
+    class Listener(event.Listener):
         def on_start(self, event: Any) -> None:
             if event.data["dispatcher"].py_func.__module__.startswith("dockctl."):
                 announce()
@@ -120,7 +120,7 @@ def _announce_compilation() -> None:
         def on_end(self, event: Any) -> None:
             pass
 
-    event.register("numba:compile", Listener())
+    event.register("numba:compile", Listener())  # type: ignore[no-untyped-call]
 
 
 @cache
