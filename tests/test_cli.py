@@ -77,6 +77,7 @@ def test_every_command_has_a_help_with_an_example(command: str) -> None:
     arguments = shlex.split(example)
     with parsed.make_context(command, list(arguments)):
         pass
+    assert "runs/" not in example  # the names of run folders differ
     for argument in arguments:
         if argument.endswith((".yaml", ".py")):
             assert (ROOT / argument).is_file()

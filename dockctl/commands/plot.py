@@ -17,7 +17,7 @@ def plot(
 ) -> None:
     """Draw the training and the trajectories of the best policy (PNG, SVG) from a run folder.
 
-    Example: dockctl plot runs/s3/20250101-120000-seed0
+    Example: dockctl plot --out figures/latest
     """
     from dockctl.reports.figures import figures
     from dockctl.runs.directory import DRAWN, FIGURES, RUNS, RunDirectory

@@ -27,7 +27,7 @@ def report(
 ) -> None:
     """Write one HTML page that opens without a network: figures with values, tables and the 3-D replay.
 
-    Example: dockctl report runs/s3/20250101-120000-seed0
+    Example: dockctl report --out report.html
     """
     from dockctl.experiments import report
     from dockctl.runs.files import require_writable_file

@@ -11,12 +11,13 @@ from rich.console import Console
 
 from dockctl.commands.options import Json, Plugins, Trust
 from dockctl.console import make_table, numeric, print_table, print_text
+from dockctl.runs.directory import RUNS, RunDirectory
 
 DIFFERENT = 1
 
 
 def verify(
-    run: Annotated[Path, typer.Argument(help="Run folder.")],
+    run: Annotated[Path | None, typer.Argument(help="Run folder; the latest in ./runs by default.")] = None,
     steps: Annotated[
         int, typer.Option(min=1, help="Environment steps to repeat, all boats together.")
     ] = 10_000,
@@ -30,12 +31,12 @@ def verify(
     0 if all rows are equal, and with 1 if one differs. A seed gives the same rows on the same machine; on
     another one rounding may differ.
 
-    Example: dockctl verify runs/s3/20250101-120000-seed0
+    Example: dockctl verify --steps 5000
     """
     from dockctl.experiments.verify import verify as repeat
 
     with Console(stderr=True).status("repeating the training"):
-        result = repeat(run, steps, plugin_files=plugin or (), trust=trust)
+        result = repeat(run or RunDirectory.latest(RUNS).path, steps, plugin_files=plugin or (), trust=trust)
     if json_:
         json_.write(asdict(result))
     console = Console()
