@@ -34,6 +34,8 @@ GROUPS = {
         "validate": "validate",
         "config": "config",
         "schema": "schema",
+        "runs": "runs",
+        "doctor": "doctor",
         "export": "export",
     },
 }

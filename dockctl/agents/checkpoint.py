@@ -308,6 +308,12 @@ def torch_device(name: str) -> torch.device:
     return device
 
 
+def devices() -> list[str]:
+    """Return the torch devices of this machine, with the names of GPUs."""
+    gpus = [f"cuda:{i} ({torch.cuda.get_device_name(i)})" for i in range(torch.cuda.device_count())]
+    return ["cpu", *gpus, *(["mps"] if torch.backends.mps.is_available() else [])]
+
+
 def find_policy(path: Path) -> Path:
     """Return the JSON file of the policy at `path`; in a run folder that of the best one, else of the last.
 

@@ -9,7 +9,7 @@ from __future__ import annotations
 import hashlib
 import os
 import re
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterable, Iterator, Mapping
 from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
@@ -80,7 +80,8 @@ def save_state(
         save_policy(folder, policy, card)
         of_policy = read_json(folder / f"{POLICY}.json")["facts_sha256"]
         save_pair(folder, LEARNER, small, {**facts, "blocks": blocks, "policy_facts_sha256": of_policy})
-    _remove_unused_blocks(run)
+    for file in unused_blocks(run, run.checkpoints(LAST)):
+        file.unlink(missing_ok=True)
 
 
 def load_state(run: RunDirectory) -> TrainingState:
@@ -169,13 +170,11 @@ def _block_file(run: RunDirectory, name: str) -> Path:
     return run.path / CHECKPOINTS / BLOCKS / f"{name}.safetensors"
 
 
-def _remove_unused_blocks(run: RunDirectory) -> None:
-    """Remove the blocks that no kept checkpoint lists."""
+def unused_blocks(run: RunDirectory, folders: Iterable[Path]) -> list[Path]:
+    """Return the files of the blocks that none of the checkpoints in `folders` lists."""
     used: set[str] = set()
-    for folder in run.checkpoints(LAST):
+    for folder in folders:
         with suppress(DockctlError):
             blocks = _blocks(read_json(folder / f"{LEARNER}.json"))
             used |= {name for names in blocks.values() for name in names}
-    for file in (run.path / CHECKPOINTS / BLOCKS).glob("*"):
-        if file.stem not in used:
-            file.unlink(missing_ok=True)
+    return [file for file in (run.path / CHECKPOINTS / BLOCKS).glob("*") if file.stem not in used]

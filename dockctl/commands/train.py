@@ -61,6 +61,10 @@ def train(
         str | None,
         typer.Option(metavar="stop|rollback|continue", help="When the training diverges; stop by default."),
     ] = None,
+    log: Annotated[
+        list[str] | None,
+        typer.Option(metavar="tensorboard|wandb", help="Also log the tables there; can be repeated."),
+    ] = None,
     device: Annotated[str, typer.Option(help="Torch device of the networks: cpu, cuda, ...")] = "cpu",
     plugin: Plugins = None,
     trust: Trust = False,
@@ -85,7 +89,9 @@ def train(
         if extra := [option for option, value in start.items() if value not in (None, [])]:
             raise DockctlError(f"--resume continues the run with its own settings: omit {', '.join(extra)}")
         path = Path(resume) if resume else RunDirectory.latest_interrupted(RUNS).path
-        run = experiments.resume(path, steps=steps, on_divergence=on_divergence, device=device, trust=trust)
+        run = experiments.resume(
+            path, steps=steps, on_divergence=on_divergence, device=device, trust=trust, log=log or ()
+        )
     elif seeds is not None or any(map(is_list, set_ or ())):
         if seed is not None or plugin or trust:
             message = (
@@ -96,6 +102,7 @@ def train(
         settings = [*(set_ or ()), *(f"{key}={value}" for key, value in limits.items() if value is not None)]
         options = ["--device", device, *([] if name is None else ["--name", name])]
         options += [word for each in tag or () for word in ("--tag", each)]
+        options += [word for each in log or () for word in ("--log", each)]
         _sweep(scenario or DEFAULT_SCENARIO, settings, seeds or 1, out or SWEEPS, jobs, options)
         return
     else:
@@ -111,6 +118,7 @@ def train(
             trust=trust,
             name=name,
             tags=tag or (),
+            log=log or (),
         )
     if run.reason == "interrupted":
         raise typer.Exit(INTERRUPTED)

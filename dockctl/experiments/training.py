@@ -26,6 +26,7 @@ from dockctl.evaluation.starts import evaluation_poses, trajectory_starts, valid
 from dockctl.experiments.dry_run import build_algorithm, dry_run
 from dockctl.experiments.interrupt import interruptible
 from dockctl.experiments.live import TrainingDisplay, best, clock
+from dockctl.experiments.logs import logged, require_logs
 from dockctl.experiments.memory import Estimate, require_memory
 from dockctl.runs import provenance
 from dockctl.runs.directory import (
@@ -75,6 +76,7 @@ def train(
     trust: bool = False,
     name: str | None = None,
     tags: Sequence[str] = (),
+    log: Sequence[str] = (),
     console: Console | None = None,
 ) -> TrainedRun:
     """Train a policy into a new run folder.
@@ -90,6 +92,7 @@ def train(
         device: torch device of the networks.
         trust: run the plugins of a received scenario, see `dockctl.scenarios.loader.load`.
         name, tags: of the run, for its provenance.
+        log: ``tensorboard`` or ``wandb``: logs of the tables, see `dockctl.experiments.logs`.
         console: shows the progress; standard output by default.
 
     Raises:
@@ -97,6 +100,7 @@ def train(
             nothing has been written then.
     """
     torch_device(device)
+    require_logs(log)
     changes = {
         "training.seed": seed,
         "training.total_steps": steps,
@@ -118,9 +122,11 @@ def train(
         facts["meshes"] = run.copy_files(MESHES, mesh_files(loaded.scenario))
         run.write_text(SCENARIO, dump(with_paths(loaded.scenario, facts["plugins"], facts["meshes"])))
         run.write_json(SCENE, session.worlds[own_site(loaded.scenario).harbor].scene().to_json())
+        facts["log"] = [*log]
         run.write_json(PROVENANCE, facts)
         remember_code(session.loaded.scenario)
-        return _run(session, run, console or Console(), resumed=False)
+        with logged(run, log):
+            return _run(session, run, console or Console(), resumed=False)
 
 
 def resume(
@@ -130,6 +136,7 @@ def resume(
     on_divergence: str | None = None,
     device: str = "cpu",
     trust: bool = False,
+    log: Sequence[str] = (),
     console: Console | None = None,
 ) -> TrainedRun:
     """Continue an interrupted training, or extend a finished one to `steps`, without its stop rule.
@@ -140,6 +147,7 @@ def resume(
 
     Args:
         trust: run the plugins of a run of somebody else, see `dockctl.scenarios.loader.load`.
+        log: other logs than those with which it was started, which continue.
 
     Raises:
         UntrustedError: the run has plugins that may not run.
@@ -150,6 +158,9 @@ def resume(
     run = RunDirectory.open(path)
     with exclusive_lock(run.path):
         facts = run.read_json(PROVENANCE)
+        own = facts.get("log", [])
+        logs = [*dict.fromkeys([*(map(str, own) if isinstance(own, list) else ()), *log])]
+        require_logs(logs)
         made = load_state(run).env_steps
         overrides = _extension(run, facts, made, steps)
         if on_divergence is not None:
@@ -164,9 +175,11 @@ def resume(
             run.write_text(SCENARIO, dump(with_paths(loaded.scenario, plugins, meshes)))
         again = {"at": provenance.now(), "env_steps": made, "command": sys.argv}
         facts |= {"finished": None, "stop_reason": None, "resumed": [*facts.get("resumed", []), again]}
+        facts["log"] = logs
         run.write_json(PROVENANCE, facts)
         remember_code(session.loaded.scenario)
-        return _run(session, run, console or Console(), resumed=True)
+        with logged(run, logs):
+            return _run(session, run, console or Console(), resumed=True)
 
 
 def replay(

@@ -14,6 +14,7 @@ Written by the training:
 ``evaluations.csv``       greedy episodes during training
 ``timing.csv``            wall-clock seconds, apart from the other tables, which repeat byte for byte
 ``trajectories.csv``      greedy episodes of the best policy, step by step
+``tensorboard/, wandb/``  logs of ``--log``, with the numbers of the tables
 ``checkpoints/best``      policy that docks from the most validation starts; ``best-1``, ``best-2`` are older
 ``checkpoints/last``      complete state of the training, for resuming; ``last-1``, ``last-2`` are older
 ``checkpoints/blocks``    large arrays of these states, such as the replay, in blocks that they share
@@ -51,7 +52,7 @@ import dockctl
 from dockctl.errors import DockctlError
 from dockctl.reading import read_json
 from dockctl.runs.files import exclusive_lock, make_folder, new_folder, sync, write_atomically, write_json
-from dockctl.runs.tables import Table
+from dockctl.runs.tables import Table, TableObserver
 
 RUNS = Path("runs")
 """Default folder of the trainings."""
@@ -91,7 +92,13 @@ def named_checkpoints() -> dict[str, Path]:
 
 
 class RunDirectory:
-    """One training run on disk. Files are replaced atomically; tables grow by complete rows."""
+    """One training run on disk. Files are replaced atomically; tables grow by complete rows.
+
+    Attributes:
+        observer: gets the rows of the tables that are opened after it is set.
+    """
+
+    observer: TableObserver | None = None
 
     def __init__(self, path: Path) -> None:
         self.path = path
@@ -233,7 +240,7 @@ class RunDirectory:
 
     def table(self, name: str, columns: Iterable[str]) -> Table:
         """Return the table `name`, to append rows."""
-        return Table(self.path / name, columns)
+        return Table(self.path / name, columns, self.observer)
 
     def inside(self, path: str) -> str:
         """Return the path relative to the run folder; unchanged for a file outside of it."""

@@ -207,3 +207,14 @@ def exclusive_lock(path: Path) -> Iterator[None]:
         yield
     finally:
         lock.release()
+
+
+def is_locked(folder: Path) -> bool:
+    """Return whether a process holds the lock of a folder."""
+    if not os.path.exists(folder / ".lock"):
+        return False
+    try:
+        with exclusive_lock(folder):
+            return False
+    except DockctlError:
+        return True

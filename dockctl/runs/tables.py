@@ -9,7 +9,7 @@ import os
 import re
 from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
-from typing import Any
+from typing import Any, Protocol
 
 from dockctl.reading import read_bytes
 from dockctl.runs.files import sync, write_atomically, writing
@@ -87,16 +87,27 @@ CONDITION_COLUMNS = {
 """Columns of trajectories that follow in scenarios with such conditions, by the key of ``info``."""
 
 
+class TableObserver(Protocol):
+    """Follows the tables of a training."""
+
+    def appended(self, table: str, rows: Sequence[Mapping[str, Value]]) -> None:
+        """Take rows that were appended to the table with this file name."""
+
+    def restored(self, env_steps: int) -> None:
+        """Forget all rows after `env_steps`: the training continues from there."""
+
+
 class Table:
     """A CSV file that grows by complete rows; the header is written with the first one.
 
     Args:
         path: the file; rows are appended if it exists.
         columns: the first columns; other keys of the first row are appended.
+        observer: gets every row.
     """
 
-    def __init__(self, path: Path, columns: Iterable[str]) -> None:
-        self._path = path
+    def __init__(self, path: Path, columns: Iterable[str], observer: TableObserver | None = None) -> None:
+        self._path, self._observer = path, observer
         self._columns = list(columns)
         self._take(self._read())
 
@@ -115,6 +126,8 @@ class Table:
         with writing(self._path), self._path.open("ab") as file:
             file.write(content)
         self._count(content)
+        if self._observer:
+            self._observer.appended(self._path.name, rows)
 
     def save(self) -> dict[str, Any]:
         """Wait until all rows are on the disk, and return what `restore` needs to return to this state.
@@ -152,6 +165,8 @@ class Table:
         if kept != content:
             write_atomically(self._path, kept)
         self._take(kept)
+        if self._observer:
+            self._observer.restored(env_steps)
         return lost
 
     def _read(self) -> bytes:

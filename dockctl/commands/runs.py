@@ -1,0 +1,92 @@
+"""``dockctl runs``: list run folders, and delete what is not needed."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+
+from dockctl.commands.options import Json
+from dockctl.console import make_table, numeric, print_text, table_console
+from dockctl.errors import DockctlError, nearest
+from dockctl.runs.directory import RUNS
+
+if TYPE_CHECKING:
+    from dockctl.runs.listing import RunSummary
+
+ACTIONS = ("list", "clean")
+
+
+def runs(
+    action: Annotated[
+        str, typer.Argument(metavar="|".join(ACTIONS), help="What to do.", autocompletion=lambda: [*ACTIONS])
+    ] = ACTIONS[0],
+    root: Annotated[Path, typer.Option(metavar="FOLDER", help="Folder of the runs.")] = RUNS,
+    yes: Annotated[bool, typer.Option("--yes", help="clean: delete, and do not only list.")] = False,
+    json_: Json = None,
+) -> None:
+    """List the runs with their state, or find out what of them can be deleted.
+
+    `clean` lists the runs without a checkpoint, and the older checkpoints of finished runs, which are there
+    in case that the newest is damaged. It deletes them with --yes. It leaves runs that are being trained,
+    and all tables and results of runs with a checkpoint.
+
+    Example: dockctl runs clean --root runs
+    """
+    if action not in ACTIONS:
+        message = f"'{action}': expected one of {', '.join(ACTIONS)}"
+        raise DockctlError(message, code="unknown_name", suggestion=nearest(action, ACTIONS))
+    if not root.is_dir():
+        raise DockctlError(f"{root}: no such folder", code="not_found")
+    if action == "clean":
+        _clean(root, yes, json_)
+    elif yes:
+        raise DockctlError("--yes: only `dockctl runs clean` deletes")
+    else:
+        _list(root, json_)
+
+
+def _list(root: Path, json_: Json) -> None:
+    from dockctl.runs.listing import runs_below, summarize
+
+    found = [summarize(run) for run in runs_below(root)]
+    if json_:
+        json_.write([run.to_json() for run in found])
+        return
+    seed, steps, success, size = numeric("seed", "steps", "success", "MB")
+    table = make_table("run", "name", "scenario", seed, "state", steps, success, "tags", size)
+    for run in found:
+        table.add_row(*_cells(run, root))
+    table_console().print(table)
+
+
+def _cells(run: RunSummary, root: Path) -> tuple[str, ...]:
+    steps = "" if run.env_steps is None else f"{run.env_steps:,}"
+    success = "" if run.success is None else f"{run.success:.0%}"
+    seed = "" if run.seed is None else str(run.seed)
+    where = str(run.path.relative_to(root))
+    return where, run.name, run.scenario, seed, run.state, steps, success, " ".join(run.tags), _mb(run.size)
+
+
+def _clean(root: Path, yes: bool, json_: Json) -> None:
+    from dockctl.experiments.clean import delete, garbage_below
+
+    found = list(garbage_below(root))
+    if yes:
+        for garbage in found:
+            delete(garbage)
+    if json_:
+        json_.write({"deleted": yes, "found": [garbage.to_json() for garbage in found]})
+        return
+    console = table_console()
+    table = make_table("run", "what", *numeric("files and folders", "MB"))
+    for garbage in found:
+        table.add_row(str(garbage.run), garbage.reason, str(len(garbage.paths)), _mb(garbage.size))
+    console.print(table)
+    total = f"{_mb(sum(garbage.size for garbage in found))} MB"
+    print_text(console, f"Deleted: {total}." if yes else f"{total}; nothing is deleted without --yes.")
+
+
+def _mb(size: int) -> str:
+    return f"{size / 1e6:,.1f}"

@@ -1,0 +1,70 @@
+"""What of the runs below a folder can be deleted."""
+
+from __future__ import annotations
+
+import shutil
+from collections.abc import Iterator
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from dockctl.agents.checkpoint import load_policy
+from dockctl.agents.training_state import load_state, unused_blocks
+from dockctl.errors import DockctlError
+from dockctl.runs.directory import BEST, LAST, RunDirectory
+from dockctl.runs.files import exclusive_lock, is_locked, writing
+from dockctl.runs.listing import FINISHED, runs_below, size_of, state_of
+
+
+@dataclass(frozen=True)
+class Garbage:
+    """What can be deleted of one run, and why; `size` in bytes."""
+
+    run: Path
+    paths: tuple[Path, ...]
+    reason: str
+    size: int
+
+    def to_json(self) -> dict[str, Any]:
+        """Return plain data."""
+        return {**vars(self), "run": str(self.run), "paths": [*map(str, self.paths)]}
+
+
+def garbage_below(root: Path) -> Iterator[Garbage]:
+    """Yield what can be deleted of the runs in a folder and its subfolders, but of those in use.
+
+    A run without any checkpoint can go as a whole: it can be neither resumed nor evaluated. Of a finished one
+    the older checkpoints can, which are there in case that the newest is damaged, if the newest is intact.
+    """
+    for run in runs_below(root):
+        if is_locked(run.path):
+            continue
+        best, last = run.checkpoints(BEST), run.checkpoints(LAST)
+        if not best and not last:
+            yield Garbage(run.path, (run.path,), "no checkpoint", size_of(run.path))
+        elif (best[1:] or last[1:]) and state_of(run) == FINISHED and _newest_are_intact(run):
+            paths = (*best[1:], *last[1:], *unused_blocks(run, last[:1]))
+            yield Garbage(run.path, paths, "older checkpoints", sum(map(size_of, paths)))
+
+
+def delete(garbage: Garbage) -> None:
+    """Delete what can be deleted of a run, unless a process has begun to use it.
+
+    Raises:
+        DockctlError: it is in use, or cannot be deleted.
+    """
+    with exclusive_lock(garbage.run), writing(garbage.run):
+        for path in garbage.paths:
+            if path.is_dir():
+                shutil.rmtree(path)
+            else:
+                path.unlink(missing_ok=True)
+
+
+def _newest_are_intact(run: RunDirectory) -> bool:
+    try:
+        for folder in run.checkpoints(BEST)[:1]:
+            load_policy(folder)
+        return not run.checkpoints(LAST) or not load_state(run).damaged
+    except DockctlError:
+        return False

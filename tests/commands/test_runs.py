@@ -1,0 +1,129 @@
+"""`dockctl runs`: what is listed, and that `clean` deletes only what it says, and only with --yes."""
+
+from __future__ import annotations
+
+import json
+import shutil
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from dockctl.agents.checkpoint import find_policy
+from dockctl.agents.training_state import load_state
+from dockctl.runs.directory import RunDirectory
+from dockctl.runs.files import exclusive_lock
+from tests.commands.conftest import Outcome, dockctl
+
+
+@pytest.fixture
+def root(trained: tuple[Path, Outcome], tmp_path: Path) -> Path:
+    """A finished run, one that is interrupted, one without a checkpoint, and one in a subfolder."""
+    root = tmp_path / "runs"
+    for name in ("s1/finished", "s1/interrupted", "s1/empty", "reproduce/study/s1/deep"):
+        shutil.copytree(trained[0], root / name)
+    change(root / "s1/interrupted", finished=None, stop_reason="interrupted")
+    change(root / "s1/finished", name="mine", tags=["a", "b"])
+    shutil.rmtree(root / "s1/empty/checkpoints")
+    shutil.copytree(
+        root / "s1/finished/checkpoints/last", root / "s1/finished/checkpoints/last-1", dirs_exist_ok=True
+    )
+    (root / "s1/finished/checkpoints/blocks").mkdir(exist_ok=True)
+    (root / "s1/finished/checkpoints/blocks/unused.safetensors").write_bytes(b"x" * 1000)
+    shutil.rmtree(root / "reproduce/study/s1/deep/checkpoints/last-1", ignore_errors=True)
+    shutil.rmtree(root / "reproduce/study/s1/deep/checkpoints/last-2", ignore_errors=True)
+    shutil.rmtree(root / "reproduce/study/s1/deep/checkpoints/best-1", ignore_errors=True)
+    return root
+
+
+def change(run: Path, **facts: Any) -> None:
+    path = run / "provenance.json"
+    path.write_text(json.dumps(json.loads(path.read_text()) | facts))
+
+
+def listed(root: Path) -> dict[str, dict[str, Any]]:
+    rows = json.loads(dockctl("runs", "--root", root, "--json", "-").out)
+    return {Path(row["path"]).name: row for row in rows}
+
+
+def files(root: Path) -> dict[Path, bytes]:
+    return {path: path.read_bytes() for path in root.rglob("*") if path.is_file() and path.name != ".lock"}
+
+
+def test_the_list(root: Path) -> None:
+    found = listed(root)
+    assert set(found) == {"finished", "interrupted", "empty", "deep"}
+    mine = found["finished"]
+    assert (mine["name"], mine["scenario"], mine["seed"], mine["state"]) == ("mine", "s1", 3, "finished")
+    assert (mine["tags"], mine["env_steps"], mine["measured"]) == (["a", "b"], 300, "validation")
+    assert 0 <= mine["success"] <= 1
+    assert mine["size"] == sum(
+        path.stat().st_size for path in (root / "s1/finished").rglob("*") if path.is_file()
+    )
+    assert found["interrupted"]["state"] == "interrupted"
+    change(root / "s1/interrupted", stop_reason="diverged")
+    (root / "s1/empty/provenance.json").write_text("{")
+    with exclusive_lock(root / "s1/finished"):
+        states = {name: row["state"] for name, row in listed(root).items()}
+    assert states == {
+        "finished": "training",
+        "interrupted": "diverged",
+        "empty": "damaged",
+        "deep": "finished",
+    }
+    table = dockctl("runs", "--root", root)
+    assert (table.code, "mine" in table.out) == (0, True)
+
+
+def test_success_is_that_of_the_evaluation(root: Path) -> None:
+    (root / "s1/finished/evaluation.json").write_text(json.dumps({"random_starts": {"success": 0.75}}))
+    assert (listed(root)["finished"]["success"], listed(root)["finished"]["measured"]) == (0.75, "evaluation")
+    (root / "s1/finished/evaluation.json").write_text(json.dumps({"random_starts": 3}))
+    assert listed(root)["finished"]["measured"] == "validation"
+
+
+def test_clean_deletes_only_with_yes_and_only_what_it_lists(root: Path) -> None:
+    before = files(root)
+    outcome = dockctl("runs", "clean", "--root", root, "--json", "-")
+    found = {Path(row["run"]).name: row for row in json.loads(outcome.out)["found"]}
+    assert {name: row["reason"] for name, row in found.items()} == {
+        "finished": "older checkpoints",
+        "empty": "no checkpoint",
+    }
+    assert files(root) == before
+    assert dockctl("runs", "clean", "--root", root, "--yes").code == 0
+    gone = [Path(path) for row in found.values() for path in row["paths"]]
+    after = files(root)
+    assert after == {
+        path: content
+        for path, content in before.items()
+        if not any(path.is_relative_to(place) for place in gone)
+    }
+    size = sum(len(content) for path, content in before.items() if path not in after)
+    assert size == pytest.approx(sum(row["size"] for row in found.values()), abs=10)
+    run = RunDirectory(root / "s1/finished")
+    assert sorted(path.name for path in (run.path / "checkpoints").iterdir()) == ["best", "blocks", "last"]
+    assert find_policy(run.path) == run.path / "checkpoints/best/policy.json"
+    assert load_state(run).env_steps == 300
+    assert json.loads(dockctl("runs", "clean", "--root", root, "--json", "-").out)["found"] == []
+
+
+def test_a_run_in_use_is_left(root: Path) -> None:
+    before = files(root)
+    with exclusive_lock(root / "s1/finished"), exclusive_lock(root / "s1/empty"):
+        assert dockctl("runs", "clean", "--root", root, "--yes").code == 0
+    assert files(root) == before
+
+
+def test_older_checkpoints_are_left_where_the_newest_is_damaged(root: Path) -> None:
+    (root / "s1/finished/checkpoints/last/learner.safetensors").write_bytes(b"")
+    dockctl("runs", "clean", "--root", root, "--yes")
+    assert (root / "s1/finished/checkpoints/last-1").is_dir()
+
+
+def test_mistakes(root: Path) -> None:
+    assert dockctl("runs", "--root", root / "gone").error_code == "not_found"
+    assert dockctl("runs", "cleen", "--root", root).error_code == "unknown_name"
+    before = files(root)
+    assert dockctl("runs", "--root", root, "--yes").code == 2
+    assert files(root) == before
