@@ -6,9 +6,11 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
 import typer
+from rich.console import Console
+from rich.text import Text
 
 from dockctl.commands.options import Json
-from dockctl.console import make_table, numeric, print_text, table_console
+from dockctl.console import make_table, numeric, print_table, print_text
 from dockctl.errors import DockctlError, nearest
 from dockctl.runs.directory import RUNS
 
@@ -57,8 +59,8 @@ def _list(root: Path, json_: Json) -> None:
     seed, steps, success, size = numeric("seed", "steps", "success", "MB")
     table = make_table("run", "name", "scenario", seed, "state", steps, success, "tags", size)
     for run in found:
-        table.add_row(*_cells(run, root))
-    table_console().print(table)
+        table.add_row(*map(Text, _cells(run, root)))  # a name may look like markup
+    print_table(Console(), table)
 
 
 def _cells(run: RunSummary, root: Path) -> tuple[str, ...]:
@@ -79,13 +81,12 @@ def _clean(root: Path, yes: bool, json_: Json) -> None:
     if json_:
         json_.write({"deleted": yes, "found": [garbage.to_json() for garbage in found]})
         return
-    console = table_console()
     table = make_table("run", "what", *numeric("files and folders", "MB"))
     for garbage in found:
-        table.add_row(str(garbage.run), garbage.reason, str(len(garbage.paths)), _mb(garbage.size))
-    console.print(table)
+        table.add_row(Text(str(garbage.run)), garbage.reason, str(len(garbage.paths)), _mb(garbage.size))
+    print_table(Console(), table)
     total = f"{_mb(sum(garbage.size for garbage in found))} MB"
-    print_text(console, f"Deleted: {total}." if yes else f"{total}; nothing is deleted without --yes.")
+    print_text(Console(), f"Deleted: {total}." if yes else f"{total}; nothing is deleted without --yes.")
 
 
 def _mb(size: int) -> str:
