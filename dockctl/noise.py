@@ -54,6 +54,20 @@ def normals(seeds: Seeds, index: Ints, count: int) -> Floats:
     return numbers
 
 
-def draw_seed(rng: np.random.Generator) -> np.uint64:
-    """Return a seed drawn from a generator."""
-    return np.uint64(rng.integers(2**63))
+@compiled()
+def derived_seeds(seeds: Seeds, index: Ints) -> Seeds:
+    """Return a new seed for each seed and index (n,)."""
+    derived = np.empty(len(seeds), np.uint64)
+    for row in range(len(seeds)):
+        derived[row] = bits(seeds[row], index[row])
+    return derived
+
+
+@compiled()
+def uniforms(seeds: Seeds, count: int) -> Floats:
+    """Return the first `count` uniform numbers of n seeds, (n, count)."""
+    numbers = np.empty((len(seeds), count))
+    for row in range(len(seeds)):
+        for k in range(count):
+            numbers[row, k] = uniform(seeds[row], k)
+    return numbers

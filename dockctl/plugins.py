@@ -250,6 +250,9 @@ BUILTINS = (
     "dockctl.sim.conditions.wind",
     "dockctl.sim.conditions.actuators",
     "dockctl.sim.conditions.navigation",
+    "dockctl.sim.conditions.lidar_noise",
+    "dockctl.sim.conditions.uncertainty",
+    "dockctl.sim.conditions.shallow_water",
     "dockctl.agents.algorithms",
 )
 """Modules that register the package's own entries; add a line for a new one."""

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 from scipy import stats
 
-from dockctl.noise import bits, draw_seed, normals, uniform
+from dockctl.noise import bits, derived_seeds, normals, uniform, uniforms
 
 
 def test_the_bits_are_those_of_splitmix64() -> None:
@@ -24,5 +24,8 @@ def test_normal_numbers_are_normal_and_independent() -> None:
 
 
 def test_uniform_numbers_are_in_their_interval() -> None:
-    numbers = [uniform(draw_seed(np.random.default_rng(0)), i) for i in range(5000)]
-    assert stats.kstest(numbers, "uniform").pvalue > 0.01
+    seeds = derived_seeds(np.arange(500, dtype=np.uint64), np.arange(500))
+    numbers = uniforms(seeds, 10)
+    assert stats.kstest(numbers.ravel(), "uniform").pvalue > 0.01
+    assert numbers[3, 7] == uniform(seeds[3], 7)
+    assert len({*seeds.tolist()}) == 500

@@ -14,7 +14,8 @@ from __future__ import annotations
 
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Sequence
-from typing import TYPE_CHECKING, Annotated, Any, Protocol, TypeVar
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Annotated, Any, Protocol, TypeVar, runtime_checkable
 
 import numpy as np
 from numpy.typing import NDArray
@@ -179,6 +180,26 @@ class ActionType(Kind, ABC):
         return
 
 
+@dataclass(frozen=True)
+class RangeNoise:
+    """Noise of one scan of n boats, each (n,).
+
+    Attributes:
+        seeds: of the scan, uint64.
+        sigma_m: standard deviation of each return [m].
+        lost_returns, lost_sectors: shares that are lost.
+    """
+
+    seeds: NDArray[np.uint64]
+    sigma_m: Floats
+    lost_returns: Floats
+    lost_sectors: Floats
+
+    def of(self, rows: Ints) -> RangeNoise:
+        """Return the noise of these boats (k,)."""
+        return RangeNoise(*(values[rows] for values in vars(self).values()))
+
+
 class RangeSensor(Protocol):
     """A range sensor in one harbor. Poses are x, y [m] and heading [rad] in the world frame."""
 
@@ -197,6 +218,18 @@ class RangeSensor(Protocol):
 
     def points(self, pose: Floats) -> Floats:
         """Return all returns (k, 3) [m] in the body frame from one pose (3,), for drawings."""
+        ...
+
+
+@runtime_checkable
+class NoisyRangeSensor(RangeSensor, Protocol):
+    """A range sensor that can scan with noise."""
+
+    def noisy_sector_ranges(self, eta: Floats, noise: RangeNoise) -> Floats:
+        """Return `sector_ranges` (n, sectors) [m] of returns with errors, and without those that are lost.
+
+        The noise of row i depends on its seed alone. Lost sectors are not the sensor's concern.
+        """
         ...
 
 
@@ -248,6 +281,17 @@ class Disturbance:
             nu: (n, 3) u, v [m/s] and r [rad/s] over ground.
         """
         return 0.0
+
+    def range_noise(self) -> RangeNoise | None:
+        """Return the noise of the range sensor's next scan."""
+        return None
+
+    def coefficient_factors(self) -> dict[str, Floats]:
+        """Return factors (n,) of the vessel's coefficients, by their key in the vessel's file.
+
+        They are read at the start of an episode; those of several conditions are multiplied.
+        """
+        return {}
 
     def actuate(self, commands: Floats, substep_s: float) -> Floats:
         """Return the propeller force [N] and rudder angle [rad], (n, k, 2), that answer the commands.

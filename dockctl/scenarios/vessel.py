@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Mapping
 from itertools import product
 from typing import Annotated, Self
 
 import numpy as np
 from numpy.typing import NDArray
-from pydantic import Field, model_validator
+from pydantic import Field, ValidationError, model_validator
 
 from dockctl.scenarios.base import Count, FieldError, Model, NonNegative, Number, Positive
 
@@ -75,6 +76,23 @@ class Vessel(Model):
                 [0.0, -self.Y_rdot_kgm, self.yaw_inertia_kgm2 - self.N_rdot_kgm2],
             ]
         )
+
+    def require_scalable(self, factors: Mapping[str, float], field: str) -> None:
+        """Check that the vessel remains valid if its coefficients are multiplied by factors.
+
+        Args:
+            factors: by the name of the coefficient.
+            field: that causes them, for the error.
+
+        Raises:
+            FieldError: it does not.
+        """
+        scaled = {name: getattr(self, name) * factor for name, factor in factors.items()}
+        try:
+            Vessel.model_validate({**dict(self), **scaled})
+        except ValidationError as error:
+            reason = error.errors()[0]["msg"].removeprefix("Value error, ")
+            raise FieldError(field, f"changes the vessel too much: {reason}", "out_of_range") from None
 
     @model_validator(mode="after")
     def _inertia_is_positive_definite(self) -> Self:

@@ -10,13 +10,14 @@ from numpy.typing import NDArray
 
 from dockctl.errors import DockctlError, require_shape
 from dockctl.geometry import Bools, Floats, Ints, rotate
+from dockctl.noise import uniforms
 from dockctl.plugins import CONDITIONS, RANGE_SENSORS, Guard
-from dockctl.scenarios.extensions import Disturbance
+from dockctl.scenarios.extensions import Disturbance, NoisyRangeSensor, RangeNoise
 from dockctl.scenarios.schema import Scenario
 from dockctl.sim.collision import first_contact
 from dockctl.sim.goal import TO_FINAL, StepStatus, measure, reached
 from dockctl.sim.starts import Start
-from dockctl.sim.vessel import VesselModel
+from dockctl.sim.vessel import VesselModel, coefficients
 from dockctl.sim.world import World, prepare
 
 Answer = TypeVar("Answer", bound=NDArray[Any])
@@ -63,10 +64,19 @@ class Simulator:
         for guard, condition in zip(self._conditions, scenario.conditions.values(), strict=True):
             with guard:
                 self.disturbances.append(condition.build(num_boats))
+        self._range_m = scenario.sensors.lidar.range_m
+        noisy = sum(type(each).range_noise is not Disturbance.range_noise for each in self.disturbances)
+        if noisy > 1:
+            raise DockctlError("conditions: more than one is noise of the range sensor", code="mismatch")
+        if noisy and not all(isinstance(world.lidar, NoisyRangeSensor) for world in worlds):
+            kind = scenario.sensors.lidar.kind
+            message = f"the range sensor '{kind}' has no noisy_sector_ranges, which the conditions need"
+            raise DockctlError(message, code="mismatch")
         self.eta = np.zeros((num_boats, 3))
         self.nu = np.zeros((num_boats, 3))
         self.command = np.zeros((num_boats, 2))
         self.actuation = np.zeros((num_boats, 2))
+        self._coefficients: Floats | None = None
         self.phase = np.zeros(num_boats, np.int64)
         self.goals = np.zeros((num_boats, 2, 3))
         self.harbor = np.zeros(num_boats, np.int64)
@@ -105,6 +115,7 @@ class Simulator:
             for guard, disturbance in zip(self._conditions, self.disturbances, strict=True):
                 with guard:
                     disturbance.reset(rows, drawn)
+        self._scale_coefficients(rows)
         self._measure()
         self.sector_ranges_m[rows] = self.scan(rows)
 
@@ -175,6 +186,7 @@ class Simulator:
         for guard, disturbance, own in conditions:
             with guard:
                 disturbance.restore(own)
+        self._scale_coefficients(np.arange(len(self.eta)))
 
     def scan(self, rows: Ints | None = None) -> Floats:
         """Return the sector ranges (k, sectors) [m] of the boats in `rows` (k,), by default of all.
@@ -183,10 +195,30 @@ class Simulator:
             DockctlError: the sensor returned another shape.
         """
         boats, sectors = self.sector_ranges_m.shape
+        noise = self._range_noise()
+
+        def ranges_of(world: World, rows: Ints) -> Floats:
+            if noise is None:
+                return world.lidar.sector_ranges(self.eta[rows])
+            assert isinstance(world.lidar, NoisyRangeSensor)  # by `__init__`
+            return world.lidar.noisy_sector_ranges(self.eta[rows], noise.of(rows))
+
         with self._sensor:
-            ranges = self.in_harbors(lambda world, rows: world.lidar.sector_ranges(self.eta[rows]), rows)
+            ranges = self.in_harbors(ranges_of, rows)
             require_shape("the range sensor", ranges.shape, (boats if rows is None else len(rows), sectors))
+        if noise is not None:
+            own = noise if rows is None else noise.of(rows)
+            lost = uniforms(own.seeds + np.uint64(2), sectors) < own.lost_sectors[:, None]
+            ranges = np.where(lost, self._range_m, ranges)
         return ranges
+
+    def _range_noise(self) -> RangeNoise | None:
+        """Return the noise of the next scan, if a condition defines it."""
+        for guard, disturbance in zip(self._conditions, self.disturbances, strict=True):
+            with guard:
+                if (noise := disturbance.range_noise()) is not None:
+                    return noise
+        return None
 
     def in_harbors(self, query: Callable[[World, Ints], Answer], rows: Ints | None = None) -> Answer:
         """Evaluate a function of world and boats for each boat, in the boat's own world.
@@ -225,7 +257,7 @@ class Simulator:
         if self.disturbances:
             tau = tau + self._sum("force", 3, before, self.nu)[:, None]
             nu_r = nu_r - _in_body_frame(current, before[:, 2])
-        eta, nu, travel = self.vessel.step_and_travel(before, nu_r, tau)
+        eta, nu, travel = self.vessel.step_and_travel(before, nu_r, tau, self._coefficients)
         if self.disturbances:
             eta[:, :2] += current * period
             nu += _in_body_frame(current, eta[:, 2])
@@ -239,7 +271,8 @@ class Simulator:
             obstacles = self.worlds[int(self.harbor[row])].obstacles
             if obstacles.blocked(eta[[row]])[0]:
                 continue
-            path = self.vessel.path(before[[row]], nu_r[[row]], tau[[row]])[0]
+            own = None if self._coefficients is None else self._coefficients[[row]]
+            path = self.vessel.path(before[[row]], nu_r[[row]], tau[[row]], own)[0]
             flow = np.tile(current[row], (len(path), 1))
             path[:, :2] += flow * np.linspace(0, period, len(path))[:, None]
             path[:, 3:] += _in_body_frame(flow, path[:, 2])
@@ -292,6 +325,22 @@ class Simulator:
     def measured_velocity(self) -> Floats:
         """Return the velocities over ground with the errors of the sensors, (n, 3) [m/s, m/s, rad/s]."""
         return self.nu + self._sum("velocity_error", 3) if self.disturbances else self.nu
+
+    def _scale_coefficients(self, rows: Ints) -> None:
+        """Set the coefficients of the equations of motion of the boats in `rows` (k,)."""
+        if not self.has("coefficient_factors"):
+            return
+        factors: dict[str, Floats] = {}
+        for guard, disturbance in zip(self._conditions, self.disturbances, strict=True):
+            with guard:
+                for name, factor in disturbance.coefficient_factors().items():
+                    factors[name] = factors.get(name, 1.0) * factor
+        if self._coefficients is None:
+            self._coefficients = np.repeat(self.vessel.coefficients, len(self.eta), axis=0)
+        own = self.vessel.vessel
+        for row in rows:
+            scaled = {name: getattr(own, name) * float(factor[row]) for name, factor in factors.items()}
+            self._coefficients[row] = coefficients(own.model_copy(update=scaled))
 
     def _actuate(self) -> Floats:
         """Return propeller forces and rudder angles (n, k, 2) [N, rad], in equal parts of the period."""

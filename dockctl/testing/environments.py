@@ -16,6 +16,7 @@ from dockctl.agents.interface import Policy
 from dockctl.envs.single import DockingEnv
 from dockctl.envs.vector import DockingVectorEnv
 from dockctl.geometry import Floats
+from dockctl.scenarios.extensions import RangeNoise
 from dockctl.scenarios.loader import dump
 from dockctl.scenarios.schema import Scenario
 from dockctl.sim.world import World, build_worlds, in_open_water, load_checked
@@ -91,6 +92,9 @@ class _NoReturns:
 
     def sector_ranges(self, eta: Floats) -> Floats:
         return np.full((len(eta), SECTORS), 100.0)
+
+    def noisy_sector_ranges(self, eta: Floats, noise: RangeNoise) -> Floats:
+        return self.sector_ranges(eta)
 
     def points(self, pose: Floats) -> Floats:
         return np.empty((0, 3))

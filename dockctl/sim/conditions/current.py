@@ -9,12 +9,12 @@ from typing import Literal
 import numpy as np
 
 from dockctl.geometry import Floats, Ints
-from dockctl.noise import draw_seed, normals
 from dockctl.plugins import CONDITIONS
 from dockctl.scenarios.base import NonNegative, Number, Positive
 from dockctl.scenarios.extensions import OFF, Condition, Disturbance, Drawn, draw, register
 from dockctl.scenarios.vessel import Vessel
 from dockctl.sim.conditions.authority import ControlAuthority
+from dockctl.sim.conditions.draws import draw_seed, normals
 
 
 @register(CONDITIONS, group="water", source="not in the thesis; Fossen 2012, 2021 section 10.3")

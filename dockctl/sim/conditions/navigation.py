@@ -8,10 +8,10 @@ from typing import Literal
 import numpy as np
 
 from dockctl.geometry import Floats, Ints
-from dockctl.noise import draw_seed, normals
 from dockctl.plugins import CONDITIONS
 from dockctl.scenarios.base import NonNegative
 from dockctl.scenarios.extensions import OFF, Condition, Disturbance, Drawn, draw, register
+from dockctl.sim.conditions.draws import draw_seed, normals
 
 
 @register(CONDITIONS, group="sensing", source="not in the thesis")

@@ -9,12 +9,12 @@ from typing import Literal
 import numpy as np
 
 from dockctl.geometry import Floats, Ints, rotate
-from dockctl.noise import draw_seed, normals
 from dockctl.plugins import CONDITIONS
 from dockctl.scenarios.base import NonNegative, Number, Positive
 from dockctl.scenarios.extensions import OFF, Condition, Disturbance, Drawn, draw, register
 from dockctl.scenarios.vessel import Vessel
 from dockctl.sim.conditions.authority import ControlAuthority
+from dockctl.sim.conditions.draws import draw_seed, normals
 
 AIR_KGPM3 = 1.224
 TRANSVERSE, AHEAD, ASTERN, CROSS_FORCE = 0.90, 0.55, 0.60, 0.60

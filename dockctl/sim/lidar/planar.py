@@ -13,7 +13,7 @@ from pydantic import Field
 from dockctl.geometry import Floats, sector_index
 from dockctl.plugins import RANGE_SENSORS
 from dockctl.scenarios.base import Count, NonNegative
-from dockctl.scenarios.extensions import RangeSensor, RangeSensorSpec, register
+from dockctl.scenarios.extensions import RangeNoise, RangeSensor, RangeSensorSpec, register
 from dockctl.sim.lidar.spinning import MAX_ARM_M
 
 if TYPE_CHECKING:
@@ -75,6 +75,17 @@ class PlanarSensor:
         nearest = np.full((len(eta), self.spec.sectors), self.spec.range_m)
         for row, pose in zip(nearest, eta, strict=True):
             np.minimum.at(row, self._sectors, self._volumes.trace(pose, *self._rays))
+        return nearest
+
+    def noisy_sector_ranges(self, eta: Floats, noise: RangeNoise) -> Floats:
+        """Return the nearest noisy return of each sector, (n, sectors) [m], from the poses (n, 3)."""
+        from dockctl.sim.lidar.noisy_scan import noisy_hits
+
+        nearest = np.full((len(eta), self.spec.sectors), self.spec.range_m)
+        given = zip(noise.seeds, noise.sigma_m, noise.lost_returns, strict=True)
+        for row, pose, (seed, sigma_m, lost) in zip(nearest, eta, given, strict=True):
+            hits = noisy_hits(self._volumes.trace(pose, *self._rays), seed, sigma_m, lost)
+            np.minimum.at(row, self._sectors, hits)
         return nearest
 
     def points(self, pose: Floats) -> Floats:

@@ -16,8 +16,10 @@ from numpy.typing import NDArray
 
 from dockctl.compute import Arrays, cached, on_all_cores, usable_cores
 from dockctl.geometry import Floats, nearest_in_sectors
+from dockctl.scenarios.extensions import RangeNoise
 from dockctl.sim.lidar import height_grid, scan
 from dockctl.sim.lidar.height_grid import FINEST_CELL_M, MAX_CELLS, HeightGrid
+from dockctl.sim.lidar.noisy_scan import noisy_hits, noisy_sector_ranges
 from dockctl.sim.lidar.raycast import BoundingVolumes
 from dockctl.sim.lidar.scan import Levels, ShellTable, needed_radii, sector_ranges, work_arrays
 from dockctl.sim.lidar.spinning import LidarMount, SpinningLidars
@@ -152,8 +154,27 @@ class SpinningSensor:
         on_all_cores(fill, _blocks(len(poses)))
         return out
 
-    def sector_ranges_by_full_scan(self, eta: Floats) -> Floats:
-        """Reference implementation of `sector_ranges`: trace every ray.
+    def noisy_sector_ranges(self, eta: Floats, noise: RangeNoise) -> Floats:
+        """Return the range of the nearest noisy return in each sector (n, sectors) [m]; exact.
+
+        Args:
+            eta: (n, 3) x, y [m] and heading [rad].
+            noise: of the n scans.
+        """
+        poses = np.ascontiguousarray(eta, np.float64).reshape(-1, 3)
+        out = np.empty((len(poses), self.spec.sectors))
+        tables = self._tables
+
+        def fill(rows: slice) -> None:
+            seeds, sigma_m, lost = noise.seeds[rows], noise.sigma_m[rows], noise.lost_returns[rows]
+            work, range_m = np.empty(len(tables[0].bins)), self.spec.range_m
+            noisy_sector_ranges(*tables, range_m, poses[rows], seeds, sigma_m, lost, work, out[rows])
+
+        on_all_cores(fill, _blocks(len(poses)))
+        return out
+
+    def sector_ranges_by_full_scan(self, eta: Floats, noise: RangeNoise | None = None) -> Floats:
+        """Reference implementation of `sector_ranges` and `noisy_sector_ranges`: trace every ray.
 
         Args:
             eta: (n, 3) x, y [m] and heading [rad].
@@ -162,11 +183,17 @@ class SpinningSensor:
             (n, sectors) [m].
         """
         sectors, range_m = self.spec.sectors, self.spec.range_m
-        return np.array([nearest_in_sectors(self.points(pose), sectors, range_m) for pose in eta])
+        scans = (
+            self.points(pose, None if noise is None else noise.of(np.array([row])))
+            for row, pose in enumerate(eta)
+        )
+        return np.array([nearest_in_sectors(points, sectors, range_m) for points in scans])
 
-    def points(self, pose: Floats) -> Floats:
-        """Return the points (k, 3) of a scan from one pose (3,), in the body frame [m]."""
+    def points(self, pose: Floats, noise: RangeNoise | None = None) -> Floats:
+        """Return the points (k, 3) of a scan from one pose (3,), in the body frame [m]; noise of one row."""
         hits = self._volumes.trace(pose, self.rays.origins, self.rays.directions, self.rays.reach)
+        if noise is not None:
+            hits = noisy_hits(hits, noise.seeds[0], noise.sigma_m[0], noise.lost_returns[0])
         seen = np.isfinite(hits)
         return self.rays.origins[seen] + hits[seen, None] * self.rays.directions[seen]
 

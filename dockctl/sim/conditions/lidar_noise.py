@@ -1,0 +1,61 @@
+"""Noise of the range sensor: errors of the returns, lost returns, and lost sectors."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Literal
+
+import numpy as np
+
+from dockctl.geometry import Floats, Ints
+from dockctl.plugins import CONDITIONS
+from dockctl.scenarios.base import Fraction, NonNegative
+from dockctl.scenarios.extensions import OFF, Condition, Disturbance, Drawn, RangeNoise, draw, register
+from dockctl.sim.conditions.draws import derived_seeds, draw_seed
+
+
+@register(CONDITIONS, group="sensing", source="not in the thesis; VLP-16 data sheet: 3 cm")
+class LidarNoise(Condition):
+    """Standard deviation of each return, share of returns that are lost, and share of sectors that are lost.
+
+    All are new in every scan. A lost sector reads the range of the sensor, as without a return.
+    """
+
+    kind: Literal["lidar_noise"] = "lidar_noise"
+    sigma_m: Drawn[NonNegative] = OFF
+    lost_returns: Drawn[Fraction] = OFF
+    lost_sectors: Drawn[Fraction] = OFF
+
+    def build(self, num_boats: int) -> Disturbance:
+        return LidarErrors(self, num_boats)
+
+
+class LidarErrors(Disturbance):
+    """The noise of n boats' range sensors."""
+
+    def __init__(self, noise: LidarNoise, num_boats: int) -> None:
+        self.noise = noise
+        self.sigma, self.lost_returns, self.lost_sectors = np.zeros((3, num_boats))
+        self.seed, self.scans = np.zeros(num_boats, np.uint64), np.zeros(num_boats, np.int64)
+
+    def reset(self, rows: Ints, rngs: Sequence[np.random.Generator]) -> None:
+        for row, rng in zip(rows, rngs, strict=True):
+            self.sigma[row] = draw(self.noise.sigma_m, rng)
+            self.lost_returns[row] = draw(self.noise.lost_returns, rng)
+            self.lost_sectors[row] = draw(self.noise.lost_sectors, rng)
+            self.seed[row] = draw_seed(rng)
+        self.scans[rows] = 0
+
+    def advance(self, period_s: float) -> None:
+        self.scans += 1
+
+    def range_noise(self) -> RangeNoise:
+        seeds = derived_seeds(self.seed, self.scans)
+        return RangeNoise(seeds, self.sigma, self.lost_returns, self.lost_sectors)
+
+    def episode(self) -> dict[str, Floats]:
+        return {
+            "sigma_m": self.sigma,
+            "lost_returns": self.lost_returns,
+            "lost_sectors": self.lost_sectors,
+        }

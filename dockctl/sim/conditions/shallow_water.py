@@ -1,0 +1,105 @@
+"""Shallow water: added mass and damping of sway and yaw as functions of depth and draft.
+
+The factors are regressions for ships. A small boat is outside of their data: they show the direction and the
+order of the effect, not its measured size. Surge, squat, banks and quays are not modeled.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Literal
+
+import numpy as np
+
+from dockctl.geometry import Floats, Ints
+from dockctl.plugins import CONDITIONS
+from dockctl.scenarios.base import FieldError, Fraction, Length
+from dockctl.scenarios.extensions import Condition, Disturbance, Drawn, draw, register
+from dockctl.scenarios.vessel import Vessel
+
+WATER_KGPM3 = 1000.0
+LEAST_DEPTH = 1.2
+"""In drafts; the regressions do not hold below."""
+
+
+@register(CONDITIONS, group="water", source="not in the thesis; Kijima 1990, Sheng 1981, Taimuri 2020")
+class ShallowWater(Condition):
+    """Depth of the water; the vessel's own coefficients are those of deep water.
+
+    By default the dimensions are those of the hull, and the block coefficient that of the vessel's mass.
+    """
+
+    kind: Literal["shallow_water"] = "shallow_water"
+    depth_m: Drawn[Length]
+    length_m: Length | None = None
+    beam_m: Length | None = None
+    draft_m: Length | None = None
+    block_coefficient: Fraction | None = None
+
+    def fitted(self, vessel: Vessel) -> Condition:
+        hull = vessel.hull
+        own: dict[str, float] = {
+            "length_m": hull.length_m,
+            "beam_m": hull.beam_m,
+            "draft_m": hull.draft_m,
+        }
+        own = {key: value if getattr(self, key) is None else getattr(self, key) for key, value in own.items()}
+        box = WATER_KGPM3 * own["length_m"] * own["beam_m"] * own["draft_m"]
+        block = min(1.0, vessel.mass_kg / box) if self.block_coefficient is None else self.block_coefficient
+        least = LEAST_DEPTH * own["draft_m"]
+        if self.depth_m[0] < least:
+            message = f"found {self.depth_m[0]:g} m, expected at least {LEAST_DEPTH:g} drafts, {least:g} m"
+            raise FieldError("depth_m", message, "out_of_range", f"{least:g}")
+        fitted = self.model_copy(update={**own, "block_coefficient": block})
+        for depth in self.depth_m:
+            factors = depth_factors(fitted, np.array([depth]))
+            vessel.require_scalable({name: float(factor[0]) for name, factor in factors.items()}, "depth_m")
+        return fitted
+
+    def build(self, num_boats: int) -> Disturbance:
+        return Depth(self, num_boats)
+
+
+class Depth(Disturbance):
+    """The depth of the water of n boats."""
+
+    def __init__(self, water: ShallowWater, num_boats: int) -> None:
+        self.water, self.depth = water, np.full(num_boats, water.depth_m[-1])
+
+    def reset(self, rows: Ints, rngs: Sequence[np.random.Generator]) -> None:
+        self.depth[rows] = [draw(self.water.depth_m, rng) for rng in rngs]
+
+    def coefficient_factors(self) -> dict[str, Floats]:
+        return depth_factors(self.water, self.depth)
+
+    def episode(self) -> dict[str, Floats]:
+        return {"depth_m": self.depth}
+
+
+def depth_factors(water: ShallowWater, depth_m: Floats) -> dict[str, Floats]:
+    """Return the factors (n,) of the coefficients of sway and yaw at depths (n,) [m]; 1 in deep water.
+
+    Damping: 1 / (1 - T/h)^q - T/h (Kijima et al. 1990), q = 0.4 C_b B/T in sway and 1.5 - 14.28 T/L in yaw,
+    for the linear and the quadratic coefficient. Added mass: K0 + 2/3 K1 b + 8/15 K2 b^2 in sway and
+    K0 + 8/15 K1 b + 40/105 K2 b^2 in yaw, with b = C_b B/T (1 + B/L)^2 and polynomials K of h/T - 1
+    (Sheng 1981), in the form that Taimuri et al. (2020, Ocean Engineering 218, 108103) use.
+    """
+    length, beam, draft, block = water.length_m, water.beam_m, water.draft_m, water.block_coefficient
+    assert length is not None and beam is not None and draft is not None and block is not None  # by `fitted`
+    ratio, gap = draft / depth_m, depth_m / draft - 1
+    k0 = 1 + 0.0775 / gap**2 - 0.011 / gap**3 + 0.000068 / gap**5
+    k1 = -0.0643 / gap + 0.0724 / gap**2 - 0.0113 / gap**3 + 0.0000767 / gap**5
+    k2 = (0.0342 if beam / draft <= 4 else 0.137 * beam / draft) / gap
+    b = block * beam / draft * (1 + beam / length) ** 2
+    sway_mass = k0 + 2 / 3 * k1 * b + 8 / 15 * k2 * b**2
+    yaw_mass = k0 + 8 / 15 * k1 * b + 40 / 105 * k2 * b**2
+    sway = (1 - ratio) ** -(0.4 * block * beam / draft) - ratio
+    yaw = (1 - ratio) ** -(1.5 - 14.28 * draft / length) - ratio
+    return {
+        "Y_vdot_kg": sway_mass,
+        "N_rdot_kgm2": yaw_mass,
+        "Y_v_kgps": sway,
+        "Y_vv_kgpm": sway,
+        "N_r_kgm2ps": yaw,
+        "N_rr_kgm2": yaw,
+    }

@@ -1,0 +1,94 @@
+"""Uncertain coefficients and shallow water: the motion is that of a vessel with these coefficients."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from dockctl.errors import InputError
+from dockctl.scenarios.loader import load, load_vessel
+from dockctl.scenarios.vessel import Vessel
+from dockctl.sim.conditions.shallow_water import ShallowWater, depth_factors
+from dockctl.sim.conditions.uncertainty import DAMPING, MASSES
+from dockctl.sim.simulator import Simulator
+from dockctl.sim.vessel import VesselModel
+from tests.sim.conditions.conditions import simulator
+
+VESSEL = load_vessel("eilbrecht")
+
+
+def factors_of(sim: Simulator, row: int) -> dict[str, float]:
+    (condition,) = sim.disturbances
+    return {name: float(factor[row]) for name, factor in condition.coefficient_factors().items()}
+
+
+@pytest.mark.parametrize(
+    "text", ["uncertainty: {masses: 0.2, damping: 0.3}", "shallow_water: {depth_m: [0.4, 3]}"]
+)
+def test_each_boat_moves_as_a_vessel_with_its_coefficients(text: str) -> None:
+    sim = simulator(text, boats=4)
+    eta, nu = sim.eta.copy(), sim.nu.copy()
+    for command in np.random.default_rng(0).uniform(-1, 1, (30, 4, 2)) * [50, 0.5]:
+        sim.step(command)
+        for row in range(4):
+            scaled = {name: getattr(VESSEL, name) * factor for name, factor in factors_of(sim, row).items()}
+            model = VesselModel(Vessel.model_validate({**dict(VESSEL), **scaled}))
+            own = model.step_reference(eta[[row]], nu[[row]], command[[row]])
+            eta[row], nu[row] = own[0][0], own[1][0]
+    np.testing.assert_allclose(np.hstack([sim.eta, sim.nu]), np.hstack([eta, nu]), atol=1e-9)
+    assert len(np.unique(sim.eta, axis=0)) == 4
+
+
+def test_factors_are_uniform_in_their_range_and_drawn_per_episode() -> None:
+    sim = simulator("uncertainty: {masses: 0.2, damping: 0.1}", boats=500)
+    drawn = sim.episode()
+    for names, width in ((MASSES, 0.2), (DAMPING, 0.1)):
+        values = np.array([drawn[f"uncertainty_{name}_factor"] for name in names])
+        assert (np.abs(values - 1) <= width).all()
+        assert values.std() == pytest.approx(width / np.sqrt(3), rel=0.1)
+        assert np.abs(np.corrcoef(values) - np.eye(len(names))).max() < 0.25
+
+
+def test_deep_water_changes_nothing_and_shallower_water_more() -> None:
+    water = ShallowWater(depth_m=(1.0,)).fitted(VESSEL)
+    assert isinstance(water, ShallowWater)
+    deep = depth_factors(water, np.array([3000.0]))
+    assert all(factor[0] == pytest.approx(1, abs=2e-3) for factor in deep.values())
+    depths = np.array([0.36, 0.45, 0.6, 0.9, 1.5, 3.0])
+    for factor in depth_factors(water, depths).values():
+        assert (np.diff(factor) < 0).all()
+        assert (factor > 0.99).all()
+
+
+def test_factors_by_hand() -> None:
+    """L 3, B 1, T 0.3 m, C_b 150 / 900 = 1/6; at h = 2 T: gap 1, T/h = 0.5, b = 0.98765."""
+    water = ShallowWater(depth_m=(0.6,)).fitted(VESSEL)
+    assert isinstance(water, ShallowWater)
+    assert water.block_coefficient == pytest.approx(1 / 6)
+    factors = {name: factor[0] for name, factor in depth_factors(water, np.array([0.6])).items()}
+    k0, k1, k2, b = 1.066568, -0.0031233, 0.0342, 0.987654
+    assert factors["Y_vdot_kg"] == pytest.approx(k0 + 2 / 3 * k1 * b + 8 / 15 * k2 * b * b, rel=1e-6)
+    assert factors["N_rdot_kgm2"] == pytest.approx(k0 + 8 / 15 * k1 * b + 8 / 21 * k2 * b * b, rel=1e-6)
+    assert factors["Y_v_kgps"] == pytest.approx(2 ** (2 / 9) - 0.5)
+    assert factors["N_r_kgm2ps"] == pytest.approx(2**0.072 - 0.5)
+
+
+@pytest.mark.parametrize(
+    ("text", "field"),
+    [
+        ("shallow_water: {depth_m: 0.3}", "conditions.shallow_water.depth_m"),
+        ("uncertainty: {damping: 0.95}", "conditions.uncertainty.damping"),
+        ("uncertainty: {masses: 0.9, damping: 0.9}", "conditions.uncertainty.damping"),
+        ("actuators: {delay_steps: 0.5}", "conditions.actuators.delay_steps.0"),
+        ("wind: {speed_mps: 3}", "conditions.wind.direction_deg"),
+    ],
+)
+def test_a_problem_has_its_place(tmp_path: Path, text: str, field: str) -> None:
+    file = tmp_path / "mine.yaml"
+    file.write_text(f"extends: s1\nconditions: {{{text}}}\n")
+    with pytest.raises(InputError) as caught:
+        load(file)
+    (problem,) = caught.value.problems
+    assert (problem.line, problem.field.removesuffix(".0")) == (2, field.removesuffix(".0"))
