@@ -132,8 +132,11 @@ def _visit(
     seed, sigma_m, lost = noise
     for slot in range(table.starts[cell], table.starts[cell + 1]):
         run = runs[slot]
-        if bits(run.low, run.high) & near == 0:
+        bands = bits(run.low, run.high)
+        if bands & near == 0:
             continue
+        if inner == 0.0:  # through the whole core, beyond this cell
+            bands = -1
         origin = table.origins[table.sensor[run.first]]
         for index in range(run.first, run.first + run.length):
             if is_lost(seed, index, lost):
@@ -144,15 +147,15 @@ def _visit(
             if begin > end:
                 continue
             line = _in_world(origin, ray, pose)
-            t = first_hit(grid, line, begin, end)
-            if t > ray[3]:
+            t = first_hit(grid, line, begin, end, bands)
+            if t > end:
                 continue
             error = sigma_m * range_error(seed, index)
             rho, sector = _polar(origin, ray, max(0.0, t + error), len(best))
             if rho >= best[sector]:
                 continue
             if inner > 0.0:  # something else may be hit first
-                t = min(t, first_hit(grid, line, 0.0, t))
+                t = min(t, first_hit(grid, line, 0.0, t, -1))
                 rho, sector = _polar(origin, ray, max(0.0, t + error), len(best))
             best[sector] = min(best[sector], rho)
 
