@@ -22,7 +22,7 @@ LEAST_DEPTH = 1.2
 """In drafts; the regressions do not hold below."""
 
 
-@register(CONDITIONS, group="water", source="not in the thesis; Kijima 1990, Sheng 1981, Taimuri 2020")
+@register(CONDITIONS, group="water", source="not in the thesis; Taimuri et al. 2020")
 class ShallowWater(Condition):
     """Depth of the water; the vessel's own coefficients are those of deep water.
 
@@ -79,27 +79,26 @@ class Depth(Disturbance):
 def depth_factors(water: ShallowWater, depth_m: Floats) -> dict[str, Floats]:
     """Return the factors (n,) of the coefficients of sway and yaw at depths (n,) [m]; 1 in deep water.
 
-    Damping: 1 / (1 - T/h)^q - T/h (Kijima et al. 1990), q = 0.4 C_b B/T in sway and 1.5 - 14.28 T/L in yaw,
-    for the linear and the quadratic coefficient. Added mass: K0 + 2/3 K1 b + 8/15 K2 b^2 in sway and
-    K0 + 8/15 K1 b + 40/105 K2 b^2 in yaw, with b = C_b B/T (1 + B/L)^2 and polynomials K of h/T - 1
-    (Sheng 1981), in the form that Taimuri et al. (2020, Ocean Engineering 218, 108103) use.
+    Added mass: K0 + 2/3 K1 b + 8/15 K2 b^2 in sway and K0 + 8/15 K1 b + 40/105 K2 b^2 in yaw. Damping, linear
+    and quadratic: 3/2 (K0 + 1/2 K1 b + 1/3 K2 b^2) - 1/2 in sway and as the added mass in yaw. K0, K1 and K2
+    are functions of h/T - 1, b = C_b B/T (1 + B/L)^2. From Taimuri et al. (2020, Ocean Engineering 218,
+    108103), as the open-source package mmgdynamics has them.
     """
     length, beam, draft, block = water.length_m, water.beam_m, water.draft_m, water.block_coefficient
     assert length is not None and beam is not None and draft is not None and block is not None  # by `fitted`
-    ratio, gap = draft / depth_m, depth_m / draft - 1
+    gap = depth_m / draft - 1
     k0 = 1 + 0.0775 / gap**2 - 0.011 / gap**3 + 0.000068 / gap**5
     k1 = -0.0643 / gap + 0.0724 / gap**2 - 0.0113 / gap**3 + 0.0000767 / gap**5
     k2 = (0.0342 if beam / draft <= 4 else 0.137 * beam / draft) / gap
     b = block * beam / draft * (1 + beam / length) ** 2
     sway_mass = k0 + 2 / 3 * k1 * b + 8 / 15 * k2 * b**2
     yaw_mass = k0 + 8 / 15 * k1 * b + 40 / 105 * k2 * b**2
-    sway = (1 - ratio) ** -(0.4 * block * beam / draft) - ratio
-    yaw = (1 - ratio) ** -(1.5 - 14.28 * draft / length) - ratio
+    sway = 1.5 * (k0 + k1 * b / 2 + k2 * b**2 / 3) - 0.5
     return {
         "Y_vdot_kg": sway_mass,
         "N_rdot_kgm2": yaw_mass,
         "Y_v_kgps": sway,
         "Y_vv_kgpm": sway,
-        "N_r_kgm2ps": yaw,
-        "N_rr_kgm2": yaw,
+        "N_r_kgm2ps": yaw_mass,
+        "N_rr_kgm2": yaw_mass,
     }
