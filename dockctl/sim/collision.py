@@ -9,13 +9,12 @@ from typing import Any
 
 import fcl
 import numpy as np
-import trimesh
 
 from dockctl.compute import shared
 from dockctl.geometry import Bools, Floats, Ints
 from dockctl.scenarios.vessel import Hull
 from dockctl.sim.harbor.build import Harbor
-from dockctl.sim.harbor.solids import hull_mesh
+from dockctl.sim.harbor.solids import Mesh, hull_mesh
 from dockctl.sim.harbor.waters import Waters, cross_section
 
 SIZE_BY_TRIANGLES = 8
@@ -190,7 +189,7 @@ def _moved(path: Floats, reach_m: float) -> Floats:
     return np.concatenate([[0.0], np.cumsum(np.hypot(x, y) + reach_m * np.abs(heading))])
 
 
-def _bvh(meshes: Sequence[trimesh.Trimesh]) -> fcl.BVHModel:
+def _bvh(meshes: Sequence[Mesh]) -> fcl.BVHModel:
     """Build a bounding volume hierarchy over the triangles of the meshes, in their order."""
     model = fcl.BVHModel()
     model.beginModel(sum(len(mesh.faces) for mesh in meshes), sum(len(mesh.vertices) for mesh in meshes))
@@ -200,7 +199,7 @@ def _bvh(meshes: Sequence[trimesh.Trimesh]) -> fcl.BVHModel:
     return model
 
 
-Body = tuple[int, trimesh.Trimesh]
+Body = tuple[int, Mesh]
 
 
 class _Interior:
@@ -228,7 +227,7 @@ class _Interior:
 class _InsideHull:
     """Finds the part inside the hull without contact: bodies that are small enough, tested by one corner."""
 
-    def __init__(self, bodies: Sequence[Body], hull: trimesh.Trimesh) -> None:
+    def __init__(self, bodies: Sequence[Body], hull: Mesh) -> None:
         reach = np.linalg.norm(hull.extents[:2])
         low, high = hull.bounds[:, 2]
         small = [
@@ -238,8 +237,8 @@ class _InsideHull:
         ]
         self._parts = np.array([part for part, _ in small], np.int64)
         self._points = np.array([point for _, point in small]).reshape(-1, 3)
-        self._normals = hull.face_normals
-        self._offsets = np.einsum("ij,ij->i", hull.face_normals, hull.triangles[:, 0])
+        self._normals = hull.normals
+        self._offsets = np.einsum("ij,ij->i", hull.normals, hull.triangles[:, 0])
 
     def part_in(self, eta: Floats) -> Ints:
         """Return the part inside the hull at each pose, -1 for none, (n, 3) to (n,)."""

@@ -10,6 +10,7 @@ from typer.testing import CliRunner
 
 from dockctl.cli import app
 from dockctl.sim.harbor.solids import box
+from tests.sim.meshes import peer
 
 PLACES = ("2:19: task.max_steps", "3:1: titel")
 ROOT = Path(__file__).parent.parent.parent
@@ -99,7 +100,7 @@ def test_a_missing_scenario(source: str) -> None:
 
 def test_open_meshes_are_named(tmp_path: Path) -> None:
     """A closed box, and two without a side: one of the harbor, one of the fleet."""
-    closed, opened = box((60, 60, -1), (61, 61, 1)), box((0, -1, -1), (5, 1, 1))
+    closed, opened = peer(box((60, 60, -1), (61, 61, 1))), peer(box((0, -1, -1), (5, 1, 1)))
     opened.update_faces(np.arange(len(opened.faces)) > 0)
     closed.export(tmp_path / "closed.ply")
     opened.export(tmp_path / "opened.ply")

@@ -15,13 +15,14 @@ from dockctl.scenarios.harbor import MeshFile, MeshHarbor
 from dockctl.scenarios.vessel import Hull
 from dockctl.sim.collision import CollisionChecker
 from dockctl.sim.harbor.build import Part, assemble, build_harbor
-from dockctl.sim.harbor.solids import Solid, box, hull_mesh, hull_outline, prism
+from dockctl.sim.harbor.solids import Mesh, Solid, box, hull_mesh, hull_outline, prism
 from tests.sim.harbor.harbors import reference_harbor
+from tests.sim.meshes import peer
 
 HULL = Hull()
 
 
-def checker(*solids: trimesh.Trimesh, hull: Hull = HULL) -> CollisionChecker:
+def checker(*solids: Mesh, hull: Hull = HULL) -> CollisionChecker:
     parts = [Part(f"solid {i}", "mesh", (Solid("mesh", mesh),)) for i, mesh in enumerate(solids)]
     return CollisionChecker(assemble("test", parts), hull)
 
@@ -178,7 +179,7 @@ def test_contacts_in_the_marina_equal_brute_force() -> None:
     assert 20 < found.sum() < 130
     low, high = harbor.triangles.min(axis=1), harbor.triangles.max(axis=1)
     for row, (x, y, heading) in enumerate(eta):
-        boat = hull_mesh(HULL)
+        boat = peer(hull_mesh(HULL))
         boat.apply_transform(
             trimesh.transformations.compose_matrix(angles=(0, 0, heading), translate=(x, y, 0))
         )
@@ -192,7 +193,7 @@ def test_clearance_in_the_marina_equals_brute_force() -> None:
     harbor = reference_harbor()
     boat = CollisionChecker(harbor, HULL)
     for eta in (pose(20, 2, 160), pose(36, 0, 180), pose(23, -10, 90), pose(7, -2, 0), pose(33, 1, 140)):
-        moved = hull_mesh(HULL)
+        moved = peer(hull_mesh(HULL))
         moved.apply_transform(
             trimesh.transformations.compose_matrix(angles=(0, 0, eta[0, 2]), translate=(*eta[0, :2], 0))
         )
@@ -262,7 +263,7 @@ def test_no_poses_give_empty_results() -> None:
 
 
 def test_a_mesh_file_blocks_like_its_solid(tmp_path: Path) -> None:
-    box((2, -3, -1), (4, 3, 2)).export(tmp_path / "pier.ply")
+    peer(box((2, -3, -1), (4, 3, 2))).export(tmp_path / "pier.ply")
     spec = MeshHarbor(kind="meshes", meshes=(MeshFile(path="pier.ply"),))
     boat = CollisionChecker(build_harbor(spec, tmp_path), HULL)
     assert boat.blocked(np.concatenate((pose(0, 0, 0), pose(0, 0, 90)))).tolist() == [False, False]

@@ -9,10 +9,9 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-import trimesh
 from numpy.typing import ArrayLike, NDArray
 
-from dockctl.sim.harbor.solids import Points, Solid, box, loft, tube
+from dockctl.sim.harbor.solids import Mesh, Points, Solid, box, loft, tube
 
 Floats = NDArray[np.float64]
 
@@ -99,9 +98,7 @@ class Lines:
         port = np.stack((xs, y, z), axis=1)
         return np.concatenate((port, port[-2:0:-1] * (1, -1, 1)))
 
-    def sheet(
-        self, x0: float, x1: float, inset: float, z: float | None = None, stations: int = 9
-    ) -> trimesh.Trimesh:
+    def sheet(self, x0: float, x1: float, inset: float, z: float | None = None, stations: int = 9) -> Mesh:
         """Return a thin sheet, `inset` from the sheer: laid on the deck, or level at the height `z`."""
         rings = []
         for x in np.linspace(x0, x1, stations):
@@ -112,7 +109,7 @@ class Lines:
             rings.append(np.concatenate((top, top[[-1, 0]] - (0, 0, 0.05))))
         return loft(np.array(rings))
 
-    def floor(self, well: Well, z: float) -> trimesh.Trimesh:
+    def floor(self, well: Well, z: float) -> Mesh:
         """Return floorboards at the height `z` in a well."""
         return self.sheet(well.x0 + 0.06, well.x1 - 0.06, well.margin + 0.14, z)
 

@@ -11,7 +11,6 @@ from pathlib import Path
 from typing import Literal
 
 import numpy as np
-import trimesh
 from numpy.typing import NDArray
 
 from dockctl.compute import shared
@@ -22,7 +21,7 @@ from dockctl.scenarios.harbor import Basin, BerthPlace, EndRow, Fleet, HarborSpe
 from dockctl.scenarios.vessel import Hull
 from dockctl.sim.harbor.mesh_files import MooredModel, load_bodies, moored_model
 from dockctl.sim.harbor.mesh_size import MAX_TRIANGLES
-from dockctl.sim.harbor.solids import Solid, box, hull_outline, joined, outlines, tube
+from dockctl.sim.harbor.solids import Mesh, Solid, box, hull_outline, joined, outlines, tube
 
 PartKind = Literal["quay", "finger", "pile", "vessel", "mesh"]
 Corners = tuple[tuple[float, float], tuple[float, float]]
@@ -50,7 +49,7 @@ class Part:
     solids: tuple[Solid, ...]
 
     @cached_property
-    def mesh(self) -> trimesh.Trimesh:
+    def mesh(self) -> Mesh:
         """All solids in one mesh."""
         return joined(self.solids)
 
@@ -351,4 +350,4 @@ class QuayFrame:
             [[self.cosine, -self.sine, 0], [self.sine, self.cosine, 0], [0, 0, 1]], dtype=np.float64
         )
         vertices = solid.mesh.vertices @ turn.T + (self.x, self.y, 0.0)
-        return Solid(solid.kind, trimesh.Trimesh(vertices, solid.mesh.faces, process=False))
+        return Solid(solid.kind, Mesh(vertices, solid.mesh.faces))

@@ -14,18 +14,19 @@ from functools import cache, cached_property
 from io import BytesIO
 from itertools import pairwise
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import numpy as np
-import trimesh
-from scipy.sparse import coo_array
-from scipy.sparse.csgraph import connected_components
 
 from dockctl.errors import Code, DockctlError, InputError, Problem
 from dockctl.reading import read_limited
 from dockctl.scenarios.base import MAX_COORDINATE_M
 from dockctl.scenarios.harbor import VESSEL_MODELS, MeshFile, is_model_file
 from dockctl.sim.harbor.mesh_size import MAX_FILE_BYTES, MAX_TRIANGLES, declared_triangles
-from dockctl.sim.harbor.solids import Solid, joined
+from dockctl.sim.harbor.solids import Mesh, Solid, joined
+
+if TYPE_CHECKING:
+    import trimesh
 
 logging.getLogger("trimesh").setLevel(logging.CRITICAL)  # its readers log tracebacks of damaged files
 
@@ -36,7 +37,7 @@ MAX_MODEL_BYTES = 10_000_000
 """Size of the file of a vessel model; the packaged ones have up to 0.2 MB."""
 
 
-def load_bodies(file: MeshFile, base_dir: Path, field: str) -> list[trimesh.Trimesh]:
+def load_bodies(file: MeshFile, base_dir: Path, field: str) -> list[Mesh]:
     """Read a mesh file into the world frame, z up [m], and split it into connected bodies.
 
     No other file is opened: materials and textures are not used.
@@ -44,6 +45,8 @@ def load_bodies(file: MeshFile, base_dir: Path, field: str) -> list[trimesh.Trim
     Raises:
         InputError: the file is missing, unreadable, empty, damaged or too large, as a problem of `field`.
     """
+    import trimesh  # slow to import, and needed for nothing else
+
     path = base_dir / file.path
     suffix = path.suffix.lower()
     if suffix not in SUFFIXES:
@@ -64,6 +67,8 @@ def load_bodies(file: MeshFile, base_dir: Path, field: str) -> list[trimesh.Trim
 
 
 def _mesh(data: bytes, suffix: str, path: Path, field: str) -> trimesh.Trimesh:
+    import trimesh
+
     try:
         _require_few(declared_triangles(data, suffix), path, field)
         # A stream instead of a path: the reader cannot open files that this one refers to.
@@ -91,8 +96,11 @@ def _require_few(triangles: int, path: Path, field: str) -> None:
         raise _error(path, field, message, "out_of_range")
 
 
-def _bodies(mesh: trimesh.Trimesh, path: Path, field: str) -> list[trimesh.Trimesh]:
+def _bodies(mesh: trimesh.Trimesh, path: Path, field: str) -> list[Mesh]:
     """Split a mesh into sets of faces that are connected by shared vertices."""
+    from scipy.sparse import coo_array
+    from scipy.sparse.csgraph import connected_components
+
     faces = np.asarray(mesh.faces)
     edges = faces[:, [0, 1, 1, 2]].reshape(-1, 2)
     size = len(mesh.vertices)
@@ -106,9 +114,8 @@ def _bodies(mesh: trimesh.Trimesh, path: Path, field: str) -> list[trimesh.Trime
         raise _error(path, field, message, "out_of_range")
     groups = np.split(faces[order], ends)
     corners = [np.unique(group, return_inverse=True) for group in groups]
-    return [
-        trimesh.Trimesh(mesh.vertices[used], index.reshape(-1, 3), process=False) for used, index in corners
-    ]
+    vertices = np.asarray(mesh.vertices)
+    return [Mesh(vertices[used], index.reshape(-1, 3)) for used, index in corners]
 
 
 def _check_mesh(mesh: trimesh.Trimesh, path: Path, field: str) -> None:
@@ -139,7 +146,7 @@ class MooredModel:
     solids: tuple[Solid, ...]
 
     @cached_property
-    def mesh(self) -> trimesh.Trimesh:
+    def mesh(self) -> Mesh:
         """All solids in one mesh."""
         return joined(self.solids)
 
@@ -203,7 +210,7 @@ def read_model(path: Path) -> MooredModel:
 def _solid(name: str, points: np.ndarray, faces: np.ndarray) -> Solid:
     """Return one object of a file; Blender appends a number to names that occur twice: ``00-hull.001``."""
     used, index = np.unique(faces, return_inverse=True)
-    mesh = trimesh.Trimesh(points[used], index.reshape(-1, 3), process=False)
+    mesh = Mesh(points[used], index.reshape(-1, 3))
     return Solid(name.partition("-")[2].partition(".")[0], mesh)
 
 

@@ -5,9 +5,9 @@ from __future__ import annotations
 from collections import defaultdict
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
-import trimesh
 from numpy.typing import ArrayLike, NDArray
 
 from dockctl.geometry import Floats
@@ -25,27 +25,66 @@ MIN_OUTLINE_M2 = 0.002
 
 
 @dataclass(frozen=True, eq=False)
+class Mesh:
+    """A triangle mesh: vertices (k, 3) [m] and faces (m, 3)."""
+
+    # Not of trimesh, which takes most of a second to import: only reading mesh files needs it.
+
+    vertices: Floats
+    faces: NDArray[np.int64]
+
+    @cached_property
+    def triangles(self) -> Floats:
+        """The corners of the triangles, (m, 3, 3) [m]."""
+        return self.vertices[self.faces]
+
+    @cached_property
+    def bounds(self) -> Floats:
+        """The lower and the upper corner of the bounding box, (2, 3) [m]."""
+        return np.array([self.vertices.min(axis=0), self.vertices.max(axis=0)])
+
+    @property
+    def extents(self) -> Floats:
+        """The size of the bounding box, (3,) [m]."""
+        return np.asarray(self.bounds[1] - self.bounds[0], np.float64)
+
+    @property
+    def normals(self) -> Floats:
+        """Unit normals of the triangles, (m, 3)."""
+        a, b, c = np.moveaxis(self.triangles, 1, 0)
+        across = np.cross(b - a, c - a)
+        return np.asarray(across / np.linalg.norm(across, axis=1, keepdims=True), np.float64)
+
+    @cached_property
+    def is_watertight(self) -> bool:
+        """Whether every edge belongs to exactly two triangles."""
+        edges = np.sort(self.faces[:, [0, 1, 1, 2, 2, 0]].reshape(-1, 2), axis=1)
+        _, counts = np.unique(edges @ [len(self.vertices), 1], return_counts=True)
+        return bool((counts == 2).all())
+
+
+@dataclass(frozen=True, eq=False)
 class Solid:
     """A closed mesh [m] and its kind for drawings, one of `dockctl.drawing.palette.SOLIDS`."""
 
     kind: str
-    mesh: trimesh.Trimesh
+    mesh: Mesh
 
     def shifted(self, by: Sequence[float]) -> Solid:
         """Return the solid moved by (x, y, z) [m]."""
         vertices = self.mesh.vertices + np.asarray(by)
-        return Solid(self.kind, trimesh.Trimesh(vertices, self.mesh.faces, process=False))
+        return Solid(self.kind, Mesh(vertices, self.mesh.faces))
 
 
-def joined(solids: Iterable[Solid]) -> trimesh.Trimesh:
+def joined(solids: Iterable[Solid]) -> Mesh:
     """Return all solids in one mesh; vertices are not merged, so that each solid remains closed."""
     meshes = [solid.mesh for solid in solids]
     offsets = np.cumsum([0, *(len(mesh.vertices) for mesh in meshes)])
     faces = [mesh.faces + offset for mesh, offset in zip(meshes, offsets, strict=False)]
-    return trimesh.Trimesh(np.concatenate([m.vertices for m in meshes]), np.concatenate(faces), process=False)
+    return Mesh(np.concatenate([m.vertices for m in meshes]), np.concatenate(faces))
 
 
-def loft(rings: ArrayLike) -> trimesh.Trimesh:
+def loft(rings: ArrayLike) -> Mesh:
     """Return the closed, outward-facing solid with (s, k, 3) successive rings as its cross-sections.
 
     The caps connect the points i and k - i of a ring in a zigzag. This is valid for convex rings and for
@@ -62,26 +101,26 @@ def loft(rings: ArrayLike) -> trimesh.Trimesh:
     return outward(points.reshape(-1, 3), faces)
 
 
-def outward(vertices: Floats, faces: NDArray[np.int64]) -> trimesh.Trimesh:
+def outward(vertices: Floats, faces: NDArray[np.int64]) -> Mesh:
     """Return the mesh of closed, consistently wound triangles, flipped if its volume is negative."""
     a, b, c = np.moveaxis(vertices[faces] - vertices[0], 1, 0)
     volume = np.einsum("ij,ij->", a, np.cross(b, c))
-    return trimesh.Trimesh(vertices, faces if volume > 0 else faces[:, ::-1], process=False)
+    return Mesh(vertices, np.ascontiguousarray(faces if volume > 0 else faces[:, ::-1]))
 
 
-def box(low: Sequence[float], high: Sequence[float]) -> trimesh.Trimesh:
+def box(low: Sequence[float], high: Sequence[float]) -> Mesh:
     """Return the box between two corners (x, y, z)."""
     (x0, y0, z0), (x1, y1, z1) = low, high
     return prism([(x0, y0), (x1, y0), (x1, y1), (x0, y1)], z0, z1)
 
 
-def prism(outline: Points, z0: float, z1: float) -> trimesh.Trimesh:
+def prism(outline: Points, z0: float, z1: float) -> Mesh:
     """Return the prism over a (k, 2) outline, convex or symmetric as in `loft`, between two heights."""
     xy = np.asarray(outline, dtype=np.float64)
     return loft([np.column_stack((xy, np.full(len(xy), z))) for z in (z0, z1)])
 
 
-def tube(path: Points, radius: ArrayLike, sides: int = 6) -> trimesh.Trimesh:
+def tube(path: Points, radius: ArrayLike, sides: int = 6) -> Mesh:
     """Return a round bar along a (p, 3) path with one radius, or one per point [m]."""
     points = np.asarray(path, dtype=np.float64)
     radii = np.broadcast_to(np.asarray(radius, dtype=np.float64), len(points))
@@ -107,13 +146,13 @@ def hull_outline(hull: Hull) -> Floats:
     return np.array(port + starboard)
 
 
-def hull_mesh(hull: Hull) -> trimesh.Trimesh:
+def hull_mesh(hull: Hull) -> Mesh:
     """Return the convex, closed hull in the body frame: water at z = 0, keel at -draft [m]."""
     outline = hull_outline(hull)
     return loft([np.insert(outline, 2, z, axis=1) for z in (-hull.draft_m, hull.freeboard_m)])
 
 
-def outlines(mesh: trimesh.Trimesh) -> Iterator[tuple[Floats, float]]:
+def outlines(mesh: Mesh) -> Iterator[tuple[Floats, float]]:
     """Yield the outlines (k, 2) from above, counterclockwise, with the heights of their highest corners [m].
 
     An outline is a loop of edges between a triangle that faces up and one that does not. Loops around holes

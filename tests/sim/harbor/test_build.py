@@ -28,6 +28,7 @@ from dockctl.sim.harbor.build import Harbor, Part, assemble, build_harbor, build
 from dockctl.sim.harbor.solids import Solid, box, hull_outline
 from dockctl.sim.world import PoseCheck, load_checked
 from tests.sim.harbor.harbors import reference_harbor, reference_spec
+from tests.sim.meshes import peer
 
 FINAL = np.array([36.0, 0.0, math.pi])
 HULL = Hull()
@@ -302,23 +303,23 @@ def meshes(*names: str, **options: Any) -> MeshHarbor:
 
 @pytest.mark.parametrize("suffix", ["glb", "obj", "stl", "ply"])
 def test_mesh_formats_give_the_same_closed_bodies(tmp_path: Path, suffix: str) -> None:
-    two = trimesh.util.concatenate([box((0, 0, -1), (4, 2, 1)), box((10, 10, -1), (11, 11, 3))])
+    two = trimesh.util.concatenate([peer(box((0, 0, -1), (4, 2, 1))), peer(box((10, 10, -1), (11, 11, 3)))])
     two.export(tmp_path / f"pier.{suffix}")
     (part,) = build_harbor(meshes(f"pier.{suffix}"), tmp_path).parts
-    assert [solid.mesh.volume for solid in part.solids] == pytest.approx([16.0, 4.0])
+    assert [peer(solid.mesh).volume for solid in part.solids] == pytest.approx([16.0, 4.0])
     assert all(solid.mesh.is_watertight for solid in part.solids)
 
 
 def test_meshes_are_rotated_scaled_and_shifted(tmp_path: Path) -> None:
-    box((1000, 0, -3000), (2000, 500, -1000)).export(tmp_path / "up.obj")  # y up, millimeters
+    peer(box((1000, 0, -3000), (2000, 500, -1000))).export(tmp_path / "up.obj")  # y up, millimeters
     spec = meshes("up.obj", up="y", scale=0.001, shift_m=(5.0, 0.0, -0.2))
     (part,) = build_harbor(spec, tmp_path).parts
     np.testing.assert_allclose(part.mesh.bounds, [(6, 1, -0.2), (7, 3, 0.3)], atol=1e-9)
-    assert part.mesh.volume > 0
+    assert peer(part.mesh).volume > 0
 
 
 def test_meshes_added_to_a_marina(harbor: Harbor, tmp_path: Path) -> None:
-    box((20, 20, -1), (22, 22, 2)).export(tmp_path / "rock.stl")
+    peer(box((20, 20, -1), (22, 22, 2))).export(tmp_path / "rock.stl")
     more = build_harbor(marina(meshes=({"path": "rock.stl"},)), tmp_path)
     assert len(more.triangles) == len(harbor.triangles) + 12
     assert CollisionChecker(more, HULL).collided_part(np.array([21.0, 21.0, 0.0])) == "rock.stl"

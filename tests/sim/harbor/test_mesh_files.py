@@ -17,6 +17,7 @@ from dockctl.scenarios.loader import dump, load
 from dockctl.sim.harbor.build import build_harbor
 from dockctl.sim.harbor.mesh_files import MooredModel, moored_model, read_model
 from dockctl.sim.world import load_checked
+from tests.sim.meshes import peer
 
 ROOT = Path(__file__).parents[3]
 BOX = """# barge
@@ -50,9 +51,9 @@ def model(request: pytest.FixtureRequest) -> MooredModel:
 
 def test_every_piece_is_a_closed_solid_facing_outwards(model: MooredModel) -> None:
     for solid in model.solids:
-        assert solid.mesh.is_watertight
-        assert solid.mesh.is_winding_consistent
-        assert solid.mesh.volume > 0
+        assert solid.mesh.is_watertight and peer(solid.mesh).is_watertight
+        assert peer(solid.mesh).is_winding_consistent
+        assert peer(solid.mesh).volume > 0
         assert solid.kind in SOLIDS
     assert model.mesh.is_watertight
 
@@ -104,7 +105,7 @@ def test_a_file_from_another_program(tmp_path: Path) -> None:
     model = read_model(file)
     assert model.vessel_class == "barge"
     assert [solid.kind for solid in model.solids] == ["hull", "cabin"]
-    hull, cabin = (solid.mesh for solid in model.solids)
+    hull, cabin = (peer(solid.mesh) for solid in model.solids)
     assert cabin.volume == pytest.approx(2 / 3)  # a pyramid with a quadrilateral as its base
     assert hull.volume == pytest.approx(3.5 / 6)
     assert model.mesh.bounds[:, 0].tolist() == [0.0, 3.5]

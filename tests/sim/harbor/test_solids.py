@@ -11,6 +11,7 @@ from hypothesis import strategies as st
 
 from dockctl.scenarios.vessel import Hull
 from dockctl.sim.harbor.solids import box, hull_mesh, hull_outline, loft, outlines, prism, tube
+from tests.sim.meshes import peer
 
 lengths = st.floats(0.1, 20.0)
 TURN = np.arange(16) * (2 * np.pi / 16)
@@ -19,14 +20,14 @@ ELLIPSE = np.column_stack((np.cos(TURN), 0.5 * np.sin(TURN)))
 
 @given(lengths, lengths, lengths)
 def test_volume_and_area_of_a_box(a: float, b: float, c: float) -> None:
-    mesh = box((0, 0, 0), (a, b, c))
+    mesh = peer(box((0, 0, 0), (a, b, c)))
     assert mesh.volume == pytest.approx(a * b * c)
     assert mesh.area == pytest.approx(2 * (a * b + b * c + c * a))
 
 
 @given(st.integers(3, 40), lengths, lengths)
 def test_tube_is_a_regular_prism(sides: int, radius: float, length: float) -> None:
-    mesh = tube([(0, 0, 0), (0, 0, length)], radius, sides)
+    mesh = peer(tube([(0, 0, 0), (0, 0, length)], radius, sides))
     assert mesh.is_watertight
     assert mesh.volume == pytest.approx(0.5 * sides * radius**2 * math.sin(2 * math.pi / sides) * length)
 
@@ -35,7 +36,7 @@ def test_tube_is_a_regular_prism(sides: int, radius: float, length: float) -> No
 def test_bent_tubes_are_closed_and_have_the_full_thickness(sides: int, turns: float) -> None:
     t = np.linspace(0, turns, 60)
     path = np.stack((3 * np.cos(t), 3 * np.sin(t), 0.5 * t), axis=1)
-    mesh = tube(path, 0.1, sides)
+    mesh = peer(tube(path, 0.1, sides))
     assert mesh.is_watertight
     assert mesh.is_winding_consistent
     length = np.linalg.norm(np.diff(path, axis=0), axis=1).sum()
@@ -45,7 +46,7 @@ def test_bent_tubes_are_closed_and_have_the_full_thickness(sides: int, turns: fl
 @pytest.mark.parametrize("k", range(3, 12))
 def test_caps_cover_convex_rings_exactly(k: int) -> None:
     angles = 2 * np.pi * np.arange(k) / k
-    mesh = prism(np.stack((np.cos(angles), np.sin(angles)), axis=1), 0.0, 1.0)
+    mesh = peer(prism(np.stack((np.cos(angles), np.sin(angles)), axis=1), 0.0, 1.0))
     assert mesh.area == pytest.approx(k * math.sin(2 * math.pi / k) + 2 * k * math.sin(math.pi / k))
 
 
@@ -58,7 +59,7 @@ def test_lofts_face_outwards_whichever_way_the_rings_run() -> None:
 
 @given(st.builds(Hull, length_m=lengths, beam_m=lengths, draft_m=lengths, freeboard_m=lengths))
 def test_the_own_hull_is_convex_and_has_the_given_size(hull: Hull) -> None:
-    mesh = hull_mesh(hull)
+    mesh = peer(hull_mesh(hull))
     assert mesh.is_watertight
     assert mesh.is_convex
     half_length, half_beam = hull.length_m / 2, hull.beam_m / 2
