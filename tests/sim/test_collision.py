@@ -22,7 +22,7 @@ from tests.sim.meshes import peer
 HULL = Hull()
 
 
-def checker(*solids: Mesh, hull: Hull = HULL) -> CollisionChecker:
+def checker(*solids: Mesh | trimesh.Trimesh, hull: Hull = HULL) -> CollisionChecker:
     parts = [Part(f"solid {i}", "mesh", (Solid("mesh", mesh),)) for i, mesh in enumerate(solids)]
     return CollisionChecker(assemble("test", parts), hull)
 
@@ -121,13 +121,13 @@ def test_boat_in_a_basin_enclosed_by_a_solid_is_free() -> None:
 
 
 def test_open_surface_has_no_inside() -> None:
-    shell = box((-20, -20, -5), (20, 20, 5))
+    shell = peer(box((-20, -20, -5), (20, 20, 5)))
     shell.update_faces(np.arange(len(shell.faces)) > 0)
     assert not checker(shell).blocked(pose(0, 0, 0))[0]
 
 
 def test_an_inverted_solid_blocks_too() -> None:
-    land = box((-20, -20, -5), (20, 20, 5))
+    land = peer(box((-20, -20, -5), (20, 20, 5)))
     land.invert()
     assert checker(land).blocked(pose(0, 0, 0))[0]
 
