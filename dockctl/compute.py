@@ -9,6 +9,7 @@ import tempfile
 import zipfile
 from collections.abc import Callable, Iterable
 from concurrent.futures import ThreadPoolExecutor
+from contextlib import suppress
 from functools import cache, wraps
 from pathlib import Path
 from typing import Any, ParamSpec, TypeVar, cast
@@ -26,7 +27,8 @@ Function = TypeVar("Function", bound=Callable[..., object])
 P = ParamSpec("P")
 T = TypeVar("T")
 
-MAX_FILES = 24
+CACHE_BYTES = 4_000_000_000
+"""Limit of the size of all cached tables on disk."""
 UNUSED_BYTES = 512_000_000
 """Limit of the results of `shared` functions that are kept although nothing uses them, all together."""
 log = logging.getLogger(__name__)
@@ -205,7 +207,7 @@ def cached(name: str, inputs: Iterable[bytes], build: Callable[[], Arrays]) -> A
 
 
 def _write(path: Path, arrays: Arrays) -> None:
-    """Write the file atomically, then delete the least recently used ones."""
+    """Write the file atomically, then delete the least recently used ones beyond `CACHE_BYTES`."""
     path.parent.mkdir(parents=True, exist_ok=True)
     handle, part = tempfile.mkstemp(dir=path.parent, suffix=".part")
     try:
@@ -214,6 +216,12 @@ def _write(path: Path, arrays: Arrays) -> None:
         Path(part).replace(path)
     finally:
         Path(part).unlink(missing_ok=True)
-    files = sorted(path.parent.glob("*.npz"), key=lambda file: file.stat().st_mtime, reverse=True)
-    for old in files[MAX_FILES:]:
-        old.unlink(missing_ok=True)
+    total, found = 0, []
+    for file in path.parent.glob("*.npz"):
+        with suppress(FileNotFoundError):  # another process deleted it
+            status = file.stat()
+            found.append((status.st_mtime, status.st_size, file))
+    for _, size, file in sorted(found, reverse=True):
+        total += size
+        if total > CACHE_BYTES and file != path:
+            file.unlink(missing_ok=True)

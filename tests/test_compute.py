@@ -11,7 +11,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from dockctl.compute import MAX_FILES, cache_folder, cached
+from dockctl import compute
+from dockctl.compute import cache_folder, cached
 
 CALLEE = """
 from dockctl.compute import compiled
@@ -88,10 +89,27 @@ def test_without_a_writable_folder_tables_are_built_each_time(monkeypatch: pytes
     assert len(cached("squares", [b"10"], lambda: table(10))["squares"]) == 10
 
 
-def test_old_files_are_deleted() -> None:
-    for index in range(MAX_FILES + 5):
-        cached("squares", [bytes([index])], lambda: table(10))
-    assert len(list(cache_folder().iterdir())) == MAX_FILES
+def test_the_least_recently_used_files_are_deleted_beyond_the_limit(monkeypatch: pytest.MonkeyPatch) -> None:
+    cached("squares", [b"0"], lambda: table(1000))
+    (first,) = cache_folder().iterdir()
+    monkeypatch.setattr(compute, "CACHE_BYTES", 3 * first.stat().st_size + 10)
+    for index in range(1, 6):
+        cached("squares", [str(index).encode()], lambda: table(1000))
+        for age, file in enumerate(sorted(cache_folder().iterdir(), key=lambda file: file.stat().st_mtime)):
+            os.utime(file, (age, age))  # time stamps of the file system may be equal
+        cached("squares", [b"0"], never)
+    assert len(list(cache_folder().iterdir())) == 3
+    assert first.exists()
+    for index in (4, 5):
+        cached("squares", [str(index).encode()], never)
+
+
+def test_a_table_larger_than_the_limit_is_cached_alone(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(compute, "CACHE_BYTES", 10)
+    for name in (b"a", b"b"):
+        cached("squares", [name], lambda: table(1000))
+        cached("squares", [name], never)
+    assert len(list(cache_folder().iterdir())) == 1
 
 
 def _race(index: int) -> int:

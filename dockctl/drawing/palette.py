@@ -47,6 +47,8 @@ SOLIDS = {
     "rail": ("#9AA7B0", "#9AA7B0"),
     "mast": ("#55646F", "#3E4C58"),  # with boom, spreaders and stays
     "sail": ("#2A4B6C", "#1C3650"),
+    "red light": ("#B8433C", "#8E322D"),  # at the entrance
+    "green light": ("#2F8A57", "#236741"),
     "mesh": ("#BFC4C6", "#8C9396"),  # a solid of a mesh file
     "own": (OWN_HULL, "#8C9396"),
 }

@@ -22,7 +22,7 @@ from dockctl.evaluation.rollout import Episode, Rollout
 from dockctl.evaluation.starts import checked_starts, trajectory_starts
 from dockctl.geometry import Floats
 from dockctl.scenarios.base import Pose
-from dockctl.scenarios.harbor import layouts
+from dockctl.scenarios.layouts import layouts
 from dockctl.scenarios.loader import LoadedScenario
 from dockctl.scenarios.schema import Scenario, Task
 from dockctl.sim.harbor.build import Harbor, build_harbor, build_scene

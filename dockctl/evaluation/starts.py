@@ -13,7 +13,7 @@ import numpy as np
 from dockctl.errors import DockctlError
 from dockctl.geometry import pose_array
 from dockctl.scenarios.base import Pose
-from dockctl.scenarios.harbor import layouts
+from dockctl.scenarios.layouts import layouts
 from dockctl.scenarios.loader import LoadedScenario
 from dockctl.scenarios.schema import Scenario
 from dockctl.sim.harbor.build import build_harbor

@@ -24,7 +24,7 @@ from dockctl.plugins import (
     Registry,
 )
 from dockctl.scenarios.base import FieldError
-from dockctl.scenarios.harbor import layouts
+from dockctl.scenarios.layouts import layouts
 from dockctl.scenarios.loader import LoadedScenario
 from dockctl.sim.world import in_open_water
 

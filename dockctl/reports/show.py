@@ -137,7 +137,7 @@ def marina_figure(plan: Scene, scenario: Scenario, bodies: Sequence[Body]) -> Fi
         f"scenario {scenario.name}; the docking boat is red",
         (10.4, 10.0 * height / width + 0.9),
     )
-    view3d.draw_water(ax, camera, bounds)
+    view3d.draw_water(ax, camera, (*edge[0, :2], *edge[1, :2]))  # also in an entrance
     view3d.draw_bodies(ax, camera, trimmed)
     view3d.frame(ax, extent, "white")
     return figure

@@ -1,11 +1,11 @@
-"""Harbors as data: a marina with rows of finger piers, or mesh files; the berths of a multi-berth task."""
+"""Harbors as data: a marina, generated layouts, or mesh files; the berths of a multi-berth task."""
 
 from __future__ import annotations
 
 from pathlib import Path
 from typing import Annotated, Literal, NamedTuple, Self, get_args
 
-from pydantic import Field, model_validator
+from pydantic import AfterValidator, Field, model_validator
 
 from dockctl.errors import nearest
 from dockctl.scenarios.base import Coordinate, Count, FieldError, Flag, Length, Model, Positive
@@ -22,12 +22,19 @@ Places = Annotated[tuple[Coordinate, ...], Field(max_length=1000)]
 """Coordinates along a quay [m]."""
 Side = Literal["east", "west", "north", "south"]
 BerthKind = Literal["trained", "held_out"]
+QUAYS: dict[Side, str] = {"east": "x_max_m", "west": "x_min_m", "north": "y_max_m", "south": "y_min_m"}
+"""The edge of the basin at which the berths of a side begin."""
+FACES: dict[Side, str] = {"east": "x_min_m", "west": "x_max_m", "north": "y_min_m", "south": "y_max_m"}
+"""The edge of a pier or of land at which the berths of a side begin: their sterns point to that side."""
 MAX_HARBORS = 32
-"""Copies of a harbor with other vacant berths, at about 0.25 GB each."""
+"""Copies of a harbor with other vacant berths."""
+MAX_LAYOUTS = 1000
+MIN_BERTH_M = 2.4
+"""Narrowest generated berth; every berth has space for the narrowest of `DEFAULT_MODELS`."""
 
 
-class Basin(Model):
-    """Water area between the faces of the quays [m]."""
+class Rectangle(Model):
+    """A rectangle in the plane [m]."""
 
     x_min_m: Coordinate
     x_max_m: Coordinate
@@ -43,11 +50,33 @@ class Basin(Model):
         return self
 
 
+class Basin(Rectangle):
+    """Water area between the faces of the quays [m]."""
+
+
+class Entrance(Model):
+    """A gap in one of the quays, through which the harbor is open to the sea [m]."""
+
+    side: Side
+    from_m: Coordinate
+    to_m: Coordinate
+
+    @model_validator(mode="after")
+    def _is_a_gap(self) -> Self:
+        if self.from_m >= self.to_m:
+            message = f"{self.from_m:g} must be less than to_m, {self.to_m:g}"
+            raise FieldError("from_m", message, "out_of_range")
+        return self
+
+
 class _Row(Model):
-    """Finger piers along one quay, with two berths between neighboring fingers."""
+    """Berths along one edge, of a quay, a pier or land, with finger piers between them."""
 
     finger_length_m: Length = 8.0
     finger_width_m: Length = 1.0
+    edge_m: Coordinate | None = Field(
+        default=None, description="x (east, west) or y of the edge of a pier or land; null for the quay"
+    )
 
     @property
     def fingers(self) -> tuple[float, ...]:
@@ -138,15 +167,142 @@ class MeshFile(Model):
     shift_m: tuple[Coordinate, Coordinate, Coordinate] = (0.0, 0.0, 0.0)
 
 
+Rectangles = Annotated[tuple[Rectangle, ...], Field(max_length=100)]
+
+
 class Marina(Model):
     """A basin with rows of finger piers, moored vessels, and optional solids from mesh files."""
 
     kind: Literal["marina"]
     name: str = "marina"
     basin: Basin
+    entrance: Entrance | None = Field(default=None, description="gap in a quay; null for a closed basin")
+    land: Rectangles = Field(default=(), description="quays inside the basin")
+    piers: Rectangles = Field(default=(), description="walkways on piles")
     rows: tuple[PierRow, ...] = Field(min_length=1, max_length=100)
     fleet: Fleet = Field(default_factory=Fleet)
     meshes: tuple[MeshFile, ...] = ()
+
+    @model_validator(mode="after")
+    def _rows_have_an_edge(self) -> Self:
+        for index, row in enumerate(self.rows):
+            if row.edge_m is not None and self.under(row) is None:
+                edges = [getattr(body, FACES[row.side]) for body in (*self.piers, *self.land)]
+                known = ", ".join(f"{edge:g}" for edge in edges) or "none"
+                field, message = f"rows.{index}.edge_m", f"{row.edge_m:g} is no {FACES[row.side]} of a pier"
+                raise FieldError(field, f"{message} or land (there are: {known})", "mismatch")
+        return self
+
+    @model_validator(mode="after")
+    def _berths_differ(self) -> Self:
+        """A berth is named by its side and position, so that these must not occur twice."""
+        seen: dict[tuple[str, float], int] = {}
+        for index, row in enumerate(self.rows):
+            for at in row.berths:
+                if seen.setdefault((row.side, at), index) != index:
+                    field = f"rows.{index}.berth_{row.axis}_m"
+                    message = f"another row of the side {row.side} also has a berth at {at:g}; move one"
+                    raise FieldError(field, message, "duplicate")
+        return self
+
+    @model_validator(mode="after")
+    def _entrance_in_its_quay(self) -> Self:
+        if (gap := self.entrance) is not None:
+            axis = "y" if gap.side in ("east", "west") else "x"
+            low, high = (getattr(self.basin, f"{axis}_{end}_m") for end in ("min", "max"))
+            if not low <= gap.from_m < gap.to_m <= high:
+                message = f"the {gap.side} quay is from {low:g} to {high:g}"
+                raise FieldError("entrance", message, "out_of_range")
+        return self
+
+    def under(self, row: SideRow | EndRow) -> Rectangle | None:
+        """Return the pier or the land that a row is along, None for the quay around the basin."""
+        if row.edge_m is None:
+            return None
+        bodies = (body for body in (*self.piers, *self.land) if getattr(body, FACES[row.side]) == row.edge_m)
+        return next(bodies, None)
+
+    def edge_of(self, row: SideRow | EndRow) -> float:
+        """Return the coordinate of the edge that a row is along, across the row [m]."""
+        if row.edge_m is not None:
+            return row.edge_m
+        quay: float = getattr(self.basin, QUAYS[row.side])
+        return quay
+
+    def row_of(self, place: BerthPlace) -> SideRow | EndRow:
+        """Return the row of a berth.
+
+        Raises:
+            StopIteration: there is no such berth.
+        """
+        return next(row for row in self.rows if row.side == place.side and place.at_m in row.berths)
+
+
+def _ordered(interval: tuple[float, float]) -> tuple[float, float]:
+    if interval[0] > interval[1]:
+        raise ValueError(f"expected [low, high], found {interval[0]:g} above {interval[1]:g}")
+    return interval
+
+
+Interval = Annotated[tuple[Length, Length], AfterValidator(_ordered)]
+"""Lower and upper bound of a random length [m]."""
+Counts = Annotated[tuple[int, int], AfterValidator(_ordered)]
+
+
+class Generated(Model):
+    """Layouts of marinas that are drawn at random, one from each seed; see `dockctl.scenarios.layouts`.
+
+    The layouts of the seeds from `seed` on are for training, those from `held_out_seed` on for evaluation.
+    """
+
+    kind: Literal["generated"]
+    name: str = "generated"
+    seed: int = Field(default=0, ge=0, strict=True, description="of the first layout")
+    layouts: Count = Field(default=1, le=MAX_LAYOUTS, description="number of layouts for training")
+    held_out_seed: int = Field(default=1_000_000, ge=0, strict=True)
+    held_out_layouts: int = Field(default=0, ge=0, le=MAX_LAYOUTS, strict=True)
+    basin_length_m: Interval = Field(default=(44.0, 68.0), description="along the quays with most berths")
+    fairway_m: Interval = Field(default=(13.0, 22.0), description="between the bows of two rows")
+    entrance_m: Interval = Field(default=(9.0, 14.0), description="width of the harbor's entrance")
+    berth_width_m: Interval = Field(default=(2.6, 4.6), description="between center lines in one bay")
+    finger_width_m: Interval = (0.6, 1.2)
+    berths_between_fingers: Counts = (1, 3)
+    piers: Counts = Field(default=(0, 1), description="walkways with berths on both sides")
+    free_berths: Counts = Field(default=(3, 8), description="berths without a moored vessel in each layout")
+
+    @property
+    def meshes(self) -> tuple[MeshFile, ...]:
+        return ()
+
+    @model_validator(mode="after")
+    def _within_limits(self) -> Self:
+        limits: dict[str, tuple[float, float]] = {
+            "basin_length_m": (40, 200),
+            "fairway_m": (8, 100),
+            "entrance_m": (4, 40),
+            "berth_width_m": (MIN_BERTH_M, 8),
+            "finger_width_m": (0.3, 2),
+            "berths_between_fingers": (1, 6),
+            "piers": (0, 4),
+            "free_berths": (1, 1000),
+        }
+        for field, (low, high) in limits.items():
+            given = getattr(self, field)
+            if given[0] < low or given[1] > high:
+                message = f"[{given[0]:g}, {given[1]:g}] is not within {low:g} to {high:g}"
+                raise FieldError(field, message, "out_of_range")
+        return self
+
+    @model_validator(mode="after")
+    def _held_out_differ(self) -> Self:
+        first, second = (
+            range(start, start + count)
+            for start, count in ((self.seed, self.layouts), (self.held_out_seed, self.held_out_layouts))
+        )
+        if second and first.start < second.stop and second.start < first.stop:
+            message = f"the seeds {second.start} to {second[-1]} are also used for training"
+            raise FieldError("held_out_seed", message, "duplicate")
+        return self
 
 
 class MeshHarbor(Model):
@@ -157,7 +313,7 @@ class MeshHarbor(Model):
     meshes: tuple[MeshFile, ...] = Field(min_length=1)
 
 
-HarborSpec = Annotated[Marina | MeshHarbor, Field(discriminator="kind")]
+HarborSpec = Annotated[Marina | Generated | MeshHarbor, Field(discriminator="kind")]
 
 
 class BerthPlace(NamedTuple):
@@ -184,19 +340,17 @@ class BerthPlaces(Model):
 class Berths(Model):
     """Berths for the episodes: each episode moves all poses of the task to one of them.
 
-    They are split into groups of at most `vacant` berths. Each group has its own copy of the harbor, in which
-    only these berths are free.
+    Those of a marina are split into groups of at most `vacant` berths. Each group has its own copy of the
+    harbor, in which only these berths are free. Generated layouts have their own free berths.
     """
 
-    trained: BerthPlaces = Field(description="berths of the training")
+    trained: BerthPlaces = Field(default=BerthPlaces(), description="berths of the training")
     held_out: BerthPlaces = Field(default=BerthPlaces(), description="berths used only by the evaluation")
     mirrored: Flag = Field(default=True, description="also mirror the task about the berth")
     vacant: Count = 6
 
     @model_validator(mode="after")
     def _are_disjoint(self) -> Self:
-        if not self.trained.places:
-            raise FieldError("trained", "expected at least one berth", "missing_key")
         groups = sum(-(-len(self.places(kind)) // self.vacant) for kind in get_args(BerthKind))
         if groups > MAX_HARBORS:
             message = f"{self.vacant} vacant berths at a time need {groups} harbors, at most {MAX_HARBORS}"
@@ -212,49 +366,33 @@ class Berths(Model):
         return listed.places
 
 
-class Layout(NamedTuple):
-    """A harbor of a scenario and the free berths in it to which the task can be moved."""
+def require_berths(harbor: HarborSpec, berths: Berths | None) -> None:
+    """Check that a harbor has the berths of a task.
 
-    harbor: HarborSpec
-    kind: BerthKind | None
-    berths: tuple[BerthPlace, ...]
-
-
-def layouts(harbor: HarborSpec, berths: Berths | None) -> tuple[Layout, ...]:
-    """Return the harbors of a scenario: its own, or one for each group of berths that are vacant together.
-
-    A group has every k-th berth of the list, so that the neighbors of a free berth are occupied.
+    Raises:
+        FieldError: the first berth that the harbor lacks, or that none is given.
     """
+    field = "task.berths"
+    if isinstance(harbor, Generated):
+        if berths is None and harbor.layouts + harbor.held_out_layouts > 1:
+            message = "is missing; 'berths: {}' moves the task to the free berths of all layouts"
+            raise FieldError(field, message, "missing_key")
+        if berths is not None and (berths.trained.places or berths.held_out.places):
+            message = "generated layouts have their own free berths; leave out trained and held_out"
+            raise FieldError(field, message, "mismatch")
+        return
     if berths is None:
-        return (Layout(harbor, None, ()),)
-    assert isinstance(harbor, Marina)  # checked by the scenario's validator
-    kinds: tuple[BerthKind, ...] = ("trained", "held_out")
-    groups = []
-    for kind in kinds:
-        places = berths.places(kind)
-        count = -(-len(places) // berths.vacant)
-        groups += [(kind, places[first::count]) for first in range(count)]
-    return tuple(Layout(_with_vacant_berths(harbor, places), kind, places) for kind, places in groups)
-
-
-def _with_vacant_berths(marina: Marina, places: tuple[BerthPlace, ...]) -> Marina:
-    """Return the marina with only these berths free."""
-    rows = [
-        row.model_copy(update={f"free_{row.axis}_m": tuple(at for side, at in places if side == row.side)})
-        for row in marina.rows
-    ]
-    return marina.model_copy(update={"rows": tuple(rows)})
-
-
-def missing_berth(harbor: HarborSpec, berths: Berths) -> str:
-    """Describe the first berth of the list that the harbor lacks; an empty string if it has all."""
+        return
+    if not berths.trained.places:
+        raise FieldError(f"{field}.trained", "expected at least one berth", "missing_key")
     if not isinstance(harbor, Marina):
-        return "the harbor has no berths: expected kind marina"
+        message = "the harbor has no berths: expected kind marina or generated"
+        raise FieldError(field, message, "mismatch")
     existing = {BerthPlace(row.side, at) for row in harbor.rows for at in row.berths}
     for place in berths.trained.places + berths.held_out.places:
         if place not in existing:
             on_side = [berth.at_m for berth in existing if berth.side == place.side]
             nearest = min(on_side, key=lambda at: abs(at - place.at_m), default=None)
             hint = "that quay has none" if nearest is None else f"the nearest one is at {nearest:g}"
-            return f"no berth on the {place.side} quay at {place.at_m:g}; {hint}"
-    return ""
+            message = f"no berth on the {place.side} quay at {place.at_m:g}; {hint}"
+            raise FieldError(field, message, "mismatch")

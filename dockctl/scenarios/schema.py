@@ -21,9 +21,12 @@ from dockctl.scenarios.base import (
     Positive,
 )
 from dockctl.scenarios.extensions import ActionType, Condition, Kinds, RangeSensorSpec, Sectors
-from dockctl.scenarios.harbor import Berths, HarborSpec, missing_berth
+from dockctl.scenarios.harbor import Berths, Generated, HarborSpec, require_berths
 from dockctl.scenarios.training import Evaluation, Training
 from dockctl.scenarios.vessel import Vessel
+
+BERTH_MARGIN_M = 1.0
+"""Water on both sides of the boat together in the narrowest generated berth, and around it when it turns."""
 
 
 class SpreadPose(Pose):
@@ -185,8 +188,22 @@ class Scenario(Model):
 
     @model_validator(mode="after")
     def _berths_exist(self) -> Self:
-        if self.task.berths is not None and (flaw := missing_berth(self.harbor, self.task.berths)):
-            raise FieldError("task.berths", flaw, "mismatch")
+        require_berths(self.harbor, self.task.berths)
+        return self
+
+    @model_validator(mode="after")
+    def _boat_fits_generated_berths(self) -> Self:
+        hull = self.vessel.hull
+        if isinstance(self.harbor, Generated):
+            for field, needed in (
+                ("berth_width_m", hull.beam_m + BERTH_MARGIN_M),
+                ("entrance_m", hull.beam_m + BERTH_MARGIN_M),
+                ("fairway_m", 2 * hull.reach_m + BERTH_MARGIN_M),
+            ):
+                least = getattr(self.harbor, field)[0]
+                if least < needed:
+                    message = f"{least:g} is too narrow for the vessel, which needs {needed:.4g} m"
+                    raise FieldError(f"harbor.{field}", message, "out_of_range")
         return self
 
 

@@ -10,7 +10,8 @@ import numpy as np
 
 from dockctl.errors import DockctlError, InputError, Problem
 from dockctl.geometry import Bools, Floats, pose_array, relocate_poses, wrap
-from dockctl.scenarios.harbor import BerthKind, BerthPlace, Marina, layouts
+from dockctl.scenarios.harbor import BerthKind, BerthPlace, Generated, Marina
+from dockctl.scenarios.layouts import Layout, layouts
 from dockctl.scenarios.schema import Scenario, Task
 from dockctl.scenarios.training import ExploringStarts
 from dockctl.sim.goal import TO_FINAL, TO_INTERMEDIATE, measure
@@ -101,9 +102,9 @@ def sites(scenario: Scenario) -> list[Site]:
     own, berths = _task_site(scenario.task), scenario.task.berths
     if berths is None:
         return [own]
-    assert isinstance(scenario.harbor, Marina)  # checked by the validator of the scenario
+    generated = isinstance(scenario.harbor, Generated)
     return [
-        _relocated(own, berth_pose(scenario.harbor, place), mirrored, harbor, layout.kind or "", place)
+        _relocated(own, layout, place, mirrored, harbor, generated)
         for harbor, layout in enumerate(layouts(scenario.harbor, berths))
         for place in layout.berths
         for mirrored in ((False, True) if berths.mirrored else (False,))
@@ -129,7 +130,7 @@ def free_sites(scenario: Scenario, unreachable: Sequence[Unreachable]) -> list[S
         if not unreachable[site.harbor](np.concatenate([site.initial, site.goals]), site.goals[1]).any()
     ]
     for kind in get_args(BerthKind):
-        if berths.places(kind) and not any(site.kind == kind for site in free):
+        if any(site.kind == kind for site in every) and not any(site.kind == kind for site in free):
             message = "at each of these berths a pose of the task is blocked; name a berth with more space"
             raise _error(scenario, f"task.berths.{kind}", message)
     return free
@@ -143,12 +144,14 @@ def _task_site(task: Task) -> Site:
 
 
 def _relocated(
-    own: Site, to: tuple[float, float, float], mirrored: bool, harbor: int, kind: str, place: BerthPlace
+    own: Site, layout: Layout, place: BerthPlace, mirrored: bool, harbor: int, generated: bool
 ) -> Site:
-    final, target = own.goals[1], np.array(to)
+    assert isinstance(layout.harbor, Marina)  # checked by the validator of the scenario
+    final, target = own.goals[1], np.array(berth_pose(layout.harbor, place))
     berth = f"{place.side} {place.at_m:g}{' mirrored' if mirrored else ''}"
+    name = f"{layout.harbor.name} {berth}" if generated else berth
     initial, goals = (relocate_poses(poses, final, target, mirrored) for poses in (own.initial, own.goals))
-    return Site(initial, goals, own.first_phase, harbor, kind, berth)
+    return Site(initial, goals, own.first_phase, harbor, layout.kind or "", name)
 
 
 def _error(scenario: Scenario, field: str, message: str) -> InputError:

@@ -18,7 +18,8 @@ from dockctl.geometry import Bools, Floats, place_outline, pose_array
 from dockctl.plugins import RANGE_SENSORS, Guard
 from dockctl.scenarios.base import Pose
 from dockctl.scenarios.extensions import RangeSensor, RangeSensorSpec
-from dockctl.scenarios.harbor import HarborSpec, layouts
+from dockctl.scenarios.harbor import Generated, HarborSpec
+from dockctl.scenarios.layouts import layouts
 from dockctl.scenarios.loader import LoadedScenario, load
 from dockctl.scenarios.schema import Scenario
 from dockctl.scenarios.vessel import Hull
@@ -29,6 +30,8 @@ from dockctl.sim.starts import UNREACHABLE, own_site, rejected_shares
 
 MAX_REJECTED, NOTED_REJECTED = 0.95, 0.3
 """Shares of random starts: more are an error, or are noted."""
+CHECKED_LAYOUTS = 3
+"""Generated layouts of each kind whose starts are checked; the others follow the same rules."""
 SEARCH_RADII_M = np.arange(1, 41) * 0.25
 SEARCH_DIRECTIONS = np.array([(math.cos(a), math.sin(a), 0.0) for a in np.arange(16) * (math.pi / 8)])
 
@@ -172,6 +175,7 @@ def check_poses(scenario: Scenario, base_dir: Path) -> list[tuple[str, str]]:
         InputError: a mesh file of the harbor is missing or damaged.
         DockctlError: the harbor cannot be built.
     """
+    scenario = with_few_layouts(scenario)
     every = layouts(scenario.harbor, scenario.task.berths)
     harbors = [build_harbor(layout.harbor, base_dir) for layout in every]
     try:
@@ -186,6 +190,14 @@ def check_poses(scenario: Scenario, base_dir: Path) -> list[tuple[str, str]]:
         for field, share in shares.items()
         if share > MAX_REJECTED
     ]
+
+
+def with_few_layouts(scenario: Scenario) -> Scenario:
+    """Return the scenario with at most `CHECKED_LAYOUTS` generated layouts of each kind, for checks."""
+    if not isinstance(harbor := scenario.harbor, Generated):
+        return scenario
+    few = {name: min(getattr(harbor, name), CHECKED_LAYOUTS) for name in ("layouts", "held_out_layouts")}
+    return scenario.model_copy(update={"harbor": harbor.model_copy(update=few)})
 
 
 def notes(loaded: LoadedScenario) -> list[str]:
@@ -225,7 +237,7 @@ def rejected_starts(scenario: Scenario, base_dir: Path) -> dict[str, float]:
     Raises:
         InputError: see `dockctl.sim.starts.free_sites`.
     """
-    hull = scenario.vessel.hull
+    scenario, hull = with_few_layouts(scenario), scenario.vessel.hull
     harbors = (
         build_harbor(layout.harbor, base_dir) for layout in layouts(scenario.harbor, scenario.task.berths)
     )

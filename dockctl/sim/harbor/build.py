@@ -17,7 +17,19 @@ from dockctl.compute import shared
 from dockctl.drawing.scene import Polygon, Scene
 from dockctl.errors import Code, InputError, Problem
 from dockctl.geometry import Floats
-from dockctl.scenarios.harbor import Basin, BerthPlace, EndRow, Fleet, HarborSpec, Marina, Side, SideRow
+from dockctl.scenarios.harbor import (
+    QUAYS,
+    BerthPlace,
+    EndRow,
+    Fleet,
+    Generated,
+    HarborSpec,
+    Marina,
+    Rectangle,
+    Side,
+    SideRow,
+)
+from dockctl.scenarios.layouts import generate
 from dockctl.scenarios.vessel import Hull
 from dockctl.sim.harbor.mesh_files import MooredModel, load_bodies, moored_model
 from dockctl.sim.harbor.mesh_size import MAX_TRIANGLES
@@ -30,6 +42,11 @@ QUAY_HEIGHT_M = 1.0
 QUAY_WIDTH_M = 12.0
 COPING_WIDTH_M = 0.6
 FINGER_HEIGHT_M = 0.5
+LIGHT_INLAND_M = 1.2
+"""From the entrance to the axis of its lights."""
+PIER_POST_M = 0.45
+"""From the edge of a pier to the axis of its supply posts."""
+PILE_SPACING_M = 8.0
 DEPTH_M = 1.0
 """Depth of quays and piles below the water; greater than the draft of hulls."""
 SIDE_CLEARANCE_M = 0.3
@@ -105,11 +122,17 @@ def build_scene(harbor: Harbor, hull: Hull) -> Scene:
 
 
 def build_harbor(spec: HarborSpec, base_dir: Path) -> Harbor:
-    """Return the harbor of `spec`, from a cache; paths of mesh files are relative to `base_dir`.
+    """Return the harbor of `spec`, from a cache; of generated layouts, the first one.
+
+    Args:
+        spec: the harbor.
+        base_dir: folder that paths of mesh files are relative to.
 
     Raises:
         InputError: everything that is wrong: mesh files, berths that no model of the fleet fits, the size.
     """
+    if isinstance(spec, Generated):
+        spec = generate(spec, spec.seed)
     # Without mesh files the result does not depend on the folder.
     return _build(spec, base_dir if spec.meshes else Path())
 
@@ -153,8 +176,10 @@ def _parts(
     """Yield the parts of a harbor, and add the reasons for what is missing to `problems`."""
     if isinstance(spec, Marina):
         yield from _quays(spec)
+        yield from _land(spec)
+        yield from _piers(spec)
         for row in spec.rows:
-            yield from _fingers(row, spec.basin)
+            yield from _fingers(spec, row)
         flaws = list(_model_problems(spec.fleet))
         problems += flaws
         if not flaws:
@@ -205,31 +230,116 @@ def _quays(spec: Marina) -> Iterator[Part]:
         "north": (((x0, y1), (x1, y1 + w)), ((x0, y1), (x1, y1 + c))),
         "south": (((x0, y0 - w), (x1, y0)), ((x0, y0 - c), (x1, y0))),
     }
-    for side, ((low, high), (edge_low, edge_high)) in footprints.items():
-        land = Solid("quay", box((*low, -DEPTH_M), (*high, QUAY_HEIGHT_M)))
-        coping = Solid("quay", box((*edge_low, QUAY_HEIGHT_M - 0.1), (*edge_high, QUAY_HEIGHT_M + 0.06)))
-        furniture = [solid for row in spec.rows if row.side == side for solid in _furniture(row, water)]
-        yield Part(f"{side} quay", "quay", (land, coping, *furniture))
+    for side, (whole, edge) in footprints.items():
+        bodies = [
+            solid
+            for (low, high), (edge_low, edge_high) in _without_entrance(spec, side, whole, edge)
+            for solid in (
+                Solid("quay", box((*low, -DEPTH_M), (*high, QUAY_HEIGHT_M))),
+                Solid("quay", box((*edge_low, QUAY_HEIGHT_M - 0.1), (*edge_high, QUAY_HEIGHT_M + 0.06))),
+            )
+        ]
+        rows = [row for row in spec.rows if row.side == side and row.edge_m is None]
+        furniture = [solid for row in rows for solid in _furniture(spec, row, QUAY_HEIGHT_M)]
+        yield Part(f"{side} quay", "quay", (*bodies, *furniture))
+    yield from _lights(spec)
 
 
-def _furniture(row: SideRow | EndRow, basin: Basin) -> Iterator[Solid]:
-    """Yield a supply post on the quay at every finger, and a bollard at every berth."""
+def _without_entrance(
+    spec: Marina, side: Side, whole: Corners, edge: Corners
+) -> list[tuple[Corners, Corners]]:
+    """Return a quay and its coping, or those on both sides of the entrance."""
+    gap = spec.entrance
+    if gap is None or gap.side != side:
+        return [(whole, edge)]
+    axis = 1 if side in ("east", "west") else 0
+
+    def clipped(corners: Corners, low: float, high: float) -> Corners | None:
+        ends = [list(corner) for corner in corners]
+        ends[0][axis], ends[1][axis] = max(ends[0][axis], low), min(ends[1][axis], high)
+        if ends[0][axis] >= ends[1][axis]:
+            return None
+        return (ends[0][0], ends[0][1]), (ends[1][0], ends[1][1])
+
+    parts = []
+    for low, high in ((-np.inf, gap.from_m), (gap.to_m, np.inf)):
+        quay, coping = clipped(whole, low, high), clipped(edge, low, high)
+        if quay and coping:
+            parts.append((quay, coping))
+    return parts
+
+
+def _lights(spec: Marina) -> Iterator[Part]:
+    """Yield a light on each side of the entrance, red to port of an entering boat (IALA region A)."""
+    if (gap := spec.entrance) is None:
+        return
     z = QUAY_HEIGHT_M
-    post = Solid("roof", box((-1.15, -0.14, z), (-0.85, 0.14, z + 1.1)))
+    tower = [(1.0, 0.0, z), (1.0, 0.0, z + 2.6), (1.0, 0.0, z + 3.1), (1.0, 0.0, z + 3.4)]
+    edge = getattr(spec.basin, QUAYS[gap.side])
+    for at in (gap.from_m - LIGHT_INLAND_M, gap.to_m + LIGHT_INLAND_M):
+        frame = QuayFrame.at(gap.side, edge, at, gap=-2.0)
+        to_port = frame.along(at) > frame.along((gap.from_m + gap.to_m) / 2)
+        color = "red" if to_port else "green"
+        light = Solid(f"{color} light", tube(tower, (0.35, 0.22, 0.3, 0.12), sides=12))
+        yield Part(f"{color} light of the entrance", "quay", (frame.to_world(light),))
+
+
+def _land(spec: Marina) -> Iterator[Part]:
+    """Yield quays inside the basin, with a coping all around and furniture."""
+    c, z = COPING_WIDTH_M, QUAY_HEIGHT_M
+    for index, area in enumerate(spec.land):
+        low, high = (area.x_min_m, area.y_min_m), (area.x_max_m, area.y_max_m)
+        strips = [
+            (low, (low[0] + c, high[1])),
+            ((high[0] - c, low[1]), high),
+            ((low[0] + c, low[1]), (high[0] - c, low[1] + c)),
+            ((low[0] + c, high[1] - c), (high[0] - c, high[1])),
+        ]
+        solids = [Solid("quay", box((*low, -DEPTH_M), (*high, z)))]
+        if min(high[0] - low[0], high[1] - low[1]) > 2 * c:
+            solids += [Solid("quay", box((*a, z - 0.1), (*b, z + 0.06))) for a, b in strips]
+        yield Part(f"land {index + 1}", "quay", (*solids, *_furniture_on(spec, area, z)))
+
+
+def _piers(spec: Marina) -> Iterator[Part]:
+    """Yield walkways, with piles along both edges."""
+    for index, area in enumerate(spec.piers):
+        low, high = (area.x_min_m, area.y_min_m), (area.x_max_m, area.y_max_m)
+        deck = Solid("finger", box((*low, FINGER_HEIGHT_M - 0.3), (*high, FINGER_HEIGHT_M)))
+        furniture = _furniture_on(spec, area, FINGER_HEIGHT_M)
+        yield Part(f"pier {index + 1}", "finger", (deck, *furniture))
+        along = 0 if high[0] - low[0] > high[1] - low[1] else 1
+        count = max(round((high[along] - low[along]) / PILE_SPACING_M), 1) + 1
+        stations = np.linspace(low[along] + 0.3, high[along] - 0.3, count)
+        edges = (low[1 - along] + 0.17, high[1 - along] - 0.17)
+        places = [(at, edge) if along == 0 else (edge, at) for at in stations for edge in edges]
+        piles = tuple(pile(x, y, 1.7, radius=0.16) for x, y in places)
+        yield Part(f"piles of the pier {index + 1}", "pile", piles)
+
+
+def _furniture_on(spec: Marina, area: Rectangle, z: float) -> list[Solid]:
+    rows = [row for row in spec.rows if spec.under(row) is area]
+    return [solid for row in rows for solid in _furniture(spec, row, z)]
+
+
+def _furniture(spec: Marina, row: SideRow | EndRow, z: float) -> Iterator[Solid]:
+    """Yield a supply post at every finger and a bollard at every berth, on a deck of the height `z` [m]."""
+    inland = 1.0 if z == QUAY_HEIGHT_M else PIER_POST_M
+    post = Solid("roof", box((-inland - 0.15, -0.14, z), (0.15 - inland, 0.14, z + 1.1)))
     bollard = [(-0.3, 0.0, z), (-0.3, 0.0, z + 0.3), (-0.3, 0.0, z + 0.42)]
     for at in row.fingers:
-        yield QuayFrame.at_quay(row.side, basin, at).to_world(post)
+        yield QuayFrame.of_row(spec, row, at).to_world(post)
     for at in row.berths:
-        yield QuayFrame.at_quay(row.side, basin, at).to_world(
+        yield QuayFrame.of_row(spec, row, at).to_world(
             Solid("engine", tube(bollard, (0.1, 0.1, 0.16), sides=8))
         )
 
 
-def _fingers(row: SideRow | EndRow, basin: Basin) -> Iterator[Part]:
+def _fingers(spec: Marina, row: SideRow | EndRow) -> Iterator[Part]:
     """Yield finger decks and their piles, with a mooring pile at the head of each finger."""
     length, half = row.finger_length_m, row.finger_width_m / 2
     for at in row.fingers:
-        frame = QuayFrame.at_quay(row.side, basin, at)
+        frame = QuayFrame.of_row(spec, row, at)
         where = f"{row.side} {row.axis}={at:g}"
         deck = Solid("finger", box((0.0, -half, FINGER_HEIGHT_M - 0.3), (length, half, FINGER_HEIGHT_M)))
         cleats = [
@@ -258,7 +368,7 @@ def _berths(spec: Marina) -> Iterator[Berth]:
 
 def berth_pose(spec: Marina, place: BerthPlace) -> tuple[float, float, float]:
     """Return x, y [m] and heading [rad] of a boat that is docked stern-to at a berth."""
-    return QuayFrame.at_quay(place.side, spec.basin, place.at_m, gap=BERTH_POSE_GAP_M).pose
+    return QuayFrame.of_row(spec, spec.row_of(place), place.at_m, gap=BERTH_POSE_GAP_M).pose
 
 
 def _moored(spec: Marina, berths: Sequence[Berth], problems: list[Problem]) -> Iterator[Part]:
@@ -270,7 +380,7 @@ def _moored(spec: Marina, berths: Sequence[Berth], problems: list[Problem]) -> I
     slots = [(i, j, row, at) for i, row in enumerate(spec.rows) for j, at in enumerate(row.berths)]
     pool: list[str] = []
     for (i, j, row, at), berth in zip(slots, berths, strict=True):
-        width = _berth_width(row, at, spec.basin) - SIDE_CLEARANCE_M
+        width = _berth_width(row, at, spec) - SIDE_CLEARANCE_M
         model = _draw(pool, spec.fleet.models, width, rng)
         if not berth.occupied:
             continue
@@ -282,7 +392,7 @@ def _moored(spec: Marina, berths: Sequence[Berth], problems: list[Problem]) -> I
             )
             problems.append(_problem(spec, f"harbor.rows.{i}.berth_{row.axis}_m.{j}", message, "mismatch"))
             continue
-        frame = QuayFrame.at_quay(row.side, spec.basin, at, gap=spec.fleet.stern_gap_m)
+        frame = QuayFrame.of_row(spec, row, at, gap=spec.fleet.stern_gap_m)
         name = f"moored {model.vessel_class}, {berth.name}"
         yield Part(name, "vessel", tuple(map(frame.to_world, model.solids)))
 
@@ -309,8 +419,9 @@ def _draw(
     return None
 
 
-def _berth_width(row: SideRow | EndRow, at: float, basin: Basin) -> float:
+def _berth_width(row: SideRow | EndRow, at: float, spec: Marina) -> float:
     """Return the width of a berth: to the fingers, the quays, and half the distance to its neighbors [m]."""
+    basin = spec.basin
     low, high = (basin.y_min_m, basin.y_max_m) if row.axis == "y" else (basin.x_min_m, basin.x_max_m)
     to_fingers = [abs(at - finger) - row.finger_width_m / 2 for finger in row.fingers]
     to_neighbors = [abs(at - berth) / 2 for berth in row.berths if berth != at]
@@ -319,7 +430,7 @@ def _berth_width(row: SideRow | EndRow, at: float, basin: Basin) -> float:
 
 @dataclass(frozen=True)
 class QuayFrame:
-    """A frame at the edge of a quay: x points into the basin, y to port of a boat moored stern-to."""
+    """A frame at the edge of a quay or pier: x points to the water, y to port of a boat moored stern-to."""
 
     x: float
     y: float
@@ -327,17 +438,21 @@ class QuayFrame:
     sine: int
 
     @classmethod
-    def at_quay(cls, side: Side, basin: Basin, at: float, gap: float = 0.0) -> QuayFrame:
-        """Return the frame `gap` meters off the quay `side`, at the coordinate `at` along it."""
+    def of_row(cls, spec: Marina, row: SideRow | EndRow, at: float, gap: float = 0.0) -> QuayFrame:
+        """Return the frame `gap` meters off the edge of a row, at the coordinate `at` along it."""
+        return cls.at(row.side, spec.edge_of(row), at, gap)
+
+    @classmethod
+    def at(cls, side: Side, edge: float, at: float, gap: float = 0.0) -> QuayFrame:
+        """Return the frame `gap` meters off the coordinate `edge`, at the coordinate `at` along it."""
         heading = math.radians(INTO_BASIN_DEG[side])
         cosine, sine = round(math.cos(heading)), round(math.sin(heading))  # exact quarter turns
-        x, y = {
-            "east": (basin.x_max_m, at),
-            "west": (basin.x_min_m, at),
-            "north": (at, basin.y_max_m),
-            "south": (at, basin.y_min_m),
-        }[side]
+        x, y = (edge, at) if side in ("east", "west") else (at, edge)
         return cls(x + gap * cosine, y + gap * sine, cosine, sine)
+
+    def along(self, at: float) -> float:
+        """Return the coordinate to port of a point along the quay [m]."""
+        return (at - self.y) * self.cosine - (at - self.x) * self.sine
 
     @property
     def pose(self) -> tuple[float, float, float]:
