@@ -9,7 +9,8 @@ import pytest
 from hypothesis import strategies as st
 
 from dockctl.errors import InputError
-from dockctl.scenarios.harbor import BerthPlace, Marina, layouts
+from dockctl.scenarios.harbor import BerthPlace, Marina
+from dockctl.scenarios.layouts import layouts
 from dockctl.scenarios.loader import load
 from dockctl.sim.starts import StartSampler, free_sites, own_site, sites
 from dockctl.sim.world import check_poses
