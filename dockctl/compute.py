@@ -217,11 +217,11 @@ def _write(path: Path, arrays: Arrays) -> None:
     finally:
         Path(part).unlink(missing_ok=True)
     total, found = 0, []
-    for file in path.parent.glob("*.npz"):
+    for stored in path.parent.glob("*.npz"):
         with suppress(FileNotFoundError):  # another process deleted it
-            status = file.stat()
-            found.append((status.st_mtime, status.st_size, file))
-    for _, size, file in sorted(found, reverse=True):
+            status = stored.stat()
+            found.append((status.st_mtime, status.st_size, stored))
+    for _, size, stored in sorted(found, reverse=True):
         total += size
-        if total > CACHE_BYTES and file != path:
-            file.unlink(missing_ok=True)
+        if total > CACHE_BYTES and stored != path:
+            stored.unlink(missing_ok=True)

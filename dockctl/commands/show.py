@@ -23,6 +23,8 @@ from dockctl.errors import DockctlError
 from dockctl.runs.directory import FIGURES
 
 if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
     from dockctl.geometry import Floats
     from dockctl.reports.show import Scan
     from dockctl.reports.view3d import Body
@@ -73,7 +75,13 @@ def show(
         sectors = measured.ranges_m.tolist()
         json_.write({"scenario": spec.name, "pose": start.model_dump(), "sectors_m": sectors})
     plan = build_scene(harbor, spec.vessel.hull)
-    save_figures(lambda: figures(plan, spec, *bodies(spec, harbor), measured, berths(spec)), folder)
+    save_figures(
+        lambda: {
+            **figures(plan, spec, *bodies(spec, harbor), measured, berths(spec)),
+            **overview_of_layouts(spec),
+        },
+        folder,
+    )
 
 
 def scan(scenario: Scenario, harbor: Harbor, pose: Pose) -> Scan:
@@ -104,13 +112,34 @@ def berths(scenario: Scenario) -> dict[str, Floats]:
     """Return the final poses (k, 3) at the berths of the task, by kind; empty for a task of one berth."""
     import numpy as np
 
+    from dockctl.scenarios.harbor import Generated
     from dockctl.sim.starts import sites
 
     poses: dict[str, list[Floats]] = {}
     for site in sites(scenario):
-        if site.kind:
+        if site.kind and not (isinstance(scenario.harbor, Generated) and site.harbor):
             poses.setdefault(site.kind, []).append(site.goals[1])
     return {kind: np.unique(found, axis=0) for kind, found in poses.items()}
+
+
+def overview_of_layouts(scenario: Scenario) -> dict[str, Figure]:
+    """Return the drawing of the first generated layouts by its file name, empty for one harbor."""
+    import numpy as np
+
+    from dockctl.reports.show import MAX_LAYOUTS, layouts_figure
+    from dockctl.scenarios.harbor import Generated
+    from dockctl.scenarios.layouts import layouts
+    from dockctl.sim.harbor.build import build_harbor, build_scene
+
+    every = layouts(scenario.harbor, scenario.task.berths)
+    if not isinstance(scenario.harbor, Generated) or len(every) == 1:
+        return {}
+    drawn = []
+    for layout in every[:MAX_LAYOUTS]:
+        harbor = build_harbor(layout.harbor, Path())
+        free = np.array([berth.pose for berth in harbor.berths if not berth.occupied])
+        drawn.append((build_scene(harbor, scenario.vessel.hull), free))
+    return {"layouts": layouts_figure(scenario, drawn, len(every))}
 
 
 def sector_table(scan: Scan) -> Table:

@@ -36,6 +36,8 @@ HEIGHTS = LinearSegmentedColormap.from_list(
     "heights", ["#3E9FD6", "#6FD3C4", "#D7E58A", "#F8C152", "#F2705B"]
 )
 """Colors of the point cloud from the water to the mastheads, all in contrast with the dark water."""
+MAX_LAYOUTS = 12
+"""Generated layouts that are drawn."""
 LARGEST_VIEW_M = 30.0
 BERTHS = {"trained": ("trained berths", palette.DOCKED), "held_out": ("held-out berths", palette.PURPLE)}
 """Name and color of the berths of a task, by kind."""
@@ -113,6 +115,29 @@ def harbor_figure(plan: Scene, scenario: Scenario, berths: Mapping[str, Floats])
         left.plot(*poses[:, :2].T, "o", ms=6.5, color=color, mec="white", mew=0.9, zorder=8, label=name)
     legend_above(left, [BERTHS[kind] for kind in berths], columns=1)
     plan_view.draw_compass(right, close)
+    return figure
+
+
+def layouts_figure(scenario: Scenario, drawn: Sequence[tuple[Scene, Floats]], count: int) -> Figure:
+    """The first of `count` layouts, each with the poses (k, 3) of a boat in its free berths."""
+    columns = min(4, len(drawn))
+    rows = -(-len(drawn) // columns)
+    figure = make_figure(
+        f"{len(drawn)} of the {count} layouts of scenario {scenario.name}",
+        "the docking boat, red, in each of the free berths",
+        (3.6 * columns, 3.7 * rows + 0.8),
+    )
+    every = list(figure.subplots(rows, columns, squeeze=False).flat)
+    for ax, (plan, free) in zip(every, drawn, strict=False):
+        view = plan_view.whole_view(plan)
+        plan_view.draw_harbor(ax, plan, view)
+        for pose in free:
+            plan_view.draw_boat(ax, plan.hull, pose, palette.OWN_HULL, fill=0.8)
+        width, height = view[2] - view[0], view[3] - view[1]
+        ax.set_title(f"{plan.name}, {width:.0f} m × {height:.0f} m", fontsize=9)
+        ax.set(xticks=[], yticks=[], xlabel="", ylabel="")
+    for ax in every[len(drawn) :]:
+        ax.set_visible(False)
     return figure
 
 
