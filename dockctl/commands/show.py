@@ -23,8 +23,7 @@ from dockctl.errors import DockctlError
 from dockctl.runs.directory import FIGURES
 
 if TYPE_CHECKING:
-    from matplotlib.figure import Figure
-
+    from dockctl.drawing.scene import Scene
     from dockctl.geometry import Floats
     from dockctl.reports.show import Scan
     from dockctl.reports.view3d import Body
@@ -54,7 +53,7 @@ def show(
 
     Example: dockctl show s3 --pose 30,0.5,175
     """
-    from dockctl.reports.show import figures
+    from dockctl.reports.show import figures, layouts_figures
     from dockctl.runs.files import require_writable
     from dockctl.sim.harbor.build import build_harbor, build_scene
     from dockctl.sim.world import PoseCheck, load_checked
@@ -78,7 +77,7 @@ def show(
     save_figures(
         lambda: {
             **figures(plan, spec, *bodies(spec, harbor), measured, berths(spec)),
-            **overview_of_layouts(spec),
+            **layouts_figures(spec, *drawn_layouts(spec)),
         },
         folder,
     )
@@ -122,24 +121,24 @@ def berths(scenario: Scenario) -> dict[str, Floats]:
     return {kind: np.unique(found, axis=0) for kind, found in poses.items()}
 
 
-def overview_of_layouts(scenario: Scenario) -> dict[str, Figure]:
-    """Return the drawing of the first generated layouts by its file name, empty for one harbor."""
+def drawn_layouts(scenario: Scenario) -> tuple[list[tuple[Scene, Floats]], int]:
+    """Return plan views of the first generated layouts with their free berths (k, 3), and how many there are."""
     import numpy as np
 
-    from dockctl.reports.show import MAX_LAYOUTS, layouts_figure
+    from dockctl.reports.show import MAX_LAYOUTS
     from dockctl.scenarios.harbor import Generated
     from dockctl.scenarios.layouts import layouts
     from dockctl.sim.harbor.build import build_harbor, build_scene
 
     every = layouts(scenario.harbor, scenario.task.berths)
     if not isinstance(scenario.harbor, Generated) or len(every) == 1:
-        return {}
+        return [], 0
     drawn = []
     for layout in every[:MAX_LAYOUTS]:
         harbor = build_harbor(layout.harbor, Path())
         free = np.array([berth.pose for berth in harbor.berths if not berth.occupied])
         drawn.append((build_scene(harbor, scenario.vessel.hull), free))
-    return {"layouts": layouts_figure(scenario, drawn, len(every))}
+    return drawn, len(every)
 
 
 def sector_table(scan: Scan) -> Table:

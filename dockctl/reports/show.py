@@ -118,8 +118,12 @@ def harbor_figure(plan: Scene, scenario: Scenario, berths: Mapping[str, Floats])
     return figure
 
 
-def layouts_figure(scenario: Scenario, drawn: Sequence[tuple[Scene, Floats]], count: int) -> Figure:
-    """The first of `count` layouts, each with the poses (k, 3) of a boat in its free berths."""
+def layouts_figures(
+    scenario: Scenario, drawn: Sequence[tuple[Scene, Floats]], count: int
+) -> dict[str, Figure]:
+    """The first of `count` layouts, each with the poses (k, 3) of a boat in its free berths; none without."""
+    if not drawn:
+        return {}
     columns = min(4, len(drawn))
     rows = -(-len(drawn) // columns)
     figure = make_figure(
@@ -138,7 +142,7 @@ def layouts_figure(scenario: Scenario, drawn: Sequence[tuple[Scene, Floats]], co
         ax.set(xticks=[], yticks=[], xlabel="", ylabel="")
     for ax in every[len(drawn) :]:
         ax.set_visible(False)
-    return figure
+    return {"layouts": figure}
 
 
 def marina_figure(plan: Scene, scenario: Scenario, bodies: Sequence[Body]) -> Figure:
