@@ -122,7 +122,7 @@ def berths(scenario: Scenario) -> dict[str, Floats]:
 
 
 def drawn_layouts(scenario: Scenario) -> tuple[list[tuple[Scene, Floats]], int]:
-    """Return plan views of the first generated layouts with their free berths (k, 3), and how many there are."""
+    """Return plan views of the first generated layouts with their free berths (k, 3), and their number."""
     import numpy as np
 
     from dockctl.reports.show import MAX_LAYOUTS
