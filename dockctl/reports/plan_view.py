@@ -12,6 +12,7 @@ import pandas as pd
 from matplotlib.axes import Axes
 from matplotlib.collections import PolyCollection
 from matplotlib.patches import Circle, FancyArrowPatch, FancyBboxPatch, Polygon, Rectangle
+from matplotlib.transforms import ScaledTranslation
 
 from dockctl.drawing import palette
 from dockctl.drawing.scene import Scene, strokes, water
@@ -25,6 +26,8 @@ Bounds = tuple[float, float, float, float]
 INTERVALS_S = (1.0, 2.0, 5.0, 10.0, 20.0, 50.0, 100.0)  # between outlines
 MOST_OUTLINES = 12  # along the longest path
 QUAY_M = 3.0  # width of the strip of land around the water
+FLOWS = {"current": palette.SINGLE, "wind": palette.INK_SOFT}
+FLOW_PT = 16.0  # length of their arrows
 SCALE_BARS_M = (1.0, 2.0, 5.0, 10.0, 20.0, 50.0)
 
 
@@ -162,6 +165,27 @@ def draw_label(
     )  # fmt: skip
 
 
+def draw_flows(ax: Axes, table: pd.DataFrame) -> None:
+    """Draw the mean current and wind of a trajectory that has them, as arrows in the upper left corner."""
+    below = 22.0  # points from the corner
+    figure = ax.get_figure(root=True)
+    assert figure is not None
+    for name, color in FLOWS.items():
+        if f"{name}_x_mps" not in table:
+            continue
+        x, y = (float(table[f"{name}_{axis}_mps"].mean()) for axis in "xy")
+        speed = math.hypot(x, y)
+        middle = ax.transAxes + ScaledTranslation(22 / 72, -below / 72, figure.dpi_scale_trans)
+        place: dict[str, Any] = {"xy": (0.0, 1.0), "xycoords": middle, "textcoords": "offset points"}
+        if speed > 0:
+            arrow = {"arrowstyle": "-|>", "color": color, "lw": 1.4, "shrinkA": 0, "shrinkB": 0}
+            foot = (-FLOW_PT * x / speed, -FLOW_PT * y / speed)
+            ax.annotate("", xytext=foot, arrowprops=arrow, zorder=9, **place)
+        text = ax.annotate(f"{name} {speed:.2g} m/s", xytext=(22, -3), **place)
+        text.set(color=color, fontsize=7.5, zorder=9, path_effects=HALO)
+        below += 2 * FLOW_PT + 4
+
+
 def draw_paths(ax: Axes, scene: Scene, tracks: Sequence[Track], task: Task) -> None:
     """Draw paths with the outline of the boat at equal time intervals (Fig. 4.4)."""
     interval = outline_interval(tracks)
@@ -187,6 +211,7 @@ def draw_paths(ax: Axes, scene: Scene, tracks: Sequence[Track], task: Task) -> N
         draw_heading(ax, scene.hull, poses[0], track.color)
         draw_boat(ax, scene.hull, poses[-1], track.color, fill=0.55, lw=1.4)
     if len(tracks) == 1:
+        draw_flows(ax, tracks[0].table)
         draw_label(ax, scene.hull, poses[0], f"start {tracks[0].label}", tracks[0].color, below=True)
     legend_above(ax, [(track.label, track.color) for track in tracks])
 

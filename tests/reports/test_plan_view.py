@@ -11,6 +11,7 @@ import pandas as pd
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
+from matplotlib.figure import Figure
 from matplotlib.patches import Circle
 
 from dockctl.drawing import palette
@@ -158,3 +159,14 @@ def test_a_single_track() -> None:
 )
 def test_pose_labels(pose: tuple[float, float, float], text: str) -> None:
     assert pose_label(*pose) == text
+
+
+def test_the_mean_current_and_wind_of_a_trajectory_are_arrows() -> None:
+    ax = Figure().subplots()
+    plan_view.draw_flows(ax, pd.DataFrame({"x_m": [0.0, 1.0]}))
+    assert not ax.texts
+    table = pd.DataFrame({"wind_x_mps": [0.0, 0.0], "wind_y_mps": [-2.0, -4.0]})
+    plan_view.draw_flows(ax, table)
+    arrow, label = ax.texts
+    assert label.get_text() == "wind 3 m/s"
+    assert arrow.get_position()[1] > 0  # the foot is above the head: it blows towards -y
