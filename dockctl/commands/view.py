@@ -7,19 +7,35 @@ from typing import Annotated
 
 import typer
 
-from dockctl.commands.options import Plugins, Poses, ScenarioOption, Trust, parse_pose
+from dockctl.commands.options import (
+    Ckpt,
+    Overrides,
+    Plugins,
+    Poses,
+    ScenarioOption,
+    Trust,
+    choose_policy,
+    parse_pose,
+    select_policy,
+)
 
 
 def view(
     source: Annotated[
         str | None,
-        typer.Argument(help="Run folder, checkpoint, policy or scenario; the latest run by default."),
+        typer.Argument(
+            metavar="POLICY",
+            help="Policy, as for `dockctl evaluate`, or a scenario file to see its poses; the latest run in"
+            " ./runs by default, and without any run a shipped policy.",
+        ),
     ] = None,
+    ckpt: Ckpt = None,
     also: Annotated[
         list[str] | None,
         typer.Option(metavar="POLICY", help="Another policy from the same starts; can be repeated."),
     ] = None,
     scenario: ScenarioOption = None,
+    set_: Overrides = None,
     pose: Poses = None,
     out: Annotated[Path | None, typer.Option(help="The page; view-<name>.html by default.")] = None,
     gif: Annotated[
@@ -36,7 +52,6 @@ def view(
     Example: dockctl view s3 --pose 25,0.5,175
     """
     from dockctl.errors import DockctlError
-    from dockctl.evaluation.policies import load_policy
     from dockctl.evaluation.replay import page_data, preview, replay
     from dockctl.reports import animation
     from dockctl.reports.replay import page
@@ -49,15 +64,15 @@ def view(
     if mp4:
         animation.ffmpeg()  # fails before the episodes run
     poses = [parse_pose(text) for text in pose or ()]
-    if source is not None and source.endswith((".yaml", ".yml")):
+    given = choose_policy(source, ckpt, scenario)
+    if given.endswith((".yaml", ".yml")):
         if also or scenario is not None:
-            raise DockctlError(f"{source}: a scenario file shows no policy; leave out --also and --scenario")
-        loaded = load_checked(source, plugin_files=plugin or (), trust=trust)
+            raise DockctlError(f"{given}: a scenario file shows no policy; leave out --also and --scenario")
+        loaded = load_checked(given, overrides=set_ or (), plugin_files=plugin or (), trust=trust)
         shown, name = preview(loaded, poses), loaded.scenario.name
     else:
-        sources = (source, *(also or ()))
-        policies = [load_policy(policy, plugin_files=plugin or (), trust=trust) for policy in sources]
-        shown, name = replay(policies, scenario, poses), policies[0].file_name
+        policies = [select_policy(each, None, plugin, trust, scenario) for each in (given, *(also or ()))]
+        shown, name = replay(policies, scenario, poses, set_ or ()), policies[0].file_name
     data = page_data(shown)
     if out or not (gif or mp4):
         typer.echo(write_atomically(out or Path(f"view-{name}.html"), page(data).encode()))

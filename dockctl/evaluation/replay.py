@@ -78,21 +78,24 @@ def replay(
     policies: Sequence[str | Path | LoadedPolicy],
     scenario: str | Path | None = None,
     poses: Sequence[Pose] = (),
+    overrides: Sequence[str] = (),
 ) -> Replay:
     """Run each policy from each pose; by default from the trajectory starts of the training.
 
     Args:
         policies: one or more; see `dockctl.evaluation.policies.load_policy`.
         scenario: file or name; that of the first policy by default.
+        overrides: ``key=value``, of the scenario.
 
     Raises:
         DockctlError: there is no such policy or scenario, they do not fit, or a pose is not free.
     """
     first, *others = map(load_policy, policies)
-    loaded = first.scenario(scenario)
+    loaded = first.scenario(scenario, overrides)
     starts, runs = _starts(loaded, poses), []
     for policy in (first, *others):
-        rollout = Rollout(loaded if policy is first else policy.scenario(scenario or first.own_scenario))
+        is_first = policy is first
+        rollout = Rollout(loaded if is_first else policy.scenario(scenario or first.own_scenario, overrides))
         made = policy.make(rollout.env())
         played = zip(starts, rollout.run(made, starts), strict=True)
         runs += [

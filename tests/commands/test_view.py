@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import json
+import re
 from pathlib import Path
 
 import pytest
@@ -18,3 +20,26 @@ def test_options_of_a_policy_do_not_fit_a_scenario_file(tmp_path: Path, option: 
     assert outcome.code == 2, outcome.out
     assert "--also and --scenario" in outcome.err
     assert not page.exists()
+
+
+def test_the_option_names_the_policy_and_the_scenario_can_be_changed(tmp_path: Path) -> None:
+    page = tmp_path / "page.html"
+    outcome = dockctl("view", "--ckpt", "s1", "--set", "task.max_steps=2", "--out", page)
+    assert outcome.code == 0, outcome.err
+    header = re.search(r'id="replay">(.*?)</script>', page.read_text(), re.DOTALL)
+    assert header
+    assert {episode["outcome"] for episode in json.loads(header[1])["episodes"]} == {"timeout"}
+
+
+def test_a_policy_is_given_once(tmp_path: Path) -> None:
+    outcome = dockctl("view", "s1", "--ckpt", "s2", "--out", tmp_path / "page.html")
+    assert outcome.code == 2
+    assert "s1 and s2" in outcome.err
+
+
+def test_without_a_run_a_shipped_policy_is_shown(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.chdir(tmp_path)
+    outcome = dockctl("view", "--scenario", "s1", "--pose", "0,0,0")  # blocked: no episode runs
+    assert outcome.code == 2
+    assert "shipped policy s1" in outcome.err
+    assert not list(tmp_path.iterdir())
