@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from pathlib import Path
 from typing import Annotated, Literal, NamedTuple, Self, get_args
 
@@ -26,6 +27,10 @@ QUAYS: dict[Side, str] = {"east": "x_max_m", "west": "x_min_m", "north": "y_max_
 """The edge of the basin at which the berths of a side begin."""
 FACES: dict[Side, str] = {"east": "x_min_m", "west": "x_max_m", "north": "y_min_m", "south": "y_max_m"}
 """The edge of a pier or of land at which the berths of a side begin: their sterns point to that side."""
+INTO_BASIN: dict[Side, tuple[int, int]] = {"east": (-1, 0), "west": (1, 0), "north": (0, -1), "south": (0, 1)}
+"""Direction of a boat moored stern-to."""
+BERTH_POSE_GAP_M = 2.5
+"""From the quay to the origin of a docked boat, so that x = 36 m at the east quay of the reference harbor."""
 MAX_HARBORS = 32
 """Copies of a harbor with other vacant berths."""
 MAX_LAYOUTS = 1000
@@ -321,6 +326,22 @@ class BerthPlace(NamedTuple):
 
     side: Side
     at_m: float
+
+    def __str__(self) -> str:
+        return f"{self.side} {self.at_m:g}"
+
+
+def point_off_quay(side: Side, edge_m: float, at_m: float, gap_m: float) -> tuple[float, float]:
+    """Return x and y [m] of the point `gap_m` off the coordinate `edge_m`, at `at_m` along the quay."""
+    x, y = (edge_m, at_m) if side in ("east", "west") else (at_m, edge_m)
+    return x + gap_m * INTO_BASIN[side][0], y + gap_m * INTO_BASIN[side][1]
+
+
+def berth_pose(marina: Marina, place: BerthPlace) -> tuple[float, float, float]:
+    """Return x, y [m] and heading in (-pi, pi] [rad] of a boat that is docked stern-to at a berth."""
+    cosine, sine = INTO_BASIN[place.side]
+    edge = marina.edge_of(marina.row_of(place))
+    return *point_off_quay(place.side, edge, place.at_m, BERTH_POSE_GAP_M), math.atan2(sine, cosine)
 
 
 class BerthPlaces(Model):

@@ -26,6 +26,7 @@ from dockctl.plugins import (
     Registry,
 )
 from dockctl.scenarios import catalog
+from dockctl.scenarios.berth import BERTH, PATTERN
 from dockctl.scenarios.extensions import Kinds
 from dockctl.scenarios.harbor import HarborSpec
 from dockctl.scenarios.schema import Scenario
@@ -51,6 +52,8 @@ def scenario_schema() -> Schema:
     properties["vessel"] = {"anyOf": [_name_of(VESSELS), properties["vessel"]]}
     properties["harbor"] = {"anyOf": [_name_of(HARBORS), properties["harbor"]]}
     properties["conditions"] = _conditions()
+    text = {"type": "string", "pattern": rf"^\s*{PATTERN}\s*$", "description": "move the poses to this berth"}
+    properties[BERTH] = {"anyOf": [text, {"type": "null"}]}
     definitions["ObservationPart"] = _observation_part()
     terms = definitions["Reward"]["properties"]["terms"]
     definitions["Reward"]["properties"]["terms"] = {"anyOf": [_terms_by_name(), terms]}

@@ -17,6 +17,7 @@ from dockctl.errors import Code, DockctlError, InputError, Problem
 from dockctl.plugins import HARBORS, SCENARIOS, VESSELS, Registry
 from dockctl.scenarios import catalog
 from dockctl.scenarios.base import NAME, Model
+from dockctl.scenarios.berth import BERTH, at_berth
 from dockctl.scenarios.harbor import HarborSpec, is_model_file
 from dockctl.scenarios.problems import function_problems, locate, validate
 from dockctl.scenarios.schema import Scenario
@@ -127,8 +128,12 @@ def load(
         tree = tree.with_value("name", _name_of_file(path, first))
     received = received or is_received(path)
     tree = _without_replaced(tree, plugin_files, received=received, trust=trust)
+    berth, tree = tree.get(BERTH), tree.without(BERTH)
     problems = [*_load_plugins(tree), *function_problems(tree)]
     scenario = validate(tree, Scenario, problems)
+    if berth is not None and berth.value is not None:
+        tree = at_berth(tree, scenario, berth)
+        scenario = validate(tree, Scenario)
     files = tuple(dict.fromkeys([*(p.resolve() for p in plugin_files), *map(Path, scenario.plugins)]))
     scenario = scenario.model_copy(update={"plugins": tuple(map(str, files))})
     return LoadedScenario(scenario, path.resolve().parent, str(source), files, tree, received)

@@ -10,12 +10,11 @@ import numpy as np
 
 from dockctl.errors import DockctlError, InputError, Problem
 from dockctl.geometry import Bools, Floats, pose_array, relocate_poses, wrap
-from dockctl.scenarios.harbor import BerthKind, BerthPlace, Generated, Marina
+from dockctl.scenarios.harbor import BerthKind, BerthPlace, Generated, Marina, berth_pose
 from dockctl.scenarios.layouts import Layout, layouts
 from dockctl.scenarios.schema import Scenario, Task
 from dockctl.scenarios.training import ExploringStarts
 from dockctl.sim.goal import TO_FINAL, TO_INTERMEDIATE, measure
-from dockctl.sim.harbor.build import berth_pose
 
 MAX_DRAWS = 1000
 TRIAL_DRAWS = 200
@@ -148,7 +147,7 @@ def _relocated(
 ) -> Site:
     assert isinstance(layout.harbor, Marina)  # checked by the validator of the scenario
     final, target = own.goals[1], np.array(berth_pose(layout.harbor, place))
-    berth = f"{place.side} {place.at_m:g}{' mirrored' if mirrored else ''}"
+    berth = f"{place}{' mirrored' if mirrored else ''}"
     name = f"{layout.harbor.name} {berth}" if generated else berth
     initial, goals = (relocate_poses(poses, final, target, mirrored) for poses in (own.initial, own.goals))
     return Site(initial, goals, own.first_phase, harbor, layout.kind or "", name)

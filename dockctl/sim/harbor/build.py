@@ -18,6 +18,7 @@ from dockctl.drawing.scene import Polygon, Scene
 from dockctl.errors import Code, InputError, Problem
 from dockctl.geometry import Floats
 from dockctl.scenarios.harbor import (
+    INTO_BASIN,
     QUAYS,
     BerthPlace,
     EndRow,
@@ -28,6 +29,8 @@ from dockctl.scenarios.harbor import (
     Rectangle,
     Side,
     SideRow,
+    berth_pose,
+    point_off_quay,
 )
 from dockctl.scenarios.layouts import generate
 from dockctl.scenarios.vessel import Hull
@@ -51,10 +54,6 @@ DEPTH_M = 1.0
 """Depth of quays and piles below the water; greater than the draft of hulls."""
 SIDE_CLEARANCE_M = 0.3
 """Minimum width of the water beside a moored vessel, both sides together."""
-BERTH_POSE_GAP_M = 2.5
-"""From the quay to the origin of a docked boat, so that x = 36 m at the east quay of the reference harbor."""
-INTO_BASIN_DEG: dict[Side, int] = {"east": 180, "west": 0, "north": 270, "south": 90}
-"""Heading of a boat moored stern-to."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -366,11 +365,6 @@ def _berths(spec: Marina) -> Iterator[Berth]:
             yield Berth(f"{row.side} berth {row.axis}={at:g}", row.side, pose, at not in row.free)
 
 
-def berth_pose(spec: Marina, place: BerthPlace) -> tuple[float, float, float]:
-    """Return x, y [m] and heading [rad] of a boat that is docked stern-to at a berth."""
-    return QuayFrame.of_row(spec, spec.row_of(place), place.at_m, gap=BERTH_POSE_GAP_M).pose
-
-
 def _moored(spec: Marina, berths: Sequence[Berth], problems: list[Problem]) -> Iterator[Part]:
     """Yield one vessel per occupied berth, and add the berths that are too narrow to `problems`.
 
@@ -445,10 +439,7 @@ class QuayFrame:
     @classmethod
     def at(cls, side: Side, edge: float, at: float, gap: float = 0.0) -> QuayFrame:
         """Return the frame `gap` meters off the coordinate `edge`, at the coordinate `at` along it."""
-        heading = math.radians(INTO_BASIN_DEG[side])
-        cosine, sine = round(math.cos(heading)), round(math.sin(heading))  # exact quarter turns
-        x, y = (edge, at) if side in ("east", "west") else (at, edge)
-        return cls(x + gap * cosine, y + gap * sine, cosine, sine)
+        return cls(*point_off_quay(side, edge, at, gap), *INTO_BASIN[side])
 
     def along(self, at: float) -> float:
         """Return the coordinate to port of a point along the quay [m]."""

@@ -15,12 +15,12 @@ from scipy.ndimage import distance_transform_edt, label
 
 from dockctl.errors import InputError
 from dockctl.geometry import Bools, Floats
-from dockctl.scenarios.harbor import DEFAULT_MODELS, BerthPlace, Generated, Marina
+from dockctl.scenarios.harbor import DEFAULT_MODELS, BerthPlace, Generated, Marina, berth_pose
 from dockctl.scenarios.layouts import LONGEST_CM, generate, layouts
 from dockctl.scenarios.loader import load, load_harbor
 from dockctl.scenarios.vessel import Hull
 from dockctl.sim.collision import collision_checker
-from dockctl.sim.harbor.build import SIDE_CLEARANCE_M, Harbor, berth_pose, build_harbor
+from dockctl.sim.harbor.build import SIDE_CLEARANCE_M, Harbor, build_harbor
 from dockctl.sim.harbor.mesh_files import moored_model
 from dockctl.sim.harbor.solids import hull_outline
 from dockctl.sim.starts import StartSampler, own_site, sites

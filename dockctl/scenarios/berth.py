@@ -1,0 +1,94 @@
+"""The key ``berth`` of a scenario file: the poses of the task move to another berth of its marina."""
+
+from __future__ import annotations
+
+import math
+import re
+from collections.abc import Iterator, Sequence
+from dataclasses import replace
+from typing import Any, get_args
+
+import numpy as np
+
+from dockctl.errors import Code, DockctlError, nearest
+from dockctl.geometry import pose_array, relocate_poses
+from dockctl.scenarios.base import Pose
+from dockctl.scenarios.harbor import BerthPlace, Marina, Side, berth_pose
+from dockctl.scenarios.schema import Scenario
+from dockctl.scenarios.yaml_tree import Node, describe, input_error
+
+BERTH = "berth"
+PATTERN = rf"({'|'.join(get_args(Side))})\s+([+-]?\d+(?:\.\d+)?)"
+"""Side, and position of the center line along the quay [m]."""
+DECIMALS = 9
+"""Of the moved poses; further digits are rounding errors of the rotation."""
+
+
+def at_berth(tree: Node, scenario: Scenario, given: Node) -> Node:
+    """Return the tree of `scenario` with this berth free and all its poses moved there.
+
+    Args:
+        given: ``side position``, for example ``west 12``.
+
+    Raises:
+        InputError: the harbor has no such berth, or the task has many.
+    """
+    place = _place(scenario, given)
+    assert isinstance(scenario.harbor, Marina)  # otherwise it has no such place
+    for index, row in enumerate(scenario.harbor.rows):
+        if row.side == place.side and place.at_m in row.berths:
+            free = [Node(at, given.location) for at in sorted({*row.free, place.at_m})]
+            keys = ("harbor", "rows", index, f"free_{row.axis}_m")
+            tree = _replaced(tree, keys, Node([*free], given.location))
+    final, to = pose_array(scenario.task.final), np.array(berth_pose(scenario.harbor, place))
+    for keys, pose in _poses(scenario):
+        x, y, heading = relocate_poses(pose_array(pose)[None], final, to, mirrored=False)[0].tolist()
+        for key, value in (("x_m", x), ("y_m", y), ("heading_deg", math.degrees(heading))):
+            tree = _replaced(tree, (*keys, key), Node(round(value, DECIMALS) + 0.0, given.location))
+    return tree
+
+
+def _place(scenario: Scenario, given: Node) -> BerthPlace:
+    def error(message: str, code: Code, suggestion: str = "") -> DockctlError:
+        return input_error(given.location, message, BERTH, code, suggestion)
+
+    if not isinstance(scenario.harbor, Marina):
+        raise error(f"the harbor '{scenario.harbor.name}' has no berths: expected kind marina", "mismatch")
+    if scenario.task.berths is not None:
+        raise error("the task has many berths, task.berths; remove one of the two", "mismatch")
+    found = re.fullmatch(PATTERN, str(given.value).strip())
+    if not isinstance(given.value, str) or not found:
+        message = f"expected side and position, like 'west 12', found {describe(given.to_python())}"
+        raise error(message, "wrong_type")
+    known = [BerthPlace(row.side, at) for row in scenario.harbor.rows for at in row.berths]
+    for place in known:
+        if place == (found[1], float(found[2])):
+            return place
+    near = [place for place in known if place.side == found[1]]
+    closest = min(near, key=lambda place: abs(place.at_m - float(found[2])), default=None)
+    names = ", ".join(map(str, known))
+    message = f"the harbor '{scenario.harbor.name}' has no berth '{given.value}' (there are: {names})"
+    raise error(message, "unknown_name", str(closest or nearest(given.value, map(str, known))))
+
+
+def _poses(scenario: Scenario) -> Iterator[tuple[tuple[str | int, ...], Pose]]:
+    """Yield the keys of every pose, and the pose."""
+    task = scenario.task
+    yield from ((("task", "initial", i), pose) for i, pose in enumerate(task.initial))
+    if task.intermediate is not None:
+        yield ("task", "intermediate"), task.intermediate
+    yield ("task", "final"), task.final
+    yield from ((("evaluation", "poses", i), pose) for i, pose in enumerate(scenario.evaluation.poses))
+
+
+def _replaced(tree: Node, keys: Sequence[Any], value: Node) -> Node:
+    """Return the tree with another value at `keys`, the last of which may be new."""
+    if not keys:
+        return value
+    key, *rest = keys
+    if isinstance(tree.value, list):
+        items = list(tree.value)
+        items[key] = _replaced(items[key], rest, value)
+        return replace(tree, value=items)
+    child = tree.get(key)
+    return tree.with_value(key, _replaced(child if child is not None else value, rest, value))
