@@ -38,8 +38,8 @@ def at_berth(tree: Node, scenario: Scenario, given: Node) -> Node:
     for index, row in enumerate(scenario.harbor.rows):
         if row.side == place.side and place.at_m in row.berths:
             free = [Node(at, given.location) for at in sorted({*row.free, place.at_m})]
-            keys = ("harbor", "rows", index, f"free_{row.axis}_m")
-            tree = _replaced(tree, keys, Node([*free], given.location))
+            field = f"free_{row.axis}_m"
+            tree = _replaced(tree, ("harbor", "rows", index, field), Node([*free], given.location))
     final, to = pose_array(scenario.task.final), np.array(berth_pose(scenario.harbor, place))
     for keys, pose in _poses(scenario):
         x, y, heading = relocate_poses(pose_array(pose)[None], final, to, mirrored=False)[0].tolist()
