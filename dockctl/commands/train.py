@@ -79,7 +79,7 @@ def train(
     Example: dockctl train s3 --seed 1 --set training.boats=8
     """
     from dockctl import experiments
-    from dockctl.experiments.sweep import is_list
+    from dockctl.experiments.sweep import SEEDS, is_list, sweep
 
     start = {
         "SCENARIO": scenario, "--seed": seed, "--seeds": seeds, "--jobs": jobs, "--out": out, "--set": set_,
@@ -93,17 +93,25 @@ def train(
             path, steps=steps, on_divergence=on_divergence, device=device, trust=trust, log=log or ()
         )
     elif seeds is not None or any(map(is_list, set_ or ())):
-        if seed is not None or plugin or trust:
-            message = (
-                "several trainings take --seeds N instead of --seed, and their plugins from the scenario file"
-            )
-            raise DockctlError(f"--seed, --plugin, --trust: {message}")
+        if seed is not None:
+            raise DockctlError(f"--seed: {SEEDS}")
         limits = {"training.total_steps": steps, "training.on_divergence": on_divergence}
         settings = [*(set_ or ()), *(f"{key}={value}" for key, value in limits.items() if value is not None)]
         options = ["--device", device, *([] if name is None else ["--name", name])]
         options += [word for each in tag or () for word in ("--tag", each)]
         options += [word for each in log or () for word in ("--log", each)]
-        _sweep(scenario or DEFAULT_SCENARIO, settings, seeds or 1, out or SWEEPS, jobs, options)
+        ending = sweep(
+            scenario or DEFAULT_SCENARIO,
+            settings,
+            seeds or 1,
+            out or SWEEPS,
+            jobs,
+            options,
+            plugin or (),
+            trust,
+        )
+        if ending != "done":
+            raise typer.Exit(INTERRUPTED if ending == "interrupted" else FAILED)
         return
     else:
         run = experiments.train(
@@ -122,13 +130,3 @@ def train(
         )
     if run.reason == "interrupted":
         raise typer.Exit(INTERRUPTED)
-
-
-def _sweep(
-    scenario: str, settings: list[str], seeds: int, out: Path, jobs: int | None, options: list[str]
-) -> None:
-    from dockctl.experiments.sweep import sweep
-
-    ending = sweep(scenario, settings, seeds, out, jobs, options)
-    if ending != "done":
-        raise typer.Exit(INTERRUPTED if ending == "interrupted" else FAILED)

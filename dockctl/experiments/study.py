@@ -267,27 +267,42 @@ def _offset(row: dict[str, str]) -> tuple[bool, float, float]:
     return abs(turn) > SMALL_OFFSET_DEG, math.hypot(dx, dy), abs(turn)
 
 
-def make_jobs(experiments: Sequence[Experiment], out: Path, options: Sequence[str] = ()) -> list[Job]:
+def make_jobs(
+    experiments: Sequence[Experiment],
+    out: Path,
+    options: Sequence[str] = (),
+    plugin_files: Sequence[Path] = (),
+    trust: bool = False,
+) -> list[Job]:
     """Return the jobs of the experiments in order, with run folders below `out`.
 
     Args:
         options: further ones of ``dockctl train``.
+        plugin_files, trust: see `dockctl.scenarios.loader.load`.
 
     Raises:
         DockctlError: a scenario of an experiment is invalid.
     """
     jobs = []
+    options = [*options, *(word for file in plugin_files for word in ("--plugin", str(file)))]
+    options += ["--trust"] if trust else []
     for experiment in experiments:
         try:
-            load_checked(experiment.scenario, overrides=experiment.overrides(0))
+            load_checked(
+                experiment.scenario,
+                overrides=experiment.overrides(0),
+                plugin_files=plugin_files,
+                trust=trust,
+            )
             transfer = tuple((source, load(source).scenario.name) for source in experiment.evaluate_on)
         except DockctlError as error:
             lines = (f"experiment {experiment.name}: {line}" for line in str(error).splitlines())
             raise DockctlError("\n".join(lines), code=error.code) from None
         for seed in range(experiment.seeds):
-            scenario = load(experiment.scenario, overrides=experiment.overrides(seed)).scenario
+            overrides = experiment.overrides(seed)
+            loaded = load(experiment.scenario, overrides=overrides, plugin_files=plugin_files, trust=trust)
             folder = out / experiment.name
-            jobs.append(Job(experiment, seed, scenario, transfer, folder, tuple(options)))
+            jobs.append(Job(experiment, seed, loaded.scenario, transfer, folder, tuple(options)))
     return jobs
 
 

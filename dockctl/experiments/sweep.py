@@ -19,9 +19,13 @@ from dockctl.runs.directory import EVALUATION
 from dockctl.runs.files import require_writable
 from dockctl.runs.results import read_results
 from dockctl.runs.tables import START_KEYS, START_KINDS
-from dockctl.sim.world import load_checked
+from dockctl.scenarios.loader import load
 
 MAX_COMBINATIONS = 1000
+SEEDS = (
+    "several trainings have the seeds 0 to N-1, by which the same command finds and resumes them; give their"
+    " number with --seeds N"
+)
 TOKENS = re.compile(r"""("[^"]*"|'[^']*')|([\[{(])|([\]})])|(,)|.""", re.DOTALL)
 """Quoted text, opening and closing brackets, commas, anything else."""
 
@@ -54,6 +58,8 @@ def experiments(scenario: str, settings: Sequence[str], seeds: int) -> list[Expe
     Raises:
         DockctlError: a value is empty or comes twice, or there are too many combinations.
     """
+    if any(re.match(r"training\.seed\s*=", setting) for setting in settings):
+        raise DockctlError("--set training.seed: " + SEEDS)
     choices = [values(setting) for setting in settings]
     for setting, options in zip(settings, choices, strict=True):
         if len(options) > 1 and (len({*options}) < len(options) or any(o.endswith("=") for o in options)):
@@ -90,6 +96,8 @@ def sweep(
     out: Path,
     workers: int | None = None,
     options: Sequence[str] = (),
+    plugin_files: Sequence[Path] = (),
+    trust: bool = False,
 ) -> Ending:
     """Train and evaluate every combination with the seeds 0 to `seeds` - 1, and print a summary.
 
@@ -101,14 +109,16 @@ def sweep(
         out: folder of the runs, ``<scenario>/<combination>/<scenario>/<time>-seed<N>/``.
         workers: number of parallel trainings; one per core by default.
         options: further ones of ``dockctl train``.
+        plugin_files, trust: see `dockctl.scenarios.loader.load`.
 
     Raises:
         DockctlError: a combination is invalid, or the folder cannot be written.
     """
     chosen = experiments(scenario, settings, seeds)
-    name = load_checked(scenario, overrides=chosen[0].overrides(0)).scenario.name
+    first = load(scenario, overrides=chosen[0].overrides(0), plugin_files=plugin_files, trust=trust)
+    name = first.scenario.name
     require_writable(out / name)
-    console, jobs = Console(), make_jobs(chosen, out / name, options)
+    console, jobs = Console(), make_jobs(chosen, out / name, options, plugin_files, trust)
     print_text(console, f"{len(chosen)} combinations, {seeds} seeds; runs in {out / name}")
     ending, done = run_jobs(console, jobs, workers)
     if done:

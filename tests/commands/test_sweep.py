@@ -3,10 +3,15 @@
 from __future__ import annotations
 
 import json
+from collections.abc import Sequence
+from itertools import pairwise
 from pathlib import Path
 
 import pytest
+from rich.console import Console
 
+from dockctl.experiments.runner import Ending
+from dockctl.experiments.study import Job
 from tests.commands.conftest import QUICK, dockctl, only_run, quick_train
 
 
@@ -37,9 +42,29 @@ def test_name_and_tags_are_in_the_provenance(tmp_path: Path) -> None:
     assert (facts["name"], facts["tags"]) == ("my run", ["a", "b"])
 
 
-@pytest.mark.parametrize("wrong", [("--seed", 1), ("--plugin", "x.py"), ("--trust",)])
-def test_options_of_a_single_training_are_refused(tmp_path: Path, wrong: tuple[object, ...]) -> None:
-    outcome = dockctl("train", "s1", "--seeds", 2, *wrong, "--out", tmp_path)
+@pytest.mark.parametrize("wrong", ["--seed=1", "--set=training.seed=1", "--set=training.seed=1,2"])
+def test_seeds_are_given_by_their_number(tmp_path: Path, wrong: str) -> None:
+    outcome = dockctl("train", "s1", "--seeds", 2, wrong, "--out", tmp_path)
     assert outcome.code == 2
-    assert str(wrong[0]) in outcome.err
+    assert "seed" in outcome.err
+    assert "--seeds N" in outcome.err
     assert not list(tmp_path.iterdir())
+
+
+def test_every_training_of_a_sweep_has_the_plugins(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    plugin = Path("examples/local-term/gentle.py").resolve()
+    given: list[Job] = []
+
+    def run_jobs(console: Console, jobs: Sequence[Job], workers: int | None) -> tuple[Ending, list[Job]]:
+        given.extend(jobs)
+        return "done", []
+
+    monkeypatch.setattr("dockctl.experiments.sweep.run_jobs", run_jobs)
+    command = ("train", "s1", "--seeds", 2, "--out", tmp_path, "--plugin", plugin)
+    assert dockctl(*command, "--set", "reward.terms.gentle_turns=-1,-2").code == 0
+    assert len(given) == 4
+    for job in given:
+        stage = job.training()
+        assert stage
+        assert ("--plugin", str(plugin)) in pairwise(stage.arguments)
+        assert "gentle_turns" in {term.term for term in job.scenario.reward.terms}

@@ -26,11 +26,11 @@ def test_only_commas_outside_of_brackets_and_quotes_separate_values(setting: str
 
 
 def test_every_combination_is_an_experiment_of_its_own_name() -> None:
-    chosen = experiments("s1", ["training.boats=2,4", "training.seed=1", "training.gamma=0.9,0.99"], 3)
+    chosen = experiments("s1", ["training.boats=2,4", "training.n_step=1", "training.gamma=0.9,0.99"], 3)
     assert [experiment.name for experiment in chosen] == [
         "boats-2_gamma-0.9", "boats-2_gamma-0.99", "boats-4_gamma-0.9", "boats-4_gamma-0.99",
     ]  # fmt: skip
-    assert chosen[1].set == ("training.boats=2", "training.seed=1", "training.gamma=0.99")
+    assert chosen[1].set == ("training.boats=2", "training.n_step=1", "training.gamma=0.99")
     assert {experiment.seeds for experiment in chosen} == {3}
     (single,) = experiments("s1", ["training.boats=2"], 2)
     assert single.name == "all"
