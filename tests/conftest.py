@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import os
 from collections.abc import Iterator
+from contextlib import contextmanager
 
 import pytest
 from hypothesis import settings
@@ -29,12 +30,20 @@ def _own_folders(tmp_path_factory: pytest.TempPathFactory) -> Iterator[None]:
         yield
 
 
-@pytest.fixture(autouse=True)
-def _own_registries(monkeypatch: pytest.MonkeyPatch) -> Iterator[None]:
-    """Undo what a test registers."""
+@contextmanager
+def own_registries() -> Iterator[None]:
+    """Undo what is registered inside the block, as the end of a process does."""
     catalog.fill()
-    monkeypatch.setattr(plugins, "_loaded", {})
     saved = [(registry, registry.save()) for registry in plugins.GROUPS.values()]
-    yield
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(plugins, "_loaded", {})
+        yield
     for registry, state in saved:
         registry.restore(state)
+
+
+@pytest.fixture(autouse=True)
+def _own_registries() -> Iterator[None]:
+    """Undo what a test registers."""
+    with own_registries():
+        yield

@@ -15,6 +15,7 @@ from dockctl.experiments import runner
 from dockctl.experiments.study import load_study
 from dockctl.reports import style
 from tests.commands.conftest import dockctl
+from tests.conftest import own_registries
 from tests.test_packaging import DOCUMENTS
 
 ROOT = Path(__file__).parent.parent
@@ -110,7 +111,8 @@ def test_the_commands_run(document: Path, workplace: Path, monkeypatch: pytest.M
         next(Path("new").glob("*/*")).rename("received")
         monkeypatch.setenv("XDG_STATE_HOME", str(workplace / "another machine"))
     for words in commands(document):
-        outcome = dockctl(*words, *SHORTER.get(words[0], ()))  # the last value of an option counts
+        with own_registries():  # each command is a process of its own
+            outcome = dockctl(*words, *SHORTER.get(words[0], ()))  # the last value of an option counts
         assert outcome.code == 0, (words, outcome.err)
         if words[:2] == ["train", "s3"]:
             give_policy(max(Path("runs").glob("s3/*")))
