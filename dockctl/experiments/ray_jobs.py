@@ -13,8 +13,8 @@ import signal
 import tempfile
 import threading
 import time
-from collections.abc import Callable, Mapping
-from contextlib import suppress
+from collections.abc import Callable, Iterator, Mapping
+from contextlib import ExitStack, contextmanager, suppress
 from dataclasses import dataclass
 from pathlib import Path
 from typing import IO, Any
@@ -30,13 +30,15 @@ from dockctl.experiments.jobs import KilledError, LocalJob, open_log, remaining
 from dockctl.experiments.study import Experiment, Job
 from dockctl.reading import read_bytes
 from dockctl.runs.directory import CHECKPOINTS, LAST
-from dockctl.runs.files import intact, new_folder, writing
+from dockctl.runs.files import exclusive_lock, intact, is_locked, new_folder, writing
 from dockctl.scenarios.content import SCENARIO_FILE, self_contained
 from dockctl.scenarios.loader import load
 
 LOSSES = 3
 """Workers that may be lost in a row without a save in between."""
 POLL_SECONDS = 0.25
+FOLDERS = "dockctl-ray-"
+"""Beginning of the names of temporary folders."""
 SAVED = f"*/*/{CHECKPOINTS}/{LAST}/learner.json"
 
 
@@ -104,6 +106,20 @@ class Report:
     ended: bool | str | None = None
 
 
+@contextmanager
+def temporary_folder() -> Iterator[Path]:
+    """Create a folder for the block and remove it afterwards, with those of workers that were killed."""
+    for left in Path(tempfile.gettempdir()).glob(f"{FOLDERS}*"):
+        if os.path.exists(left / ".lock") and not is_locked(left):
+            shutil.rmtree(left, ignore_errors=True)
+    root = Path(tempfile.mkdtemp(prefix=FOLDERS))
+    try:
+        with exclusive_lock(root):
+            yield root
+    finally:
+        shutil.rmtree(root, ignore_errors=True)
+
+
 class Worker:
     """A job on a machine of the cluster, in a temporary folder."""
 
@@ -111,6 +127,7 @@ class Worker:
         self._stages: list[str] = []
         self._read_bytes = 0
         self._ended: bool | str | None = None
+        self._locked = ExitStack()
 
     def start(self, given: Assignment) -> None:
         """Write the files of a job and start it.
@@ -119,9 +136,9 @@ class Worker:
             DockctlError: this machine has another version of dockctl.
         """
         require_version(given.version)
-        root = Path(tempfile.mkdtemp(prefix="dockctl-"))
+        root = self._locked.enter_context(temporary_folder())
         os.chdir(root)  # the paths in its results are then those of a local job
-        self._root, self._folder = root, given.folder
+        self._folder = given.folder
         for number, files in enumerate(given.scenarios):
             write_files(root / _place(number).rpartition("/")[0], files)
         write_files(given.folder, given.run)
@@ -158,7 +175,7 @@ class Worker:
             changed = {name: (self._folder / name).read_bytes() for name in stats.keys() - self._same(stats)}
         self._sent = stats
         if ended is not None:
-            shutil.rmtree(self._root, ignore_errors=True)
+            self._locked.close()
         return Report(stages, output, frozenset(stats), changed, ended)
 
     def stop(self) -> None:

@@ -7,7 +7,9 @@ from __future__ import annotations
 
 import os
 import socket
+import subprocess
 import sys
+import tempfile
 from contextlib import suppress
 from pathlib import Path
 
@@ -86,6 +88,29 @@ def test_runs_of_a_worker_are_written_in_one_step_and_replace_no_others(tmp_path
     with pytest.raises(DockctlError, match="exists"):
         receive(tmp_path, frozenset(first), first, set())
     assert (tmp_path / "s1" / "a" / "y").read_bytes() == b"3"
+
+
+@needs_ray
+def test_folders_of_killed_workers_are_removed_and_those_at_work_stay(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    from dockctl.experiments.ray_jobs import temporary_folder
+
+    monkeypatch.setattr(tempfile, "tempdir", str(tmp_path))
+    script = "import sys, tempfile; tempfile.tempdir = sys.argv[1]\n"
+    script += "from dockctl.experiments.ray_jobs import temporary_folder as folder\n"
+    script += "with folder() as path: print(path, flush=True); input()"
+    command = [sys.executable, "-c", script, str(tmp_path)]
+    with subprocess.Popen(command, stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True) as worker:
+        assert worker.stdout
+        killed = Path(worker.stdout.readline().strip())
+        with temporary_folder() as first:
+            assert {*tmp_path.iterdir()} == {killed, first}
+            worker.kill()
+            worker.wait()
+            with temporary_folder() as second:
+                assert {*tmp_path.iterdir()} == {first, second}
+    assert not [*tmp_path.iterdir()]
 
 
 def refused(on: str) -> DockctlError:
