@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections import Counter
 from collections.abc import Mapping, Sequence
 from typing import TYPE_CHECKING, Any
@@ -9,7 +10,12 @@ from typing import TYPE_CHECKING, Any
 if TYPE_CHECKING:
     import pandas as pd
 
-AVERAGED = ("steps", "distance_m", "heading_error_deg", "speed_mps", "path_length_m", "control_changes")
+AVERAGED = (
+    "steps", "distance_m", "heading_error_deg", "speed_mps", "path_length_m", "control_changes",
+    "propeller_change_n", "rudder_change_deg",
+)  # fmt: skip
+CLEARANCES_M = (0.1, 0.3, 0.5)
+"""Least clearances for which success is reported."""
 
 
 def ending(row: Mapping[Any, Any]) -> str:
@@ -33,30 +39,58 @@ def kinds_of_ending(endings: Mapping[str, int]) -> dict[str, int]:
     return dict(kinds.most_common())
 
 
-def summarize(rows: Sequence[Mapping[str, Any]], control_period_s: float) -> dict[str, Any]:
-    """Success with its Wilson interval, endings, smallest clearance, and means over the docked episodes.
+def docks_with_clearance(row: Mapping[str, Any], least_m: float) -> bool:
+    """Return whether an episode docked and its clearance was measured and never below `least_m`."""
+    clearance = row["clearance_m"]
+    return row["outcome"] == "docked" and _is_given(clearance) and float(clearance) >= least_m
 
+
+def _is_given(value: Any) -> bool:
+    """Return whether a cell of a table has a value; an empty cell is None or, in data frames, NaN."""
+    return value is not None and not math.isnan(value)
+
+
+def summarize(rows: Sequence[Mapping[str, Any]], control_period_s: float) -> dict[str, Any]:
+    """Success with its Wilson interval, endings, clearance, contact speeds, and means of docked episodes.
+
+    Success at a clearance of x m counts the episodes that dock and come no closer than x m to anything.
     Heading errors are averaged by magnitude.
 
     Args:
-        rows: columns `dockctl.runs.tables.EPISODE_RESULT`, one row per episode.
+        rows: columns `dockctl.runs.tables.EPISODE_RESULT` and, except in tables of earlier versions,
+            `dockctl.runs.tables.MANEUVER`; one row per episode.
         control_period_s: duration of a step [s].
     """
     from dockctl.analysis.statistics import wilson_interval  # loads scipy.stats, about a second
 
     docked = [row for row in rows if row["outcome"] == "docked"]
-    low, high = wilson_interval(len(docked), len(rows))
     means = {
-        name: sum(abs(float(row[name] or 0)) for row in docked) / len(docked) for name in AVERAGED if docked
+        name: sum(abs(float(row[name] or 0)) for row in docked) / len(docked)
+        for name in AVERAGED
+        if docked and name in docked[0]
     }
-    clearances = [row["clearance_m"] for row in rows if row["clearance_m"] is not None]
+    clearances = [row["clearance_m"] for row in rows if _is_given(row["clearance_m"])]
+    contacts = [row["contact_speed_mps"] for row in rows if _is_given(row.get("contact_speed_mps"))]
+
+    def success(count: int) -> dict[str, Any]:
+        return {
+            "docked": count,
+            "success": count / len(rows) if rows else None,
+            "success_interval_95": list(wilson_interval(count, len(rows))),
+        }
+
+    at_clearance = {
+        f"{least:g}": success(sum(docks_with_clearance(row, least) for row in rows)) for least in CLEARANCES_M
+    }
     return {
         "episodes": len(rows),
-        "docked": len(docked),
-        "success": len(docked) / len(rows) if rows else None,
-        "success_interval_95": [low, high],
+        **success(len(docked)),
+        "success_at_clearance_m": at_clearance if clearances else None,
         "endings": dict(Counter(map(ending, rows)).most_common()),
         "least_clearance_m": min(clearances, default=None),
+        "contact_speed_mps": {"mean": sum(contacts) / len(contacts), "max": max(contacts)}
+        if contacts
+        else None,
         "mean_of_docked": {**means, "time_s": means["steps"] * control_period_s} if means else None,
     }
 

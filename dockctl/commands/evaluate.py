@@ -52,6 +52,8 @@ MEANS = (
     ("mean final |δψ|", "heading_error_deg", "{:.1f}°"),
     ("mean final speed", "speed_mps", "{:.3f} m/s"),
     ("mean control changes", "control_changes", "{:.0%} of the steps"),
+    ("mean propeller change", "propeller_change_n", "{:.1f} N a step"),
+    ("mean rudder change", "rudder_change_deg", "{:.1f}° a step"),
 )
 """What is printed of the docked episodes: name, key of the summary, format."""
 
@@ -219,11 +221,20 @@ def _summary_cells(summary: dict[str, Any]) -> dict[str, str]:
     docked, rate, interval = describe_share(summary["docked"], summary["episodes"])
     endings = kinds_of_ending(summary["endings"])
     clearance, means = summary["least_clearance_m"], summary["mean_of_docked"] or {}
+    contact = summary["contact_speed_mps"]
+    at_clearance = summary["success_at_clearance_m"] or {}
     cells = {
         "docked": docked,
         "success": f"[bold]{rate}[/]",
         "95 % interval": interval,
+        **{f"success with {least} m clear": _share(given) for least, given in at_clearance.items()},
         **{kind: str(count) for kind, count in endings.items() if kind != "docked"},
         "least clearance": "-" if clearance is None else f"{clearance:.2f} m",
+        **({"contact speed": f"mean {contact['mean']:.2f}, max {contact['max']:.2f} m/s"} if contact else {}),
     }
     return cells | {name: form.format(means[key]) for name, key, form in MEANS if key in means}
+
+
+def _share(success: dict[str, Any]) -> str:
+    low, high = success["success_interval_95"]
+    return f"{success['success']:.1%} ({low:.1%} to {high:.1%})"

@@ -70,7 +70,9 @@ class Evaluation:
     def summaries(self) -> dict[str, dict[str, Any]]:
         """Success rate with interval, outcomes and means, by kind of start."""
         return {
-            kind: summarize([episode.row() for episode in group], self.control_period_s)
+            kind: summarize(
+                [{**episode.row(), **episode.maneuver()} for episode in group], self.control_period_s
+            )
             for kind, group in self.groups.items()
         }
 
@@ -90,6 +92,7 @@ class Evaluation:
                 "y_m": episode.start.eta[1],
                 "heading_deg": math.degrees(episode.start.eta[2]),
                 **episode.row(),
+                **episode.maneuver(),
                 "time_s": episode.steps * self.control_period_s,
             }
             for kind, episodes in self.groups.items()

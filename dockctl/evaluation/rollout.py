@@ -85,9 +85,24 @@ class Episode:
         changed = (np.diff(commands, axis=0) != 0).any(axis=1)
         return float(changed.mean()) if len(changed) else 0.0
 
+    @property
+    def speed_mps(self) -> float:
+        """Speed of the center of gravity over ground in the end; at a collision, that of the contact."""
+        u, v, _ = self.trajectory["velocity"][-1]
+        return math.hypot(u, v)
+
+    def maneuver(self) -> dict[str, Value]:
+        """Return the columns `dockctl.runs.tables.MANEUVER`."""
+        changes = np.abs(np.diff(self.trajectory["command"][1:], axis=0))
+        force, angle = changes.mean(axis=0) if len(changes) else (0.0, 0.0)
+        return {
+            "contact_speed_mps": self.speed_mps if self.outcome == "collision" else None,
+            "propeller_change_n": float(force),
+            "rudder_change_deg": math.degrees(angle),
+        }
+
     def row(self) -> dict[str, Value]:
         """Return the columns `dockctl.runs.tables.EPISODE_RESULT`, and one for each value of a condition."""
-        u, v, _ = self.trajectory["velocity"][-1]
         return {
             "outcome": self.outcome,
             "collided_with": self.collided_with,
@@ -96,7 +111,7 @@ class Episode:
             "steps": self.steps,
             "distance_m": float(self.trajectory["distance_m"][-1]),
             "heading_error_deg": math.degrees(self.trajectory["heading_error_rad"][-1]),
-            "speed_mps": math.hypot(u, v),
+            "speed_mps": self.speed_mps,
             "path_length_m": self.path_length_m,
             "clearance_m": None if math.isnan(self.clearance_m) else self.clearance_m,
             "control_changes": self.control_changes,

@@ -147,5 +147,6 @@ def _rows(rollout: Rollout, run: Run, offsets: Floats) -> Iterator[dict[str, Val
         }  # fmt: skip
         if is_free:
             episode = next(episodes)
-            place |= {**episode.row(), "time_s": episode.steps * scenario.vessel.control_period_s}
+            time_s = episode.steps * scenario.vessel.control_period_s
+            place |= {**episode.row(), **episode.maneuver(), "time_s": time_s}
         yield place

@@ -252,7 +252,7 @@ def _failure_section(page: Page, run: Run) -> None:
 FAILURE_COLUMNS = {
     "start_kind": "starts", "start": "number", "berth": "berth", "x_m": "x [m]", "y_m": "y [m]",
     "heading_deg": "heading [°]", "outcome": "outcome", "collided_with": "collided with", "steps": "steps",
-    "distance_m": "distance at the end [m]",
+    "distance_m": "distance at the end [m]", "contact_speed_mps": "contact speed [m/s]",
 }  # fmt: skip
 """Columns of ``evaluation.csv`` in the table of failures, and their names."""
 SUMMARY_COLUMNS = (

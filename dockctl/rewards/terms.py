@@ -1,4 +1,4 @@
-"""The reward terms of the thesis (eqs. 3.10 and 3.13), and one more.
+"""The reward terms of the thesis (eqs. 3.10 and 3.13), and others.
 
 A term is a function of the `StepStatus` of n boats, and of keyword-only parameters, that returns a measure
 (n,). Its kind determines when it applies: `collision`, `intermediate` and `final` in the step of that event,
@@ -100,3 +100,30 @@ def progress(status: StepStatus, *, per_m: Number = 150.0, per_rad: Number = 100
     closer = status.previous_distance_m - status.distance_m
     better_aligned = np.abs(status.previous_heading_error_rad) - np.abs(status.heading_error_rad)
     return per_m * closer + per_rad * better_aligned
+
+
+@reward_term("clearance", kind="dense", source="not in the thesis")
+def clearance(status: StepStatus, *, margin_m: Positive = 0.5) -> Floats:
+    """Return max(0, 1 - c / margin_m), c the distance between hull and harbor [m]: from 0 to 1 at contact."""
+    return 1 - status.clearance_below(margin_m) / margin_m
+
+
+@reward_term("command_change", kind="dense", source="not in the thesis; its section 4.4 asks for it")
+def command_change(status: StepStatus, *, per_n: Positive = 50.0, per_deg: Positive = 30.0) -> Floats:
+    """Return |P - P'| / per_n + |phi - phi'| / per_deg of the command and the one before it.
+
+    By default in units of the thesis' limits, 50 N and 30 degrees, so that a reversal of both is 4.
+    """
+    force, angle = np.abs(status.command - status.previous_command).T
+    return force / per_n + np.degrees(angle) / per_deg
+
+
+@reward_term("overspeed", kind="dense", source="not in the thesis; its section 4.3.1 asks for it")
+def overspeed(status: StepStatus, *, deceleration_mps2: Positive = 0.01, floor_mps: Positive = 0.1) -> Floats:
+    """Return max(0, V - v) [m/s], with the speed limit v = max(floor_mps, sqrt(2 a delta d)).
+
+    At the limit, a boat that decelerates by a = `deceleration_mps2` stops at the goal. With the defaults it
+    is above the top speed of the thesis' boat, 0.41 m/s, from 8.5 m on.
+    """
+    limit = np.maximum(np.sqrt(2 * deceleration_mps2 * status.distance_m), floor_mps)
+    return np.maximum(status.speed_mps - limit, 0.0)

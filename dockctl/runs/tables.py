@@ -37,13 +37,18 @@ EPISODE_RESULT = (
 )  # fmt: skip
 """Result of one greedy episode."""
 
+MANEUVER = ("contact_speed_mps", "propeller_change_n", "rudder_change_deg")
+"""How it was driven: speed at a collision, and mean changes of the commands per step."""
+
 EVALUATIONS = ("env_steps", "start_kind", "pose", *EPISODE_RESULT, "best")
 """Greedy episodes during training, from the evaluation poses and, less often, from the validation starts.
 
 `pose` is the number of the pose or start, and `best` is 1 if the policy was the best so far.
 """
 
-EVALUATION = ("start_kind", "start", "berth", "x_m", "y_m", "heading_deg", *EPISODE_RESULT, "time_s")
+EVALUATION = (
+    "start_kind", "start", "berth", "x_m", "y_m", "heading_deg", *EPISODE_RESULT, *MANEUVER, "time_s",
+)  # fmt: skip
 """Episodes of ``dockctl evaluate``."""
 
 START_KINDS = {
@@ -62,7 +67,7 @@ START_KEYS = {
 """Keys of their summaries in ``evaluation.json``."""
 
 MAP_START = ("dx_m", "dy_m", "dheading_deg", "x_m", "y_m", "heading_deg", "blocked")
-MAP = (*MAP_START, *EPISODE_RESULT, "time_s")
+MAP = (*MAP_START, *EPISODE_RESULT, *MANEUVER, "time_s")
 """Starts of ``dockctl map``, by their offset from the center pose; a blocked start has no result."""
 
 RETURNS = ("behavior", "outcome", "steps", "time_s", "distance_unit_m", "return", "intermediate_discount")

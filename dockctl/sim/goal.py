@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Protocol
 
 import numpy as np
 from numpy.typing import NDArray
 
+from dockctl.errors import DockctlError
 from dockctl.geometry import Bools, Floats, Ints, wrap
 
 TO_INTERMEDIATE, TO_FINAL = 0, 1
@@ -66,6 +68,10 @@ def reached(
     return (phase == TO_INTERMEDIATE) & intermediate, (phase == TO_FINAL) & final
 
 
+def _unknown(limit_m: float) -> Floats:
+    raise DockctlError("the status of this step has no clearance", code="unavailable")
+
+
 @dataclass(frozen=True)
 class StepStatus:
     """Result of one control step of n boats, relative to the goal of the phase in which the step was made.
@@ -82,6 +88,8 @@ class StepStatus:
         command, previous_command: (n, 2) propeller force [N] and rudder angle [rad].
         sector_ranges_m: (n, sectors) range of the nearest return in each sector [m].
         collided, reached_intermediate, reached_final: events; at most one is true for a boat.
+        clearance_below: takes a limit [m], and returns the distance between hull and harbor after the step
+            where it is less, else the limit, (n,) [m]. It is computed only when it is called.
     """
 
     phase: Ints
@@ -97,6 +105,7 @@ class StepStatus:
     collided: Bools
     reached_intermediate: Bools
     reached_final: Bools
+    clearance_below: Callable[[float], Floats] = _unknown
 
     @property
     def speed_mps(self) -> Floats:

@@ -150,11 +150,25 @@ class Simulator:
             collided=collided,
             reached_intermediate=intermediate & ~collided,
             reached_final=final & ~collided,
+            clearance_below=self._clearances(),
         )
         if status.reached_intermediate.any():
             self.phase[status.reached_intermediate] = TO_FINAL
             self._measure()
         return status
+
+    def _clearances(self) -> Callable[[float], Floats]:
+        """Return a function for the clearances at the current poses; it remains valid after later steps."""
+        eta, harbor = self.eta.copy(), self.harbor.copy()
+
+        def below(limit_m: float) -> Floats:
+            clearance = np.full(len(eta), limit_m)
+            for index in np.unique(harbor):
+                rows = harbor == index
+                clearance[rows] = self.worlds[index].obstacles.clearance_below(eta[rows], limit_m)
+            return clearance
+
+        return below
 
     def state(self) -> dict[str, Any]:
         """Return the arrays of all boats by name, and the states of the conditions in their order."""

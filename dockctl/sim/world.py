@@ -59,6 +59,10 @@ class Obstacles(Protocol):
         """Return the least distance (n,) [m] between the hull and anything."""
         ...
 
+    def clearance_below(self, eta: Floats, limit_m: float) -> Floats:
+        """Return `clearance` where it is less than `limit_m`, else `limit_m`, (n,) [m]."""
+        ...
+
 
 Source = tuple[HarborSpec, Path, Hull, RangeSensorSpec]
 
@@ -132,6 +136,9 @@ class _NoObstacles:
 
     def clearance(self, eta: Floats) -> Floats:
         return np.full(len(eta), 100.0)
+
+    def clearance_below(self, eta: Floats, limit_m: float) -> Floats:
+        return np.minimum(self.clearance(eta), limit_m)
 
 
 def prepare(worlds: Sequence[World]) -> None:

@@ -55,7 +55,7 @@ def check_reward_term(name: str, **params: Any) -> None:
     term = entry.bind(params)
     _check_rows(
         f"reward term '{name}'",
-        lambda values: {"value": np.asarray(term(StepStatus(**values)), float)},
+        lambda values: {"value": np.asarray(term(_status(values)), float)},
         _step_values(),
     )
 
@@ -237,6 +237,13 @@ def _check_rows(what: str, function: Callable[[Rows], Rows], rows: Rows) -> Rows
             value[:] = -7.0
         assert np.array_equal(function(rows)[key], copies[key]), f"{what}: {key} is shared with later calls"
     return copies
+
+
+def _status(values: Rows) -> StepStatus:
+    """Return the status of a step in a harbor with a wall along x = 0."""
+    return StepStatus(
+        **values, clearance_below=lambda limit_m: np.minimum(np.abs(values["eta"][:, 0]), limit_m)
+    )
 
 
 def _step_values() -> Rows:

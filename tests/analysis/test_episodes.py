@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from typing import Any
 
 import pandas as pd
@@ -33,6 +34,34 @@ def test_summary() -> None:
     assert means["heading_error_deg"] == pytest.approx(5.0)
     assert summarize(episodes[2:], 0.5)["mean_of_docked"] is None
     assert summarize([], 0.5)["success"] is None
+
+
+def test_success_at_a_clearance_by_hand() -> None:
+    """Clearances on both sides of the limits; one that was not measured counts for none of them."""
+    docked = [row("docked", 10, clearance_m=c) for c in (0.05, 0.1, 0.29, 0.3, 0.7, None, math.nan)]
+    others = [row("timeout", 10, clearance_m=2.0)] * 3
+    found = summarize([*docked, *others], 0.5)["success_at_clearance_m"]
+    assert {least: given["docked"] for least, given in found.items()} == {"0.1": 4, "0.3": 2, "0.5": 1}
+    assert found["0.3"]["success"] == 0.2
+    low, high = found["0.3"]["success_interval_95"]
+    # Wilson: (p + z²/2n ± z √(p(1−p)/n + z²/4n²)) / (1 + z²/n), z = 1.959964
+    z, p, n = 1.959964, 0.2, 10
+    middle, width = p + z * z / (2 * n), z * math.sqrt(p * (1 - p) / n + z * z / (4 * n * n))
+    assert (low, high) == pytest.approx(
+        ((middle - width) / (1 + z * z / n), (middle + width) / (1 + z * z / n)), abs=1e-6
+    )
+    assert summarize([row("docked", 10)], 0.5)["success_at_clearance_m"] is None
+
+
+def test_contact_speeds_and_mean_changes() -> None:
+    collisions = [row("collision", 5, contact_speed_mps=speed) for speed in (0.1, 0.3)]
+    docked = [row("docked", 5, contact_speed_mps=empty, rudder_change_deg=2.0) for empty in (None, math.nan)]
+    summary = summarize([*docked, *collisions], 0.5)
+    assert summary["contact_speed_mps"] == pytest.approx({"mean": 0.2, "max": 0.3})
+    assert summary["mean_of_docked"]["rudder_change_deg"] == 2.0
+    earlier = summarize([row("docked", 5)], 0.5)
+    assert earlier["contact_speed_mps"] is None
+    assert "rudder_change_deg" not in earlier["mean_of_docked"]
 
 
 def test_endings_differ_by_obstacle_and_by_phase_of_a_timeout() -> None:

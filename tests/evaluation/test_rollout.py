@@ -51,6 +51,10 @@ def test_what_an_episode_records() -> None:
     assert episode.steps == 4
     assert episode.path_length_m == pytest.approx(0.3)
     assert episode.control_changes == pytest.approx(2 / 3)
+    maneuver = episode.maneuver()
+    assert maneuver["contact_speed_mps"] is None
+    assert maneuver["propeller_change_n"] == pytest.approx((0.1 + 0 + 0.1) / 3)
+    assert maneuver["rudder_change_deg"] == 0
     row = episode.row()
     assert row["clearance_m"] is None
     assert row["distance_m"] == pytest.approx(0.05)

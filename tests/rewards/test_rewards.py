@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -129,6 +130,47 @@ def test_progress_is_the_decrease_of_the_potential() -> None:
     expected = 20 * (150 * 0.5 - 100 * math.radians(5))
     assert total(only(progress=20), step) == pytest.approx(expected)
     assert total(only(progress=20, final=1), status(reached_final=True, previous_distance_m=12.0)) == 1
+
+
+@pytest.mark.parametrize(("meters", "expected"), [(0.0, 1.0), (0.1, 0.8), (0.5, 0.0), (3.0, 0.0)])
+def test_clearance_counts_below_the_margin(meters: float, expected: float) -> None:
+    near = replace(status(), clearance_below=lambda limit_m: np.minimum([meters], limit_m))
+    assert total(only(clearance=-1), near) == pytest.approx(-expected)
+    wide = only(clearance={"weight": -1, "params": {"margin_m": 4.0}})
+    assert total(wide, near) == pytest.approx(-(1 - meters / 4))
+
+
+def test_command_changes_count_in_units_of_the_limits() -> None:
+    """From 50 N and -30 degrees to -50 N and 30 degrees, and to 20 N and -15 degrees."""
+    before = [50.0, math.radians(-30)]
+    assert total(
+        only(command_change=-2), status(previous_command=before, command=[-50.0, math.radians(30)])
+    ) == pytest.approx(-8)
+    step = status(previous_command=before, command=[20.0, math.radians(-15)])
+    assert total(only(command_change=1), step) == pytest.approx(30 / 50 + 15 / 30)
+    own = {"weight": 1, "params": {"per_n": 10, "per_deg": 5}}
+    assert total(only(command_change=own), step) == pytest.approx(3 + 3)
+    assert total(only(command_change=1), status(previous_command=before, command=before)) == 0
+
+
+@pytest.mark.parametrize(
+    ("distance", "speed", "excess"),
+    [
+        (8.0, 0.5, 0.1),
+        (8.0, 0.4, 0.0),
+        (2.0, 0.25, 0.05),
+        (0.5, 0.12, 0.02),
+        (0.0, 0.1, 0.0),
+        (0.0, 0.3, 0.2),
+    ],
+)
+def test_the_speed_limit_grows_with_the_root_of_the_distance(
+    distance: float, speed: float, excess: float
+) -> None:
+    """sqrt(2 * 0.01 * 8) = 0.4, sqrt(2 * 0.01 * 2) = 0.2, at least 0.1 m/s."""
+    step = status(distance, u=-0.6 * speed, v=0.8 * speed)
+    assert total(only(overspeed=-10), step) == pytest.approx(-10 * excess, abs=1e-12)
+    assert total(only(overspeed={"weight": 1, "params": {"deceleration_mps2": 100}}), status(1, u=0.4)) == 0
 
 
 @given(

@@ -83,6 +83,9 @@ def test_contact_limits_of_a_wall_ahead() -> None:
     ahead = np.array([[bow - 1e-6, 0, 0], [bow + 1e-6, 0, 0], [bow - 4, 0, 0]])
     assert wall.collides(ahead).tolist() == [False, True, False]
     assert wall.clearance(ahead) == pytest.approx([1e-6, 0.0, 4.0], abs=1e-9)
+    for limit_m in (0.5, 3.9999, 4.0001, 50.0):
+        expected = np.minimum([1e-6, 0.0, 4.0], limit_m)
+        assert wall.clearance_below(ahead, limit_m) == pytest.approx(expected, abs=1e-9)
 
 
 def test_solids_above_or_below_the_boat_are_no_obstacles() -> None:
@@ -92,6 +95,7 @@ def test_solids_above_or_below_the_boat_are_no_obstacles() -> None:
     boat = checker(bridge, rock)
     assert not boat.blocked(eta)[0]
     assert boat.clearance(eta)[0] == pytest.approx(0.1)
+    assert boat.clearance_below(eta, 0.3)[0] == pytest.approx(0.1)
 
 
 # Containment without contact of surfaces
@@ -102,6 +106,7 @@ def test_boat_inside_a_closed_solid_is_blocked_without_contact() -> None:
     eta = np.concatenate((pose(0, 0, 0), pose(7, -3, 77), pose(30, 0, 0)))
     assert not land.collides(eta).any()
     assert land.blocked(eta).tolist() == [True, True, False]
+    assert land.clearance_below(eta, 0.5).tolist() == [0, 0, 0.5]
     assert land.collided_part(eta[0]) == "solid 0"
     assert land.collided_part(eta[2]) is None
 

@@ -31,6 +31,9 @@ class Wall:
     def clearance(self, eta: Floats) -> Floats:
         return np.maximum(self.x_m - eta[:, 0], 0.0)
 
+    def clearance_below(self, eta: Floats, limit_m: float) -> Floats:
+        return np.minimum(self.clearance(eta), limit_m)
+
 
 class Rings:
     """Ranges that depend only on the pose; counts the scanned boats."""
