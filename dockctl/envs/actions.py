@@ -1,7 +1,8 @@
 """Action types: from the actions of a policy to commands of propeller and rudder.
 
 `grid` is the thesis' set of discrete commands (Table 3.4, Fig. 3.11); `continuous` is a box for learners with
-continuous actions. A scenario selects one with ``actions: {kind: ...}``.
+continuous actions; `incremental` changes the last command by one step. A scenario selects one with
+``actions: {kind: ...}``.
 """
 
 from __future__ import annotations
@@ -15,7 +16,7 @@ from pydantic import Field
 
 from dockctl.geometry import Floats
 from dockctl.plugins import ACTIONS
-from dockctl.scenarios.base import FieldError, Number
+from dockctl.scenarios.base import FieldError, Number, Positive
 from dockctl.scenarios.extensions import ActionType, register
 from dockctl.scenarios.vessel import Vessel
 
@@ -85,6 +86,39 @@ class ContinuousActions(ActionType):
     def commands(self, actions: NDArray[Any], vessel: Vessel) -> Floats:
         limit = np.array([vessel.max_propeller_n, np.radians(vessel.max_rudder_deg)])
         return np.asarray(actions * limit, float)
+
+
+@register(ACTIONS, source="not in the thesis; its section 5.2 asks for smoother commands")
+class IncrementalActions(ActionType):
+    """Lower, hold or raise the propeller force and the rudder angle by one step, within the vessel's limits.
+
+    Action ``i`` changes the force by ``i // 3 - 1`` steps and the angle by ``i % 3 - 1``; 4 holds both. The
+    part `command` of the observation is what it changes.
+    """
+
+    kind: Literal["incremental"] = "incremental"
+    propeller_step_n: Positive = 10.0
+    rudder_step_deg: Positive = 10.0
+
+    def describe(self) -> str:
+        return (
+            f"9 changes of the command: propeller by {self.propeller_step_n:g} N, rudder by"
+            f" {self.rudder_step_deg:g}°, or neither"
+        )
+
+    def space(self, vessel: Vessel) -> gymnasium.Space[Any]:
+        from gymnasium.spaces import Discrete
+
+        return Discrete(9)
+
+    def commands(self, actions: NDArray[Any], vessel: Vessel) -> Floats:
+        return self.next_commands(actions, vessel, np.zeros((len(actions), 2)))
+
+    def next_commands(self, actions: NDArray[Any], vessel: Vessel, previous: Floats) -> Floats:
+        signs = np.column_stack(np.divmod(actions, 3)) - 1
+        limit = np.array([vessel.max_propeller_n, np.radians(vessel.max_rudder_deg)])
+        changed = previous + signs * [self.propeller_step_n, np.radians(self.rudder_step_deg)]
+        return np.clip(changed, -limit, limit)
 
 
 @lru_cache(maxsize=16)

@@ -330,7 +330,8 @@ class DockingVectorEnv(VectorEnv[Observations, NDArray[Any], NDArray[Any]]):
             raise error.InvalidAction(f"expected actions of {self.action_space}, got {actions}")
         kind = self.scenario.actions.kind
         with Guard(ACTIONS, kind):
-            commands = np.asarray(self.scenario.actions.commands(chosen, self.scenario.vessel), float)
+            previous, vessel = self.simulator.command.copy(), self.scenario.vessel
+            commands = np.asarray(self.scenario.actions.next_commands(chosen, vessel, previous), float)
             require_shape(f"action type '{kind}'", commands.shape, (self.num_envs, 2))
         return commands
 

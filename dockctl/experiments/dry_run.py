@@ -53,7 +53,8 @@ def dry_run(loaded: LoadedScenario) -> None:
     for _ in range(STEPS):
         actions = env.action_space.sample()
         with Guard(ACTIONS, scenario.actions.kind):
-            commands = scenario.actions.commands(np.asarray(actions), scenario.vessel)
+            previous = env.simulator.command.copy()
+            commands = scenario.actions.next_commands(np.asarray(actions), scenario.vessel, previous)
         _require_finite(ACTIONS, scenario.actions.kind, commands)
         for condition, disturbance in zip(
             scenario.conditions.values(), env.simulator.disturbances, strict=True

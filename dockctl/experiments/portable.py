@@ -178,9 +178,11 @@ def description(policy: CheckpointPolicy, scenario: Scenario) -> dict[str, Any]:
     """
     vessel, lidar, task, card = scenario.vessel, scenario.sensors.lidar, scenario.task, policy.card
     space = scenario.actions.space(vessel)
-    if not isinstance(space, Discrete):
+    if not isinstance(space, Discrete) or scenario.actions.has_memory:
         raise DockctlError(
-            f"{policy.file}: has the actions {space}; expected numbered ones", code="unavailable"
+            f"{policy.file}: has the actions {scenario.actions.kind}, {space}; expected numbered ones with a"
+            " command each",
+            code="unavailable",
         )
     commands = scenario.actions.commands(np.arange(int(space.n)), vessel)
     return {

@@ -98,7 +98,16 @@ def check_action_type(kind: str, *, vessel: str | Path = "eilbrecht", **keys: An
         what, lambda rows: {"commands": spec.commands(rows["actions"], boat)}, {"actions": actions}
     )["commands"]
     assert commands.shape == (BOATS, 2), f"{what}: commands of shape {commands.shape}, expected {(BOATS, 2)}"
-    excess = np.abs(commands) - VesselModel(boat).command_limit
+    limit = VesselModel(boat).command_limit
+    if spec.has_memory:
+        previous = np.random.default_rng(0).uniform(-1, 1, (BOATS, 2)) * limit
+        commands = _check_rows(
+            what,
+            lambda rows: {"commands": spec.next_commands(rows["actions"], boat, rows["previous"])},
+            {"actions": actions, "previous": previous},
+        )["commands"]
+        assert commands.shape == (BOATS, 2), f"{what}: next_commands of shape {commands.shape}"
+    excess = np.abs(commands) - limit
     assert (excess <= 1e-9).all(), f"{what}: a command exceeds the limits of the vessel"
     check_environment(_scenario(actions=spec), [open_water()], steps=20)
 

@@ -65,6 +65,25 @@ def test_continuous_actions_are_fractions_of_the_limits() -> None:
     assert ContinuousActions().commands(actions, VESSEL) == pytest.approx(np.array(expected))
 
 
+def test_incremental_actions_change_the_last_command() -> None:
+    """Raise both to the limits in 5 and 3 steps, hold, lower the rudder alone; a start is from rest."""
+    env = DockingVectorEnv(load("s1", overrides=["actions.kind=incremental"]), 2, worlds=[walled()])
+    assert env.single_action_space == Discrete(9)
+    env.reset(seed=0)
+    taken = []
+    for action in (8, 8, 8, 8, 8, 8, 4, 3):
+        _, _, _, _, info = env.step(np.array([action, 4]))
+        taken.append(info["command"][0])
+        assert info["command"][1].tolist() == [0, 0]
+    force, angle = np.transpose(taken)
+    assert force == pytest.approx([10, 20, 30, 40, 50, 50, 50, 50])
+    assert np.degrees(angle) == pytest.approx([10, 20, 30, 30, 30, 30, 30, 20])
+    _, info = env.reset(options={"reset_mask": np.array([True, False])})
+    assert info["command"][0].tolist() == [0, 0]
+    _, _, _, _, info = env.step(np.array([0, 4]))
+    assert info["command"][0] == pytest.approx([-10, -math.radians(10)])
+
+
 @pytest.mark.parametrize("form", [{}, {"kind": "grid"}, {"propeller_n": list(range(-50, 51, 10))}])
 def test_the_kind_is_optional(form: dict[str, Any]) -> None:
     """Scenarios and policy cards of older versions have no kind."""
