@@ -24,6 +24,23 @@ def env(boats: int, *, exploring: bool = True, source: Any = S3, wall: float = 2
     return DockingVectorEnv(source, boats, exploring=exploring, worlds=[walled(wall)])
 
 
+def test_scenario_3_without_an_intermediate_pose() -> None:
+    """One phase from the start of scenario 3 to the berth, with the 15 numbers of scenario 1."""
+    direct = DockingVectorEnv("s3-direct", 3, worlds=[walled()])
+    assert direct.observation_names == DockingVectorEnv("s1", 1, worlds=[walled()]).observation_names
+    assert "intermediate" not in direct.reward.names
+    _, info = direct.reset(seed=0)
+    assert np.degrees(info["pose"]) * [np.pi / 180, np.pi / 180, 1] == pytest.approx(
+        np.tile([23.0, -10.0, 90.0], (3, 1))
+    )
+    for _ in range(3):
+        observation, _, _, _, info = direct.step(np.full(3, 73))
+        assert observation.shape == (3, 15)
+        assert info["phase"].tolist() == [1, 1, 1]
+        x, y, _ = info["pose"].T
+        assert info["distance_m"] == pytest.approx(np.hypot(x - 36, y))
+
+
 def record(vector: DockingVectorEnv, seed: Any, actions: np.ndarray) -> list[np.ndarray]:
     """Return observations, rewards and poses of every step, over many episodes."""
     first, info = vector.reset(seed=seed)

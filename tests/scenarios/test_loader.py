@@ -20,7 +20,8 @@ from dockctl.scenarios.training import THESIS
 
 CATALOG = [
     *("marina", "marina-fleet", "marina-unseen"),
-    *("s1", "s1-weather", "s2", "s2-poses", "s3", "s3-appendix-b", "s3-opposite"),
+    *("s1", "s1-weather", "s2", "s2-poses", "s3", "s3-appendix-b", "s3-direct", "s3-obstacle"),
+    "s3-opposite",
 ]
 
 
