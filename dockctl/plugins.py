@@ -251,6 +251,7 @@ BUILTINS = (
     "dockctl.sim.conditions.actuators",
     "dockctl.sim.conditions.navigation",
     "dockctl.sim.conditions.lidar_noise",
+    "dockctl.sim.conditions.lidar_faults",
     "dockctl.sim.conditions.uncertainty",
     "dockctl.sim.conditions.shallow_water",
     "dockctl.agents.algorithms",

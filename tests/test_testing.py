@@ -37,6 +37,7 @@ CONDITION_KEYS: list[tuple[str, dict[str, Any]]] = [
     ("wind", {"speed_mps": [0, 5], "direction_deg": [0, 360], "gust_mps": [0, 1.5]}),
     ("actuators", {"delay_steps": [0, 2], "propeller_lag_s": 0.1, "rudder_rate_degps": [20, 40]}),
     ("lidar_noise", {"sigma_m": [0, 0.03], "lost_returns": 0.05, "lost_sectors": 0.2}),
+    ("lidar_faults", {"sectors": [1, 4], "mode": "frozen", "after_s": [0, 3]}),
     ("uncertainty", {"masses": 0.2, "damping": 0.1}),
     ("shallow_water", {"depth_m": [0.4, 2]}),
     ("navigation", {"position_m": 0.02, "heading_deg": [0, 0.5], "velocity_mps": 0.03}),

@@ -26,7 +26,8 @@ def compare(
     policies: Annotated[
         list[str],
         typer.Argument(
-            help="Two or more: run folders, checkpoints, names, or controllers like file.py:factory."
+            help="Two or more, one with --vary: run folders, checkpoints, names, or controllers like"
+            " file.py:factory."
         ),
     ],
     scenario: Annotated[
@@ -34,6 +35,13 @@ def compare(
         typer.Option(help="Scenario to dock in, file or name; that of the first policy by default."),
     ] = None,
     set_: Overrides = None,
+    vary: Annotated[
+        list[str] | None,
+        typer.Option(
+            metavar="KEY=VALUE",
+            help="Also run each policy with this value of the scenario changed; repeatable.",
+        ),
+    ] = None,
     plugin: Plugins = None,
     trust: Trust = False,
     episodes: Episodes = None,
@@ -48,6 +56,9 @@ def compare(
     clearance and control changes are compared over the episodes that both dock, with bootstrap intervals. All
     intervals are at 95 %.
 
+    With --vary, a single policy is compared with itself under other conditions, from the same starts:
+    --vary "conditions.lidar_faults={sectors: [1, 2]}".
+
     Example: dockctl compare s1 s2 --scenario s2 --episodes 200
     """
     from dockctl.evaluation import compare as run
@@ -59,7 +70,7 @@ def compare(
     require_writable(out)
     with Console(stderr=True).status("running episodes"):
         loaded = [load_policy(policy, plugin_files=plugin or (), trust=trust) for policy in policies]
-        result = run(loaded, scenario, episodes=episodes, seed=seed, overrides=set_ or ())
+        result = run(loaded, scenario, episodes=episodes, seed=seed, overrides=set_ or (), vary=vary or ())
     _print(result)
     if csv:
         write_atomically(csv, to_csv(result.rows(), ["policy", *EVALUATION]).encode())

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass
 from functools import cached_property
 from pathlib import Path
@@ -53,7 +53,11 @@ class Comparison:
             "set": list(self.first.overrides),
             "random_seed": self.first.seed,
             "policies": {
-                name: {"policy": evaluation.policy.facts(), **evaluation.summaries}
+                name: {
+                    "policy": evaluation.policy.facts(),
+                    "set": list(evaluation.overrides),
+                    **evaluation.summaries,
+                }
                 for name, evaluation in self.evaluations.items()
             },
             "differences": [
@@ -85,26 +89,48 @@ def compare(
     episodes: int | None = None,
     seed: int | None = None,
     overrides: Sequence[str] = (),
+    vary: Sequence[str] = (),
 ) -> Comparison:
     """Run policies from the same starts.
 
     Args:
-        policies: two or more; see `dockctl.evaluation.policies.load_policy`.
+        policies: two or more, or one with `vary`; see `dockctl.evaluation.policies.load_policy`.
         scenario: file or name; that of the first policy by default.
         episodes, seed: of the random starts; see `evaluate`.
         overrides: changed values of the scenario, ``key=value``.
+        vary: further changed values; each policy also runs with each of them alone.
 
     Raises:
-        DockctlError: fewer than two policies, or one does not exist or does not fit the scenario.
+        DockctlError: a single policy and nothing to vary, a policy that does not exist or does not fit the
+            scenario, or starts that are not the same with a changed value.
     """
-    if len(policies) < 2:
-        raise DockctlError("a comparison needs two or more policies", code="missing_key")
+    if len(policies) * (1 + len(vary)) < 2:
+        raise DockctlError("a comparison needs two or more policies, or --vary", code="missing_key")
     loaded = [load_policy(policy) for policy in policies]
     source = scenario or loaded[0].own_scenario
-    results = [
-        evaluate(policy, source, episodes=episodes, seed=seed, overrides=overrides) for policy in loaded
-    ]
-    return Comparison(dict(zip(_names(loaded), results, strict=True)))
+    results = {
+        f"{name}, {change}" if change else name: evaluate(
+            policy,
+            source,
+            episodes=episodes,
+            seed=seed,
+            overrides=[*overrides, *([change] if change else [])],
+        )
+        for name, policy in zip(_names(loaded), loaded, strict=True)
+        for change in ("", *vary)
+    }
+    _require_same_starts(results)
+    return Comparison(results)
+
+
+def _require_same_starts(results: Mapping[str, Evaluation]) -> None:
+    """Check that the evaluations have the same starts, so that their episodes are pairs."""
+    first, *others = results.items()
+    columns = ["start_kind", "start", "x_m", "y_m", "heading_deg"]
+    for name, evaluation in others:
+        if not evaluation.table[columns].equals(first[1].table[columns]):
+            message = f"'{name}' does not begin from the same starts as '{first[0]}': they cannot be paired"
+            raise DockctlError(message, code="mismatch")
 
 
 def _names(policies: Sequence[LoadedPolicy]) -> list[str]:

@@ -115,7 +115,8 @@ def command_change(status: StepStatus, *, per_n: Positive = 50.0, per_deg: Posit
     By default in units of the thesis' limits, 50 N and 30 degrees, so that a reversal of both is 4.
     """
     force, angle = np.abs(status.command - status.previous_command).T
-    return force / per_n + np.degrees(angle) / per_deg
+    change: Floats = force / per_n + np.degrees(angle) / per_deg
+    return change
 
 
 @reward_term("overspeed", kind="dense", source="not in the thesis; its section 4.3.1 asks for it")

@@ -167,6 +167,18 @@ class ActionType(Kind, ABC):
     def commands(self, actions: NDArray[Any], vessel: Vessel) -> Floats:
         """Return propeller force [N] and rudder angle [rad], (n, 2), of n actions of the space."""
 
+    def next_commands(self, actions: NDArray[Any], vessel: Vessel, previous: Floats) -> Floats:
+        """Return the commands (n, 2) after those of the last step, `previous` (n, 2), zero at a start.
+
+        By default they are `commands`, which do not depend on the last step.
+        """
+        return self.commands(actions, vessel)
+
+    @property
+    def has_memory(self) -> bool:
+        """Whether the commands of an action depend on the commands before it."""
+        return type(self).next_commands is not ActionType.next_commands
+
     def fitted(self, vessel: Vessel) -> ActionType:
         """Return the actions with keys that are not given chosen for the vessel; by default unchanged."""
         return self
@@ -285,6 +297,15 @@ class Disturbance:
     def range_noise(self) -> RangeNoise | None:
         """Return the noise of the range sensor's next scan."""
         return None
+
+    def reported_ranges(self, ranges: Floats, rows: Ints, range_m: float) -> Floats:
+        """Return what the range sensors of the boats in `rows` (k,) report instead of `ranges`.
+
+        Args:
+            ranges: (k, sectors) of a scan, with noise [m]; not to be changed.
+            range_m: of the sensor, which a sector without a return reads.
+        """
+        return ranges
 
     def coefficient_factors(self) -> dict[str, Floats]:
         """Return factors (n,) of the vessel's coefficients, by their key in the vessel's file.

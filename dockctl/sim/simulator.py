@@ -224,6 +224,13 @@ class Simulator:
             own = noise if rows is None else noise.of(rows)
             lost = uniforms(own.seeds + np.uint64(2), sectors) < own.lost_sectors[:, None]
             ranges = np.where(lost, self._range_m, ranges)
+        scanned = np.arange(boats) if rows is None else rows
+        for guard, disturbance in zip(self._conditions, self.disturbances, strict=True):
+            with guard:
+                ranges = disturbance.reported_ranges(ranges, scanned, self._range_m)
+                require_shape(
+                    f"{type(disturbance).__name__}.reported_ranges", ranges.shape, (len(scanned), sectors)
+                )
         return ranges
 
     def _range_noise(self) -> RangeNoise | None:

@@ -52,6 +52,26 @@ def test_a_policy_does_not_differ_from_itself(trained: Trained, tmp_path: Path) 
     assert difference["second"] == f"{run.name} (2)"
 
 
+def test_a_policy_is_compared_with_itself_under_a_changed_value(trained: Trained, tmp_path: Path) -> None:
+    fault = "conditions.lidar_faults={sectors: [1, 2]}"
+    arguments = ("compare", trained[0], "--vary", fault, "--json", tmp_path / "c.json", "--out", tmp_path)
+    outcome = dockctl(*arguments)
+    assert outcome.code == 0, outcome.err
+    result = json.loads((tmp_path / "c.json").read_text())
+    plain, faulty = result["policies"]
+    assert faulty == f"{plain}, {fault}"
+    assert [each["set"] for each in result["policies"].values()] == [[], [fault]]
+    (difference,) = result["differences"]
+    assert (difference["first"], difference["second"]) == (plain, faulty)
+
+
+def test_changed_values_that_change_the_starts_are_refused(trained: Trained, tmp_path: Path) -> None:
+    arguments = ("--vary", "task.initial.0.x_m=20.5", "--episodes", 1, "--out", tmp_path / "figures")
+    outcome = dockctl("compare", trained[0], *arguments)
+    assert (outcome.code, outcome.error_code) == (2, "mismatch")
+    assert not (tmp_path / "figures").exists()
+
+
 @pytest.mark.parametrize(
     ("arguments", "code", "suggestion"),
     [

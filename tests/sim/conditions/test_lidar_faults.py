@@ -1,0 +1,66 @@
+"""Faulty sectors, with a sensor whose ranges change in every step."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+import pytest
+
+from dockctl.envs.vector import DockingVectorEnv
+from dockctl.errors import DockctlError
+from dockctl.scenarios.loader import load
+from tests.sim.worlds import walled
+
+AHEAD = 73
+"""The action of full thrust with the rudder amidships."""
+RANGE_M = 100.0
+
+
+def ranges(fault: str | None, boats: int = 2) -> tuple[Any, Any]:
+    """Sector ranges (steps + 1, boats, 8) while the boats drive ahead, and the pose."""
+    overrides = [f"conditions.lidar_faults={fault}"] if fault else []
+    env = DockingVectorEnv(load("s1", overrides=overrides), boats, worlds=[walled()])
+    _, info = env.reset(seed=0)
+    scans, poses = [info["sector_ranges_m"]], [info["pose"]]
+    for _ in range(6):
+        _, _, _, _, info = env.step(np.full(boats, AHEAD))
+        scans.append(info["sector_ranges_m"])
+        poses.append(info["pose"])
+    return np.array(scans), np.array(poses)
+
+
+@pytest.mark.parametrize(("mode", "reads"), [("blind", RANGE_M), ("occluded", 0.5)])
+def test_faulty_sectors_read_a_constant_and_the_others_what_they_see(mode: str, reads: float) -> None:
+    true, poses = ranges(None)
+    faulty, same_poses = ranges(f"{{sectors: [1, 8], mode: {mode}}}")
+    assert np.array_equal(poses, same_poses)
+    assert (faulty[..., [0, 7]] == reads).all()
+    assert np.array_equal(faulty[..., 1:7], true[..., 1:7])
+
+
+def test_a_frozen_sector_reads_its_first_value_after_the_fault() -> None:
+    """At 1.5 s, three steps after the start, its value freezes."""
+    true, _ = ranges(None)
+    assert (np.diff(true[..., 2], axis=0) != 0).all()
+    faulty, _ = ranges("{sectors: [3], mode: frozen, after_s: 1.5}")
+    assert np.array_equal(faulty[:4], true[:4])
+    assert (faulty[3:, :, 2] == true[3, :, 2]).all()
+    assert np.array_equal(np.delete(faulty, 2, axis=2), np.delete(true, 2, axis=2))
+
+
+def test_a_frozen_sector_is_released_by_a_reset() -> None:
+    loaded = load("s1", overrides=["conditions.lidar_faults={sectors: [3], mode: frozen}"])
+    env = DockingVectorEnv(loaded, 2, worlds=[walled()])
+    env.reset(seed=0)
+    first = env.reset(options={"poses": [[10, 5, 0], [10, 5, 0]]})[1]["sector_ranges_m"]
+    mask = np.array([False, True])
+    second = env.reset(options={"poses": [[20, 5, 0]] * 2, "reset_mask": mask})[1]["sector_ranges_m"]
+    assert second[0, 2] == first[0, 2]
+    assert second[1, 2] != first[1, 2]
+
+
+def test_a_sector_that_does_not_exist_is_refused() -> None:
+    with pytest.raises(DockctlError) as caught:
+        ranges("{sectors: [9]}")
+    assert caught.value.code == "out_of_range"
