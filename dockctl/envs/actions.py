@@ -117,8 +117,9 @@ class IncrementalActions(ActionType):
     def next_commands(self, actions: NDArray[Any], vessel: Vessel, previous: Floats) -> Floats:
         signs = np.column_stack(np.divmod(actions, 3)) - 1
         limit = np.array([vessel.max_propeller_n, np.radians(vessel.max_rudder_deg)])
-        changed = previous + signs * [self.propeller_step_n, np.radians(self.rudder_step_deg)]
-        return np.clip(changed, -limit, limit)
+        steps = np.array([self.propeller_step_n, np.radians(self.rudder_step_deg)])
+        changed: Floats = np.clip(previous + signs * steps, -limit, limit)
+        return changed
 
 
 @lru_cache(maxsize=16)
