@@ -2,6 +2,7 @@
 # make test     install, then run every check that a change must pass
 # make check    run the same checks in the existing environment
 # make results  write the results pages (docs/results.md, docs/results/) from the archived runs (results/)
+# make docs     write the documentation as a site that opens from the disk (build/site/index.html)
 # make bench    run the benchmarks against other libraries and write the page of their results (some minutes)
 # make clean    remove the environment and the tools' caches; keeps runs/
 
@@ -13,7 +14,7 @@ BIN := $(VENV)/bin
 BENCHMARKS := $(filter-out %/bench.py %/figures.py %/page.py %/gpu.py %/pilot.py %/soak.py %/training.py,$(wildcard benchmarks/*.py))
 PIP := $(BIN)/python -m pip install --quiet --disable-pip-version-check --constraint constraints.txt
 
-.PHONY: dock test check results bench clean
+.PHONY: dock test check docs results bench clean
 .DEFAULT_GOAL := dock
 
 dock: $(VENV)/.run
@@ -34,6 +35,10 @@ check:
 results: $(VENV)/.run
 	$(BIN)/python -m studies.thesis.build
 
+docs: $(VENV)/.docs
+	$(BIN)/mkdocs build --quiet --strict
+	@echo build/site/index.html
+
 bench: $(VENV)/.bench
 	for script in $(BENCHMARKS); do $(BIN)/python $$script || exit 1; done
 	$(BIN)/python benchmarks/page.py
@@ -51,6 +56,10 @@ $(VENV)/.run: pyproject.toml constraints.txt
 
 $(VENV)/.dev: $(VENV)/.run
 	$(PIP) --editable '.[dev]'
+	@touch $@
+
+$(VENV)/.docs: $(VENV)/.run
+	$(PIP) --editable '.[docs]'
 	@touch $@
 
 $(VENV)/.bench: $(VENV)/.run

@@ -186,12 +186,6 @@ class TestDocuments:
         targets = [word for word in words[1:] if "=" not in word]
         run("make", "--dry-run", *targets, cwd=ROOT)
 
-    @pytest.mark.parametrize("document", DOCUMENTS, ids=lambda path: path.relative_to(ROOT).as_posix())
-    def test_local_links_exist(self, document: Path) -> None:
-        targets = re.findall(r"\]\(([^)#\s]+)[^)]*\)", document.read_text())
-        local = [target for target in targets if "://" not in target]
-        assert [target for target in local if not (document.parent / target).exists()] == []
-
     @pytest.mark.parametrize("document", ["plugins.md", "scenario.md"])
     def test_the_scenario_files_in_them_are_valid(self, document: str, tmp_path: Path) -> None:
         text = (ROOT / "docs" / document).read_text()

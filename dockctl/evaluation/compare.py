@@ -96,7 +96,8 @@ def compare(
     Args:
         policies: two or more, or one with `vary`; see `dockctl.evaluation.policies.load_policy`.
         scenario: file or name; that of the first policy by default.
-        episodes, seed: of the random starts; see `evaluate`.
+        episodes: number of random starts; see `evaluate`.
+        seed: of the random starts.
         overrides: changed values of the scenario, ``key=value``.
         vary: further changed values; each policy also runs with each of them alone.
 

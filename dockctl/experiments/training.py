@@ -91,7 +91,8 @@ def train(
         out: parent of ``<scenario>/<time>-seed<N>/``.
         device: torch device of the networks.
         trust: run the plugins of a received scenario, see `dockctl.scenarios.loader.load`.
-        name, tags: of the run, for its provenance.
+        name: of the run, for its provenance.
+        tags: of the run, for its provenance.
         log: ``tensorboard`` or ``wandb``: logs of the tables, see `dockctl.experiments.logs`.
         console: shows the progress; standard output by default.
 

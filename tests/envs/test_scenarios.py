@@ -12,7 +12,12 @@ from dockctl.testing import check_scenario
 
 catalog.fill()
 EXAMPLES = Path(__file__).parents[2] / "examples"
-FILES = [EXAMPLES / "custom-harbor/s1-pontoon.yaml", EXAMPLES / "local-term/s1-gentle.yaml"]
+FILES = [
+    EXAMPLES / "custom-boat/s1-launch.yaml",
+    EXAMPLES / "custom-harbor/s1-pontoon.yaml",
+    EXAMPLES / "glb-harbor/fishing-harbor.yaml",
+    EXAMPLES / "local-term/s1-gentle.yaml",
+]
 
 
 @pytest.mark.slow
