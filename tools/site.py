@@ -66,9 +66,22 @@ def on_page_content(content: str, page: Page, config: MkDocsConfig, files: Files
 
     def formula(match: re.Match[str]) -> str:
         block = match[1] == "div"
-        return convert(html.unescape(match[2]), display="block" if block else "inline")
+        return drawable(convert(html.unescape(match[2]), display="block" if block else "inline"))
 
     return re.sub(r'<(span|div) class="arithmatex">\\[(\[](.*?)\\[)\]]</\1>', formula, content, flags=re.S)
+
+
+def drawable(mathml: str) -> str:
+    """Return MathML that needs no mathematical font: others have no dots above and no tall brackets."""
+    dotted = r"<mover><mi>([^<]+)</mi><mo>&#x002D9;</mo></mover>"
+    mathml = re.sub(dotted, r"<mi>\1&#x0307;</mi>", mathml)
+    opened = r"<mo[^>]*>&#x000(?:5B|7B);</mo><mtable>(.*?)</mtable>"
+    fence = rf"{opened}(<mo[^>]*>&#x0005D;</mo>)?"
+    return re.sub(fence, _with_borders, mathml, flags=re.S)
+
+
+def _with_borders(match: re.Match[str]) -> str:
+    return f'<mtable class="{"matrix" if match[2] else "cases"}">{match[1]}</mtable>'
 
 
 def outside_code(markdown: str, change: Any) -> str:
@@ -170,12 +183,17 @@ def parameter_row(parameter: Any, context: click.Context) -> str | None:
     record = parameter.get_help_record(context)
     if record is None or parameter.name == "help":
         return None
-    return f"| `{record[0].replace('|', chr(92) + '|')}` | {escaped(record[1])} |"
+    return f"| {literal(record[0])} | {escaped(record[1])} |"
+
+
+def literal(text: str) -> str:
+    """Return code as HTML, which may contain the character that separates the columns of a table."""
+    return f"<code>{escaped(text)}</code>"
 
 
 def escaped(text: str) -> str:
-    """Return plain text as Markdown: command lines stay as they are, brackets and stars have no meaning."""
-    return re.sub(r"([\\`*_{}\[\]<>|])", r"\\\1", text)
+    """Return plain text as Markdown in which no character has a meaning."""
+    return re.sub(r"[\\`*_{}\[\]<>|&]", lambda match: f"&#{ord(match[0])};", text)
 
 
 def schema_sections() -> Iterator[str]:
@@ -202,7 +220,7 @@ def schema_sections() -> Iterator[str]:
 
 def code(value: Any) -> str:
     text = json.dumps(value, ensure_ascii=False)
-    return f"`{text}`".replace("|", "\\|") if len(text) <= 60 else "see there"
+    return literal(text) if len(text) <= 60 else "see there"
 
 
 def type_name(value: Any, prefix: str) -> str:
