@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import replace
+from functools import cached_property
 from pathlib import Path
 from typing import Any
 
@@ -23,8 +24,8 @@ from dockctl.scenarios.loader import LoadedScenario
 from dockctl.scenarios.schema import Scenario
 from dockctl.sim.goal import StepStatus
 from dockctl.sim.simulator import Simulator
-from dockctl.sim.starts import Start, StartSampler, free_sites, given_start, own_site
-from dockctl.sim.world import World, build_worlds, load_checked
+from dockctl.sim.starts import Start, StartSampler, free_sites, given_start, is_trained, own_site
+from dockctl.sim.world import World, build_worlds, load_checked, unreachable_in
 
 Observations = NDArray[np.float32]
 Info = dict[str, Any]
@@ -93,7 +94,6 @@ class DockingVectorEnv(VectorEnv[Observations, NDArray[Any], NDArray[Any]]):
         self.reward = RewardFunction(self.scenario.reward)
         self._own = own_site(self.scenario)
         self._exploring = exploring
-        self._sampler = self._make_sampler()
         self._encoder = ObservationEncoder(self.scenario.observation, self.scenario.sensors.lidar.sectors)
         self._past: tuple[View, ...] = ()
         self.observation_names, self.observation_parts = self._encoder.names, self._encoder.parts
@@ -108,9 +108,11 @@ class DockingVectorEnv(VectorEnv[Observations, NDArray[Any], NDArray[Any]]):
         self._ended = np.ones(num_envs, bool)
         self._trails: list[list[Floats]] = [[] for _ in range(num_envs)]
 
-    def _make_sampler(self) -> StartSampler:
-        unreachable = [world.obstacles.unreachable for world in self.worlds]
-        trained = [site for site in free_sites(self.scenario, unreachable) if site.kind != "held_out"]
+    @cached_property
+    def _sampler(self) -> StartSampler:
+        """Of the first start that is not given: it needs all harbors of the training."""
+        unreachable = unreachable_in(self.worlds)
+        trained = free_sites(self.scenario, unreachable, among=is_trained)
         return StartSampler(self.scenario, trained, unreachable, exploring=self._exploring)
 
     def __getstate__(self) -> dict[str, Any]:
@@ -118,7 +120,6 @@ class DockingVectorEnv(VectorEnv[Observations, NDArray[Any], NDArray[Any]]):
 
     def __setstate__(self, state: dict[str, Any]) -> None:
         vars(self).update(state)
-        self._sampler = self._make_sampler()
 
     def reset(
         self, *, seed: int | Sequence[int | None] | None = None, options: dict[str, Any] | None = None

@@ -23,11 +23,13 @@ from dockctl.sim.starts import (
     draw_intermediate,
     free_sites,
     given_start,
+    is_trained,
     offset_limits,
     own_site,
+    sites,
     with_offset,
 )
-from dockctl.sim.world import PoseCheck, World
+from dockctl.sim.world import PoseCheck, World, unreachable_in
 
 TRAINING = "training"
 """Kind of the starts at the initial poses of the training."""
@@ -101,10 +103,12 @@ def validation_starts(scenario: Scenario, worlds: Sequence[World]) -> list[Start
 
 def testing_starts(scenario: Scenario, worlds: Sequence[World], episodes: int, seed: int) -> list[Start]:
     """Return random starts around the initial poses, at the held-out berths if the task has any."""
-    sites = _sites(scenario, worlds)
-    held_out = [site for site in sites if site.kind == "held_out"]
+    if not episodes:
+        return []
+    held_out = not all(map(is_trained, sites(scenario)))
+    places = free_sites(scenario, unreachable_in(worlds), among=lambda site: is_trained(site) is not held_out)
     kind = "held_out" if held_out else "random"
-    return random_starts(scenario, held_out or sites, worlds, episodes=episodes, seed=seed, kind=kind)
+    return random_starts(scenario, places, worlds, episodes=episodes, seed=seed, kind=kind)
 
 
 def trajectory_starts(scenario: Scenario, worlds: Sequence[World]) -> list[Start]:
@@ -118,8 +122,7 @@ def trajectory_starts(scenario: Scenario, worlds: Sequence[World]) -> list[Start
     drawn = own_site(scenario).harbor
     return [
         given_start(site, scenario.task, pose, index, site.kind)
-        for site in _sites(scenario, worlds)
-        if site.harbor == drawn
+        for site in free_sites(scenario, unreachable_in(worlds), among=lambda site: site.harbor == drawn)
         for index, pose in enumerate(site.initial)
     ]
 
@@ -182,8 +185,4 @@ def random_starts(
 
 
 def _trained(scenario: Scenario, worlds: Sequence[World]) -> list[Site]:
-    return [site for site in _sites(scenario, worlds) if site.kind != "held_out"]
-
-
-def _sites(scenario: Scenario, worlds: Sequence[World]) -> list[Site]:
-    return free_sites(scenario, [world.obstacles.unreachable for world in worlds])
+    return free_sites(scenario, unreachable_in(worlds), among=is_trained)

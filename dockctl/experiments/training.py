@@ -44,7 +44,7 @@ from dockctl.runs.tables import RECENT, Value
 from dockctl.scenarios.content import mesh_files, with_paths
 from dockctl.scenarios.loader import LoadedScenario, dump
 from dockctl.scenarios.schema import PolicyInterface
-from dockctl.sim.starts import own_site
+from dockctl.sim.starts import is_trained, own_site, sites
 from dockctl.sim.world import World, build_worlds, load_checked, notes
 
 
@@ -247,8 +247,10 @@ def _prepare(loaded: LoadedScenario, device: str) -> _Session:
     training = loaded.scenario.training
     dry_run(loaded)
     worlds = build_worlds(loaded.scenario, loaded.base_dir)
-    memory = require_memory(loaded.scenario, worlds)
+    used = sorted({site.harbor for site in sites(loaded.scenario) if is_trained(site)})
+    memory = require_memory(loaded.scenario, [worlds[number] for number in used])
     environment = DockingVectorEnv(loaded, training.boats, exploring=True, worlds=worlds)
+    environment.simulator.prepare(used)
     algorithm = build_algorithm(loaded, Spaces.from_env(environment), training.boats, device)
     assert isinstance(training.algorithm, AlgorithmSpec)
     return _Session(loaded, worlds, memory, environment, training.algorithm, algorithm)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Iterator, Sequence
-from functools import cache, cached_property
+from functools import cache, cached_property, lru_cache
 from typing import Any
 
 import fcl
@@ -18,7 +18,10 @@ from dockctl.sim.harbor.solids import Mesh, hull_mesh
 from dockctl.sim.harbor.waters import Waters, cross_section
 
 SIZE_BY_TRIANGLES = 8
-"""Memory of a checker, relative to the array of the harbor's triangles; measured on the reference marina."""
+"""Memory of a checker, relative to the array of the harbor's triangles; measured on the reference marina.
+Before the first clearance, it is a third of that."""
+MAX_CONTACTS = 1_000_000
+"""More than a hull has with the surfaces that it touches."""
 CONTACT_RESOLUTION_M = 0.002
 """Motion of the hull between the poses at which contact is tested."""
 SLACK_M = 1e-3
@@ -36,8 +39,12 @@ class CollisionChecker:
         self.harbor, self.hull = harbor, hull
         boat = hull_mesh(hull)
         self._size, self._middle = boat.extents, (hull.freeboard_m - hull.draft_m) / 2
-        self._hull = _bvh([boat])
-        self._solids = fcl.CollisionObject(_bvh([part.mesh for part in harbor.parts]))
+        self._hull = _bvh(boat.triangles)
+        low, high = (getattr(harbor.triangles[:, :, 2], end)(axis=1) for end in ("min", "max"))
+        margin = 2 * SLACK_M
+        touchable = (low <= hull.freeboard_m + margin) & (high >= -hull.draft_m - margin)
+        self._low, self._others = np.flatnonzero(touchable), np.flatnonzero(~touchable)
+        self._low_solids = _objects(harbor.triangles[self._low])
         bodies = [(index, solid.mesh) for index, part in enumerate(harbor.parts) for solid in part.solids]
         self._interior = _Interior([body for body in bodies if body[1].is_watertight], self._middle)
         self._inside_hull = _InsideHull(bodies, boat)
@@ -70,6 +77,11 @@ class CollisionChecker:
         return np.asarray((region[1:] != region[0]) | self.blocked(eta))
 
     @cached_property
+    def _other_solids(self) -> list[fcl.CollisionObject]:
+        """Two thirds of a marina: rigs, cabins and decks, which only clearances depend on."""
+        return _objects(self.harbor.triangles[self._others])
+
+    @cached_property
     def _waters(self) -> Waters:
         return Waters(self.harbor.triangles, self.hull)
 
@@ -77,11 +89,12 @@ class CollisionChecker:
         """Return the name of the part that blocks the pose (3,), or None."""
         pose = eta[None]
         (hull,) = _placed(self._hull, pose)
-        result = fcl.CollisionResult()
-        if fcl.collide(hull, self._solids, fcl.CollisionRequest(enable_contact=True), result):
-            part = int(self.harbor.part_of_triangle[result.contacts[0].b2])
-        else:
-            part = int(self._contained(pose)[0])
+        found = [part for solids in self._low_solids for part in _contacts(hull, solids, MAX_CONTACTS)]
+        touched = set(self.harbor.part_of_triangle[self._low[found]].tolist())
+        if len(touched) > 1:  # the first one in the order of a tree of all triangles
+            first = _contacts(hull, _all_solids(self.harbor), 1)
+            touched = set(self.harbor.part_of_triangle[first].tolist())
+        part = touched.pop() if touched else int(self._contained(pose)[0])
         return self.harbor.parts[part].name if part >= 0 else None
 
     def clearance_below(self, eta: Floats, limit_m: float) -> Floats:
@@ -98,7 +111,10 @@ class CollisionChecker:
     def clearance(self, eta: Floats) -> Floats:
         """Return the distance between the hull and the harbor, 0 if it is blocked, (n, 3) to (n,) [m]."""
         request, hulls = fcl.DistanceRequest(), _placed(self._hull, eta)
-        gaps = [fcl.distance(hull, self._solids, request, fcl.DistanceResult()) for hull in hulls]
+        solids = self._low_solids + self._other_solids
+        gaps = [
+            min(fcl.distance(hull, some, request, fcl.DistanceResult()) for some in solids) for hull in hulls
+        ]
         return np.where(self._contained(eta) >= 0, 0.0, np.maximum(np.array(gaps, dtype=np.float64), 0.0))
 
     def _contained(self, eta: Floats) -> Ints:
@@ -107,10 +123,11 @@ class CollisionChecker:
 
     def _touching(self, shape: Any, eta: Floats, z: float = 0.0) -> Bools:
         request = fcl.CollisionRequest()
-        contacts = [
-            fcl.collide(boat, self._solids, request, fcl.CollisionResult()) for boat in _placed(shape, eta, z)
+        touching = [
+            any(fcl.collide(boat, solids, request, fcl.CollisionResult()) for solids in self._low_solids)
+            for boat in _placed(shape, eta, z)
         ]
-        return np.array(contacts, dtype=np.int64) > 0
+        return np.array(touching, dtype=bool)
 
 
 def _placed(shape: Any, eta: Floats, z: float = 0.0) -> Iterator[fcl.CollisionObject]:
@@ -200,12 +217,29 @@ def _moved(path: Floats, reach_m: float) -> Floats:
     return np.concatenate([[0.0], np.cumsum(np.hypot(x, y) + reach_m * np.abs(heading))])
 
 
-def _bvh(meshes: Sequence[Mesh]) -> fcl.BVHModel:
-    """Build a bounding volume hierarchy over the triangles of the meshes, in their order."""
+def _contacts(hull: fcl.CollisionObject, solids: fcl.CollisionObject, count: int) -> Ints:
+    """Return the triangles of the solids in the first contacts, at most `count`."""
+    request = fcl.CollisionRequest(num_max_contacts=count, enable_contact=True)
+    result = fcl.CollisionResult()
+    fcl.collide(hull, solids, request, result)
+    return np.array([contact.b2 for contact in result.contacts], np.int64)
+
+
+def _objects(triangles: Floats) -> list[fcl.CollisionObject]:
+    """Return the triangles in one object, or none: fcl has no empty objects."""
+    return [fcl.CollisionObject(_bvh(triangles))] if len(triangles) else []
+
+
+@lru_cache(maxsize=4)
+def _all_solids(harbor: Harbor) -> fcl.CollisionObject:
+    return fcl.CollisionObject(_bvh(harbor.triangles))
+
+
+def _bvh(triangles: Floats) -> fcl.BVHModel:
+    """Build a bounding volume hierarchy over triangles (m, 3, 3), in their order."""
     model = fcl.BVHModel()
-    model.beginModel(sum(len(mesh.faces) for mesh in meshes), sum(len(mesh.vertices) for mesh in meshes))
-    for mesh in meshes:
-        model.addSubModel(np.asarray(mesh.vertices), np.asarray(mesh.faces))
+    model.beginModel(len(triangles), 3 * len(triangles))
+    model.addSubModel(triangles.reshape(-1, 3), np.arange(3 * len(triangles)).reshape(-1, 3))
     model.endModel()
     return model
 

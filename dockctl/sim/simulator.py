@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from typing import Any, TypeVar, cast
 
 import numpy as np
@@ -53,10 +53,10 @@ class Simulator:
 
     def __init__(self, scenario: Scenario, worlds: Sequence[World], num_boats: int) -> None:
         self._sensor = Guard(RANGE_SENSORS, scenario.sensors.lidar.kind)
-        with self._sensor:
-            prepare(worlds)
         self.task = scenario.task
         self.worlds = worlds
+        self._prepared: set[int] = set()
+        self.prepare([0])
         self.vessel = VesselModel(scenario.vessel)
         self._conditions = [Guard(CONDITIONS, condition.kind) for condition in scenario.conditions.values()]
         self._condition_names = tuple(scenario.conditions)
@@ -68,7 +68,7 @@ class Simulator:
         noisy = sum(type(each).range_noise is not Disturbance.range_noise for each in self.disturbances)
         if noisy > 1:
             raise DockctlError("conditions: more than one is noise of the range sensor", code="mismatch")
-        if noisy and not all(isinstance(world.lidar, NoisyRangeSensor) for world in worlds):
+        if noisy and not isinstance(worlds[0].lidar, NoisyRangeSensor):
             kind = scenario.sensors.lidar.kind
             message = f"the range sensor '{kind}' has no noisy_sector_ranges, which the conditions need"
             raise DockctlError(message, code="mismatch")
@@ -86,6 +86,15 @@ class Simulator:
         self.heading_error_rad = np.zeros(num_boats)
         self.sector_ranges_m = np.zeros((num_boats, scenario.sensors.lidar.sectors))
 
+    def prepare(self, harbors: Iterable[int]) -> None:
+        """Build the tables of the sensor in these harbors now and in parallel; resets do for their starts."""
+        if len(self.worlds) == 1:  # `in_harbors` does not ask for its number
+            harbors = [0]
+        missing = sorted(set(harbors) - self._prepared)
+        with self._sensor:
+            prepare([self.worlds[number] for number in missing])
+        self._prepared.update(missing)
+
     @property
     def goal(self) -> Floats:
         """Goal pose of the current phase, (n, 3)."""
@@ -99,6 +108,7 @@ class Simulator:
             starts: k starts.
             rngs: k generators from which the conditions draw, where a start has no seed of its own.
         """
+        self.prepare(start.harbor for start in starts)
         self.eta[rows] = [start.eta for start in starts]
         self.nu[rows] = [start.nu for start in starts]
         self.phase[rows] = [start.phase for start in starts]
@@ -194,6 +204,7 @@ class Simulator:
                 raise DockctlError(f"the state of other boats: {message}", code="mismatch")
         if len(state["conditions"]) != len(self.disturbances) or state["harbor"].max() >= len(self.worlds):
             raise DockctlError("the state of boats in other harbors or conditions", code="mismatch")
+        self.prepare(state["harbor"].tolist())
         for name in STATE:
             setattr(self, name, state[name])
         conditions = zip(self._conditions, self.disturbances, state["conditions"], strict=True)

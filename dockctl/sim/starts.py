@@ -110,17 +110,28 @@ def sites(scenario: Scenario) -> list[Site]:
     ]
 
 
-def free_sites(scenario: Scenario, unreachable: Sequence[Unreachable]) -> list[Site]:
+def is_trained(site: Site) -> bool:
+    """Return whether training may use the site."""
+    return site.kind != "held_out"
+
+
+def free_sites(
+    scenario: Scenario,
+    unreachable: Sequence[Unreachable],
+    *,
+    among: Callable[[Site], bool] = lambda site: True,
+) -> list[Site]:
     """Return the sites whose poses are free: near the end of a quay, one side of a berth may be too narrow.
 
     Args:
         scenario: the scenario.
         unreachable: for each harbor.
+        among: whether a site is wanted; only harbors with such sites are asked.
 
     Raises:
         InputError: none of the trained berths, or none of the held-out berths, is free.
     """
-    every, berths = sites(scenario), scenario.task.berths
+    every, berths = list(filter(among, sites(scenario))), scenario.task.berths
     if berths is None:
         return every
     free = [

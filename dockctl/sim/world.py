@@ -7,7 +7,7 @@ from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from functools import cache, partial
 from pathlib import Path
-from typing import Any, Protocol, SupportsIndex
+from typing import Any, Protocol, SupportsIndex, overload
 
 import numpy as np
 
@@ -26,7 +26,7 @@ from dockctl.scenarios.vessel import Hull
 from dockctl.sim.collision import CollisionChecker, collision_checker
 from dockctl.sim.harbor.build import Harbor, build_harbor, build_scene, open_bodies
 from dockctl.sim.harbor.solids import hull_outline
-from dockctl.sim.starts import UNREACHABLE, own_site, rejected_shares
+from dockctl.sim.starts import UNREACHABLE, Unreachable, own_site, rejected_shares
 
 MAX_REJECTED, NOTED_REJECTED = 0.95, 0.3
 """Shares of random starts: more are an error, or are noted."""
@@ -88,18 +88,55 @@ class World:
         return (_world, self.source) if self.source else super().__reduce_ex__(protocol)
 
 
-def build_worlds(scenario: Scenario, base_dir: Path) -> tuple[World, ...]:
+class Worlds(Sequence[World]):
+    """The worlds of a scenario; each is built when it is used for the first time."""
+
+    def __init__(self, sources: Sequence[Source]) -> None:
+        self._sources = tuple(sources)
+        self._built: dict[int, World] = {}
+
+    def __len__(self) -> int:
+        return len(self._sources)
+
+    @overload
+    def __getitem__(self, index: int) -> World: ...
+    @overload
+    def __getitem__(self, index: slice) -> tuple[World, ...]: ...
+    def __getitem__(self, index: int | slice) -> World | tuple[World, ...]:
+        """Return a world, or several.
+
+        Raises:
+            DockctlError: a harbor cannot be built.
+        """
+        numbers = range(len(self))[index]  # raises IndexError
+        if isinstance(numbers, range):
+            return tuple(self[number] for number in numbers)
+        if numbers not in self._built:
+            self._built[numbers] = _world(*self._sources[numbers])
+        return self._built[numbers]
+
+    def __deepcopy__(self, memo: object) -> Worlds:
+        return self
+
+
+def build_worlds(scenario: Scenario, base_dir: Path) -> Worlds:
     """Return a world for each harbor of a scenario, in the order of `layouts`.
 
     Args:
         base_dir: folder that mesh paths are relative to.
-
-    Raises:
-        DockctlError: a harbor cannot be built.
     """
     hull, lidar = scenario.vessel.hull, scenario.sensors.lidar
     specs = (layout.harbor for layout in layouts(scenario.harbor, scenario.task.berths))
-    return tuple(_world(spec, base_dir if spec.meshes else Path(), hull, lidar) for spec in specs)
+    return Worlds([(spec, base_dir if spec.meshes else Path(), hull, lidar) for spec in specs])
+
+
+def unreachable_in(worlds: Sequence[World]) -> list[Unreachable]:
+    """Return for each harbor whether poses are unreachable there; a world is built when that is asked."""
+
+    def ask(number: int, eta: Floats, goal: Floats) -> Bools:
+        return worlds[number].obstacles.unreachable(eta, goal)
+
+    return [partial(ask, number) for number in range(len(worlds))]
 
 
 @shared(lambda world: world.lidar.table_bytes)
@@ -142,7 +179,9 @@ class _NoObstacles:
 
 
 def prepare(worlds: Sequence[World]) -> None:
-    """Run one scan in each world, to build the tables of the sensors now and in parallel."""
+    """Run one scan in each of these worlds, to build the tables of the sensors now and in parallel."""
+    if not worlds:
+        return
     first, *others = (world.lidar for world in worlds)
     first.sector_ranges(np.zeros((1, 3)))  # compiles, and builds what all share
     list(workers().map(lambda sensor: sensor.sector_ranges(np.zeros((1, 3))), others))

@@ -140,6 +140,7 @@ def test_each_boat_scans_and_collides_in_its_own_harbor() -> None:
     starts = [replace(start_at(20, 0, 180), harbor=harbor) for harbor in (1, 0, 1, 0)]
     open_water, before_a_wall = walled(), walled(19.0)
     sim = Simulator(S3, [open_water, before_a_wall], 4)
+    sim.prepare([0, 1])
     sensors = [world.lidar for world in (open_water, before_a_wall)]
     prepared = [sensor.scanned for sensor in sensors if isinstance(sensor, Rings)]
     sim.reset(np.arange(4), starts)

@@ -64,7 +64,7 @@ class Part:
     kind: PartKind
     solids: tuple[Solid, ...]
 
-    @cached_property
+    @property
     def mesh(self) -> Mesh:
         """All solids in one mesh."""
         return joined(self.solids)
@@ -203,8 +203,9 @@ def assemble(
     basin: tuple[float, float, float, float] | None = None,
 ) -> Harbor:
     """Return the harbor that consists of the parts."""
-    triangles = np.concatenate([part.mesh.vertices[part.mesh.faces] for part in parts]).astype(np.float64)
-    counts = [len(part.mesh.faces) for part in parts]
+    pieces = [part.mesh.triangles for part in parts]
+    triangles = np.concatenate(pieces).astype(np.float64)
+    counts = [len(piece) for piece in pieces]
     digest = hashlib.sha256(triangles.tobytes())
     digest.update(repr([(part.kind, count) for part, count in zip(parts, counts, strict=True)]).encode())
     return Harbor(

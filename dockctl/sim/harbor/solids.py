@@ -33,7 +33,7 @@ class Mesh:
     vertices: Floats
     faces: NDArray[np.int64]
 
-    @cached_property
+    @property
     def triangles(self) -> Floats:
         """The corners of the triangles, (m, 3, 3) [m]."""
         return self.vertices[self.faces]
