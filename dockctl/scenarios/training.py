@@ -25,7 +25,7 @@ class Epsilon(Model):
 
     start: Fraction = 1.0
     end: Fraction = 0.03
-    decay_steps: Count = 150_000
+    decay_steps: Count = 50_000
 
     def at(self, env_steps: float) -> float:
         """Return the probability after `env_steps`."""
@@ -103,11 +103,11 @@ class Training(Model):
     boats: Count = Field(default=16, le=4096, description="boats in parallel")
     hidden_sizes: tuple[Layer, ...] = Field(default=(256, 128, 64), min_length=1, max_length=16)
     gamma: Fraction = 0.99
-    n_step: Count = Field(default=5, le=1000)
+    n_step: Count = Field(default=10, le=1000)
     replay_capacity: Count = Field(default=500_000, le=1_000_000_000)
     warmup_steps: Count = Field(default=5_000, description="environment steps before the first update")
-    batch_size: Count = Field(default=256, le=65_536)
-    steps_per_update: Count = Field(default=16, description="environment steps per update")
+    batch_size: Count = Field(default=128, le=65_536)
+    steps_per_update: Count = Field(default=4, description="environment steps per update")
     target_update_interval: Count = Field(default=100, description="updates between target copies")
     optimizer: Literal["adam", "rmsprop"] = "adam"
     learning_rate: Positive = 5e-4
