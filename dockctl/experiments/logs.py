@@ -24,14 +24,18 @@ LABELS = ("episode", "update", "env_steps", "boat", "start_index", "pose")
 """Columns that number a row."""
 
 
+Point = tuple[int, dict[str, float]]
+"""Environment steps, and numbers by name."""
+
+
 class Log(Protocol):
     """A log of numbers by name and environment steps."""
 
     def write(self, env_steps: int, values: Mapping[str, float]) -> None:
         """Add one point for each name."""
 
-    def rewind(self, env_steps: int) -> None:
-        """Drop the points after `env_steps`, if the log can."""
+    def rewind(self, env_steps: int, points: Sequence[Point]) -> None:
+        """Drop the points from `env_steps` on, except these, if the log can."""
 
     def flush(self) -> None:
         """Write what is buffered: a checkpoint of the training follows."""
@@ -55,9 +59,11 @@ class TensorBoard:
         points = [self._summary.Summary.Value(tag=name, simple_value=value) for name, value in values.items()]
         self._add(env_steps, summary=self._summary.Summary(value=points))
 
-    def rewind(self, env_steps: int) -> None:
+    def rewind(self, env_steps: int, points: Sequence[Point]) -> None:
         start = self._event.SessionLog(status=self._event.SessionLog.START)
-        self._add(env_steps + 1, session_log=start)  # readers drop the points from this step on
+        self._add(env_steps, session_log=start)  # readers drop the points from this step on
+        for point in points:
+            self.write(*point)
 
     def flush(self) -> None:
         self._writer.flush()
@@ -94,7 +100,7 @@ class WeightsAndBiases:
     def write(self, env_steps: int, values: Mapping[str, float]) -> None:
         self._run.log({"env_steps": env_steps, **values})
 
-    def rewind(self, env_steps: int) -> None:
+    def rewind(self, env_steps: int, points: Sequence[Point]) -> None:
         """Do nothing: the format has no such record."""
 
     def flush(self) -> None:
@@ -117,6 +123,7 @@ class Mirror:
 
     def __init__(self, logs: Sequence[Log]) -> None:
         self._logs = logs
+        self._remaining: list[Point] = []
 
     def appended(self, table: str, rows: Sequence[Mapping[str, Value]]) -> None:
         """Take rows that were appended to the table with this file name."""
@@ -126,13 +133,24 @@ class Mirror:
             if table == TIMING_CSV:
                 log.flush()
 
-    def restored(self, env_steps: int) -> None:
-        """Forget all rows after `env_steps`: the training continues from there."""
-        for log in self._logs:
-            log.rewind(env_steps)
+    def restored(self, table: str, env_steps: int, rows: Sequence[Mapping[str, str]]) -> None:
+        """Go back to a save when all tables have; see `TableObserver`."""
+        self._remaining += points(table, [{name: _value(text) for name, text in row.items()} for row in rows])
+        if table == TIMING_CSV:  # the last one
+            for log in self._logs:
+                log.rewind(env_steps, self._remaining)
+            self._remaining.clear()
 
 
-def points(table: str, rows: Sequence[Mapping[str, Value]]) -> Iterator[tuple[int, dict[str, float]]]:
+def _value(text: str) -> Value:
+    """Return the number that a cell holds, otherwise its text; None for an empty cell."""
+    try:
+        return float(text) if text else None
+    except ValueError:
+        return text
+
+
+def points(table: str, rows: Sequence[Mapping[str, Value]]) -> Iterator[Point]:
     """Yield the environment steps and the numbers by name of rows that were appended together."""
     stem = Path(table).stem
     if table in (EPISODES_CSV, UPDATES_CSV):

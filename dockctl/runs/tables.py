@@ -98,8 +98,14 @@ class TableObserver(Protocol):
     def appended(self, table: str, rows: Sequence[Mapping[str, Value]]) -> None:
         """Take rows that were appended to the table with this file name."""
 
-    def restored(self, env_steps: int) -> None:
-        """Forget all rows after `env_steps`: the training continues from there."""
+    def restored(self, table: str, env_steps: int, rows: Sequence[Mapping[str, str]]) -> None:
+        """Forget what the table had after a save: the training continues from there.
+
+        Args:
+            table: file name.
+            env_steps: steps at the save; rows of this step may have been appended before and after it.
+            rows: the rows of this step that remain, as text.
+        """
 
 
 class Table:
@@ -171,7 +177,9 @@ class Table:
             write_atomically(self._path, kept)
         self._take(kept)
         if self._observer:
-            self._observer.restored(env_steps)
+            rows = csv.DictReader(io.StringIO(kept.decode(errors="replace")))
+            remaining = [row for row in rows if row.get("env_steps") == str(env_steps)]
+            self._observer.restored(self._path.name, env_steps, remaining)
         return lost
 
     def _read(self) -> bytes:

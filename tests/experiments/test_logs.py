@@ -17,10 +17,10 @@ from dockctl.agents.progress import Progress
 from dockctl.experiments import logs
 from dockctl.experiments.live import TrainingDisplay
 from dockctl.runs.directory import RunDirectory
-from dockctl.runs.tables import EPISODES, EVALUATIONS, UPDATES
+from dockctl.runs.tables import EPISODES, EVALUATIONS, TIMING, UPDATES
 from tests.commands.conftest import dockctl, only_run, quick_train
 
-COLUMNS = {"episodes": EPISODES, "updates": UPDATES, "evaluations": EVALUATIONS}
+COLUMNS = {"episodes": EPISODES, "updates": UPDATES, "evaluations": EVALUATIONS, "timing": TIMING}
 Points = dict[str, list[tuple[int, float]]]
 
 
@@ -77,7 +77,7 @@ def write_tables(run: RunDirectory, names: Sequence[str], *, restore: bool = Fal
     rng = np.random.default_rng(len(list(run.path.iterdir())))
     with logs.logged(run, names):
         tables = [run.table(f"{name}.csv", columns) for name, columns in COLUMNS.items()]
-        episodes, updates, evaluations = tables
+        episodes, updates, evaluations, _ = tables
         saved_at = run.path / "saved.json"
         first = 0
         if restore:
@@ -87,6 +87,8 @@ def write_tables(run: RunDirectory, names: Sequence[str], *, restore: bool = Fal
         for step in range(first + 10, first + 310, 10):
             if step == 210 and not restore:
                 saved_at.write_text(json.dumps([table.save() for table in tables]))
+            if step == 210:  # an update of step 200, made while the boats took the next step
+                updates.append([{"update": 201, "env_steps": 200, "loss": rng.random()}])
             row = {"episode": step, "env_steps": step, "start_kind": "pose", "epsilon": None}
             outcome = str(rng.choice(["docked", "collision"]))
             episodes.append([{**row, "outcome": outcome, "return": rng.normal() * 1e4, "reward_final": 1.0}])
