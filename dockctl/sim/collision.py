@@ -18,8 +18,7 @@ from dockctl.sim.harbor.solids import Mesh, hull_mesh
 from dockctl.sim.harbor.waters import Waters, cross_section
 
 SIZE_BY_TRIANGLES = 8
-"""Memory of a checker, relative to the array of the harbor's triangles; measured on the reference marina.
-Before the first clearance, it is a third of that."""
+"""Memory of a checker, relative to the array of the harbor's triangles; measured on the reference marina."""
 MAX_CONTACTS = 1_000_000
 """More than a hull has with the surfaces that it touches."""
 CONTACT_RESOLUTION_M = 0.002
