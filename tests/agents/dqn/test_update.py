@@ -206,7 +206,9 @@ def test_keras_rmsprop_by_hand() -> None:
 
 
 def test_schedules() -> None:
-    training = Training(total_steps=1000, steps_per_update=16, epsilon={"start": 1.0, "end": 0.1, "decay_steps": 500})
+    training = Training(
+        total_steps=1000, steps_per_update=16, epsilon={"start": 1.0, "end": 0.1, "decay_steps": 500}
+    )
     assert [training.epsilon.at(t) for t in (0, 250, 500, 900)] == pytest.approx([1, 0.55, 0.1, 0.1])
     assert [training.learning_rate_at(t) for t in (0, 500, 1000)] == pytest.approx([5e-4, 2.75e-4, 5e-5])
     assert [training.updates_due(t) for t in (4999, 5000, 5015, 5016)] == [0, 1, 1, 2]
