@@ -101,7 +101,7 @@ def train(
         options += [word for each in tag or () for word in ("--tag", each)]
         options += [word for each in log or () for word in ("--log", each)]
         ending = sweep(
-            scenario or DEFAULT_SCENARIO,
+            DEFAULT_SCENARIO if scenario is None else scenario,
             settings,
             seeds or 1,
             out or SWEEPS,
@@ -115,7 +115,7 @@ def train(
         return
     else:
         run = experiments.train(
-            scenario or DEFAULT_SCENARIO,
+            DEFAULT_SCENARIO if scenario is None else scenario,
             seed=seed,
             steps=steps,
             on_divergence=on_divergence,
