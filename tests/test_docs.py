@@ -107,7 +107,8 @@ def workplace(prepared: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -
 def test_the_commands_run(document: Path, workplace: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     if any("received" in words for words in commands(document)):
         source = "examples/local-term/s1-gentle.yaml"
-        assert dockctl("train", source, "--out", "new", *SHORTER["train"]).code == 0
+        with own_registries():
+            assert dockctl("train", source, "--out", "new", *SHORTER["train"]).code == 0
         next(Path("new").glob("*/*")).rename("received")
         monkeypatch.setenv("XDG_STATE_HOME", str(workplace / "another machine"))
     for words in commands(document):
