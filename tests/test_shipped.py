@@ -28,7 +28,7 @@ each = pytest.mark.parametrize("name", sorted(shipped()))
 def test_there_is_one_for_each_scenario_and_the_list_shows_them() -> None:
     assert set(shipped()) == NAMES
     lines = dockctl("list", "checkpoints").out.splitlines()
-    assert {line.split("\t")[0] for line in lines[1:]} == NAMES
+    assert {line.split("\t")[1] for line in lines[1:]} == NAMES
 
 
 @each

@@ -101,7 +101,7 @@ def mutate(path: Path, rng: np.random.Generator) -> None:
         elif kind == 1:
             tensors[key] = tensors[key].astype((np.float16, np.int8, np.float64)[rng.integers(3)])
         elif kind == 2:
-            tensors[key] = tensors[key][..., :0]
+            tensors[key] = np.atleast_1d(tensors[key])[..., :0]
         else:
             tensors[key] = np.full_like(tensors[key], (0, 1, 100)[rng.integers(3)])
         path.write_bytes(save(tensors))
