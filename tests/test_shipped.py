@@ -47,7 +47,7 @@ def test_the_files_are_those_of_the_card(name: str) -> None:
 
 @each
 def test_it_was_trained_on_the_scenario_as_it_stands(name: str) -> None:
-    """The numbers of the learner may have other defaults today; its scenario.yaml has those of the training."""
+    """The learner may have other defaults today; its scenario.yaml has those of the training."""
     theirs = load(str(load_policy(name).own_scenario)).scenario
     assert first_difference(load(name).scenario, theirs, ignore=("training",)) is None
 
