@@ -102,7 +102,8 @@ class CollisionChecker:
         Much faster than `clearance` for poses in open water: an enlarged box is tested first.
         """
         box = fcl.Box(*(self._size + 2 * (SLACK_M + limit_m)))
-        close = self._touching(box, eta, self._middle) | (self._contained(eta) >= 0)
+        solids = self._low_solids + self._other_solids  # an enlarged box also touches what is above the deck
+        close = self._touching(box, eta, self._middle, solids) | (self._contained(eta) >= 0)
         result = np.full(len(eta), limit_m)
         result[close] = np.minimum(self.clearance(eta[close]), limit_m)
         return result
@@ -120,10 +121,13 @@ class CollisionChecker:
         """Return the part that contains the hull or is inside it, -1 for none, (n, 3) to (n,)."""
         return np.maximum(self._interior.part_at(eta), self._inside_hull.part_in(eta))
 
-    def _touching(self, shape: Any, eta: Floats, z: float = 0.0) -> Bools:
-        request = fcl.CollisionRequest()
+    def _touching(
+        self, shape: Any, eta: Floats, z: float = 0.0, solids: Sequence[Any] | None = None
+    ) -> Bools:
+        """Return whether the shape touches the solids, by default those between keel and deck."""
+        request, solids = fcl.CollisionRequest(), self._low_solids if solids is None else solids
         touching = [
-            any(fcl.collide(boat, solids, request, fcl.CollisionResult()) for solids in self._low_solids)
+            any(fcl.collide(boat, some, request, fcl.CollisionResult()) for some in solids)
             for boat in _placed(shape, eta, z)
         ]
         return np.array(touching, dtype=bool)
