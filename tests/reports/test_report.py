@@ -220,7 +220,7 @@ def test_in_a_browser(tmp_path: Path) -> None:
             ActionChains(browser).move_to_element_with_offset(
                 svg, int((across - 0.5) * svg.size["width"]), 0
             ).perform()
-            text = browser.find_element("id", "tip").text
+            text = wait(browser, "return document.getElementById('tip').innerText")
             found = re.search(
                 r"Environment steps ([\d,]+).*^loss\s+([\d.,]+)", text, re.MULTILINE | re.DOTALL
             )
