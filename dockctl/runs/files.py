@@ -198,10 +198,7 @@ def exclusive_lock(path: Path) -> Iterator[None]:
         lock.acquire(blocking=False)
     except Timeout:
         raise DockctlError(f"{path}: another process is using it", code="busy") from None
-    except (
-        OSError,
-        NotImplementedError,
-    ):  # no permission, or a file system without locks, which filelock reports so
+    except (OSError, NotImplementedError):  # no permission, or a file system without locks
         pass
     try:
         yield

@@ -64,8 +64,8 @@ class Shared:
                 yield folder
             self.set(self.get()[0], False)
 
-        TrainingDisplay.__call__ = shown  # type: ignore[method-assign]
-        RunDirectory.new_checkpoint = saved  # type: ignore[method-assign]
+        TrainingDisplay.__call__ = shown  # type: ignore[method-assign]  # replaced on purpose
+        RunDirectory.new_checkpoint = saved  # type: ignore[method-assign]  # replaced on purpose
 
 
 class Killer:

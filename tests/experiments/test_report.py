@@ -41,7 +41,7 @@ def test_the_study_has_its_own_title_and_experiments(tmp_path: Path) -> None:
             for name in ("large", "small", "of a part that has not run")
         ],
     }
-    study["experiments"][2]["name"] = "later"  # type: ignore[index]
+    study["experiments"][2]["name"] = "later"  # type: ignore[index]  # JSON
     (results / "study.json").write_text(json.dumps(study))
     page = report.write_report(results, tmp_path / "page.html", note=quiet)
     assert title(page) == "Does a larger batch help?"

@@ -69,7 +69,7 @@ def test_a_gif_repeats_all_pictures(data: dict[str, Any], tmp_path: Path) -> Non
     path = write_gif(tmp_path / "film.gif", marina(), data)
     with Image.open(path) as film:
         total_ms = 0
-        for number in range(film.n_frames):  # type: ignore[attr-defined]
+        for number in range(film.n_frames):  # type: ignore[attr-defined]  # of GIFs
             film.seek(number)
             total_ms += film.info["duration"]
         assert film.info["loop"] == 0

@@ -231,5 +231,5 @@ def test_a_term_of_the_wrong_shape_or_kind_is_rejected() -> None:
         total(only(lopsided=1), status())
     assert caught.value.code == "plugin"
     with pytest.raises(DockctlError) as caught:
-        reward_term("odd", kind="sparse")  # type: ignore[arg-type]
+        reward_term("odd", kind="sparse")  # type: ignore[arg-type]  # what is tested
     assert caught.value.code == "unknown_name"

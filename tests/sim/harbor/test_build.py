@@ -374,8 +374,8 @@ def test_a_scene_is_read_back_from_json(harbor: Harbor) -> None:
 
 def test_a_scene_shows_every_part_with_known_kinds(harbor: Harbor) -> None:
     scene = build_scene(harbor, HULL)
-    elsewhere = {"mesh", "own", "red light", "green light"}
-    assert {polygon.kind for polygon in scene.polygons} == set(SOLIDS) - elsewhere
+    other = {"mesh", "own", "red light", "green light"}
+    assert {polygon.kind for polygon in scene.polygons} == set(SOLIDS) - other
     assert {polygon.name for polygon in scene.polygons} == {part.name for part in harbor.parts}
 
 
