@@ -30,29 +30,41 @@ HEAVY = (
     "yaml",
     "scipy",
 )
+TABLES_AND_DRAWING = ("pandas", "matplotlib", "jinja2")
 
 ROOT = Path(__file__).parent.parent
 runner = CliRunner()
 
 
-def test_help_imports_nothing_heavy() -> None:
+def loaded_by(arguments: list[str], modules: tuple[str, ...]) -> list[str]:
+    """Return which of the modules are loaded when a command ends."""
     script = (
-        "import sys\nsys.argv = ['dockctl', '--help']\nfrom dockctl.cli import main\n"
+        f"import sys\nsys.argv = {['dockctl', *arguments]}\nfrom dockctl.cli import main\n"
         "try:\n    main()\nexcept SystemExit as end:\n    assert not end.code\n"
-        f"print('heavy:', *[name for name in {HEAVY} if name in sys.modules])"
+        f"print('loaded:', *[name for name in {modules} if name in sys.modules])"
     )
     done = subprocess.run([sys.executable, "-c", script], capture_output=True, text=True, timeout=60)
     assert done.returncode == 0, done.stderr
-    assert done.stdout.strip().splitlines()[-1] == "heavy:"
+    return done.stdout.split("loaded:")[1].split()
+
+
+def test_help_imports_nothing_heavy() -> None:
+    assert loaded_by(["--help"], HEAVY) == []
 
 
 @pytest.mark.slow
 @pytest.mark.parametrize("module", ["dockctl.experiments.training", "dockctl.evaluation"])
 def test_training_and_evaluation_import_no_drawing_and_no_statistics(module: str) -> None:
-    unneeded = ("scipy.stats", "matplotlib", "jinja2")
+    unneeded = (*TABLES_AND_DRAWING, "scipy.stats")
     code = f"import sys, {module}; print('found:', *[name for name in {unneeded} if name in sys.modules])"
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
     assert done.stdout.strip() == "found:"
+
+
+@pytest.mark.slow
+def test_an_evaluation_loads_no_tables_no_drawing_and_no_statistics() -> None:
+    unneeded = (*TABLES_AND_DRAWING, "scipy.stats")
+    assert loaded_by(["evaluate", "s3", "--episodes", "0"], unneeded) == []
 
 
 def test_version() -> None:

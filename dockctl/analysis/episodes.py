@@ -7,6 +7,8 @@ from collections import Counter
 from collections.abc import Mapping, Sequence
 from typing import TYPE_CHECKING, Any
 
+from dockctl.analysis.statistics import wilson_interval
+
 if TYPE_CHECKING:
     import pandas as pd
 
@@ -61,8 +63,6 @@ def summarize(rows: Sequence[Mapping[str, Any]], control_period_s: float) -> dic
             `dockctl.runs.tables.MANEUVER`; one row per episode.
         control_period_s: duration of a step [s].
     """
-    from dockctl.analysis.statistics import wilson_interval  # loads scipy.stats, about a second
-
     docked = [row for row in rows if row["outcome"] == "docked"]
     means = {
         name: sum(abs(float(row[name] or 0)) for row in docked) / len(docked)

@@ -6,15 +6,16 @@ from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass
 from functools import cached_property
 from pathlib import Path
-from typing import Any
-
-import pandas as pd
+from typing import TYPE_CHECKING, Any
 
 from dockctl.analysis.contrast import Contrast, contrasts
 from dockctl.errors import DockctlError
 from dockctl.evaluation.evaluate import Evaluation, evaluate
 from dockctl.evaluation.policies import LoadedPolicy, load_policy
 from dockctl.runs.tables import Value
+
+if TYPE_CHECKING:
+    import pandas as pd
 
 
 @dataclass(frozen=True, eq=False)
@@ -31,6 +32,8 @@ class Comparison:
     @property
     def table(self) -> pd.DataFrame:
         """One row per episode: ``policy``, and columns `dockctl.runs.tables.EVALUATION`."""
+        import pandas as pd  # slow to import
+
         return pd.DataFrame(self.rows())
 
     def rows(self) -> list[dict[str, Value]]:

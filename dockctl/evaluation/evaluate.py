@@ -8,9 +8,7 @@ from contextlib import contextmanager
 from dataclasses import dataclass
 from functools import cached_property, partial
 from pathlib import Path
-from typing import Any
-
-import pandas as pd
+from typing import TYPE_CHECKING, Any
 
 from dockctl.analysis.episodes import summarize
 from dockctl.evaluation.policies import LoadedPolicy, load_policy
@@ -23,6 +21,9 @@ from dockctl.runs.tables import START_KEYS, Value
 from dockctl.scenarios.base import Pose
 from dockctl.scenarios.schema import Scenario
 from dockctl.sim.starts import Start, own_site
+
+if TYPE_CHECKING:
+    import pandas as pd
 
 MAX_STEM = 150
 Run = Callable[[Sequence[Start]], list[Episode]]
@@ -79,6 +80,8 @@ class Evaluation:
     @property
     def table(self) -> pd.DataFrame:
         """One row per episode, columns `dockctl.runs.tables.EVALUATION`."""
+        import pandas as pd  # slow to import
+
         return pd.DataFrame(self.rows())
 
     def rows(self) -> list[dict[str, Value]]:

@@ -7,10 +7,9 @@ import math
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
-import pandas as pd
 
 from dockctl.drawing.scene import Scene
 from dockctl.errors import DockctlError
@@ -22,6 +21,9 @@ from dockctl.geometry import Floats
 from dockctl.runs.tables import MAP, Value, to_csv
 from dockctl.scenarios.schema import Scenario
 from dockctl.sim.starts import given_start, own_site
+
+if TYPE_CHECKING:
+    import pandas as pd
 
 MAX_STARTS = 100_000
 MAX_HEADING_DEG = 360.0
@@ -85,6 +87,8 @@ class SuccessMap:
 
     @property
     def table(self) -> pd.DataFrame:
+        import pandas as pd  # slow to import
+
         return pd.read_csv(io.StringIO(self.csv), keep_default_na=False, na_values=[""])
 
     def as_json(self) -> dict[str, Any]:

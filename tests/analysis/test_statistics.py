@@ -87,6 +87,13 @@ def test_wilson_limits_solve_the_score_equation(successes: int, trials: int) -> 
         assert abs(share - limit) / math.sqrt(limit * (1 - limit) / trials) == pytest.approx(1.959963985)
 
 
+@given(counts, counts)
+def test_wilson_interval_is_that_of_scipy(successes: int, failures: int) -> None:
+    if trials := successes + failures:
+        interval = stats.binomtest(successes, trials).proportion_ci(0.95, method="wilson")
+        assert wilson_interval(successes, trials) == (interval.low, interval.high)
+
+
 def test_wilson_interval_without_trials() -> None:
     assert wilson_interval(0, 0) == (0.0, 1.0)
 
