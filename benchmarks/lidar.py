@@ -74,15 +74,15 @@ def scans(lidar: SpinningSensor, poses: Floats, cores: int) -> bench.Case:
 
 
 def pin_threads(cores: int) -> None:
-    """Pin each scanning thread to its own core, as on an idle machine."""
-    barrier = Barrier(cores)
+    """Pin each thread of the pool to its own core, as on an idle machine; the first is the main thread's."""
+    barrier = Barrier(cores - 1)
 
     def pin(core: int) -> None:
         barrier.wait()  # every thread runs one of these
         os.sched_setaffinity(get_native_id(), {core})
 
-    if hasattr(os, "sched_setaffinity"):
-        list(lidar_module.workers().map(pin, sorted(os.sched_getaffinity(0))[:cores]))
+    if cores > 1 and hasattr(os, "sched_setaffinity"):
+        list(lidar_module.workers().map(pin, sorted(os.sched_getaffinity(0))[1:cores]))
 
 
 def megabytes(arrays: tuple[NDArray[np.generic], ...]) -> float:

@@ -43,13 +43,14 @@ _WORKERS: list[ThreadPoolExecutor] = []
 
 
 def workers() -> ThreadPoolExecutor:
-    """Return the process's thread pool for compiled code that releases the GIL, one thread per core.
+    """Return the process's thread pool for compiled code that releases the GIL.
 
-    All such work, scans and learning alike, runs in this pool: more threads than cores would wait for one
-    core while another is idle. A task must not wait for another task of the pool.
+    All such work, scans and learning alike, runs in this pool and in the main thread, which together have one
+    thread per core: of more threads, some would wait for one core while another is idle. A task must not wait
+    for another task of the pool.
     """
     if not _WORKERS:
-        _WORKERS.append(ThreadPoolExecutor(usable_cores(), thread_name_prefix="core"))
+        _WORKERS.append(ThreadPoolExecutor(max(1, usable_cores() - 1), thread_name_prefix="core"))
     return _WORKERS[0]
 
 

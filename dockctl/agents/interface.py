@@ -74,7 +74,8 @@ class Step:
 class Algorithm(Protocol):
     """Learns a policy from the steps of n boats.
 
-    The trainer calls `act`, then `learn` in another thread while the environment steps, then `store`.
+    The trainer calls `act`, then `learn`, of which it consumes the iterator in another thread while the
+    environment steps, then `store`.
 
     Attributes:
         policy: the greedy policy; it follows the learning.
@@ -103,7 +104,7 @@ class Algorithm(Protocol):
         ...
 
     def learn(self, env_steps: int) -> Iterator[Metrics]:
-        """Make the gradient steps due after `env_steps`, and yield the metrics of each or of several.
+        """Make the gradient steps due after `env_steps`, and yield the metrics of each.
 
         Metrics become columns of ``updates.csv``; one of them is ``loss``.
         """

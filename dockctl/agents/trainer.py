@@ -7,7 +7,6 @@ import time
 from collections.abc import Callable, Sequence
 from concurrent.futures import wait
 from dataclasses import asdict
-from threading import Event
 from typing import Any
 
 import numpy as np
@@ -18,6 +17,7 @@ from dockctl.agents.checkpoint import CheckpointError, PolicyCard, flatten, nest
 from dockctl.agents.divergence import DivergenceError, Monitor
 from dockctl.agents.interface import (
     Algorithm,
+    Metrics,
     Policy,
     Recoverable,
     Resumable,
@@ -87,7 +87,7 @@ class Trainer:
         self.run_directory, self.card = run, card
         self.validate, self.evaluate = validate, evaluate
         self.on_progress, self.interrupted, self.warn = on_progress, interrupted, warn
-        self._step_limit, self._warned, self._logged = step_limit, set[str](), False
+        self._step_limit, self._warned = step_limit, set[str]()
         self.progress = Progress()
         self._observation: NDArray[Any] | None = None  # of a restored environment
         self._saved_at: int | None = None
@@ -124,7 +124,7 @@ class Trainer:
             reset_seed = int(np.random.SeedSequence(seed).generate_state(1)[0])
             observation, _ = self.environment.reset(seed=reset_seed)
         names = getattr(self.environment, "observation_names", ())
-        self._monitor, self._stopping = Monitor(self.training, names, self._step_limit), Event()
+        self._monitor = Monitor(self.training, names, self._step_limit)
         progress = self.progress
         while (reason := self._reason_to_stop()) is None:
             observation = self._step(observation)
@@ -181,28 +181,23 @@ class Trainer:
         """Step all boats while the algorithm learns, store the step, and return the next observation."""
         progress = self.progress
         action = self.algorithm.act(observation, progress.env_steps)
-        learning = workers().submit(self._learn)
+        learning = workers().submit(list, self.algorithm.learn(progress.env_steps))
         try:
             next_observation, reward, terminated, truncated, info = self.environment.step(action)
-            learning.result()
-        except BaseException:  # stop learning, too, before the error leaves the trainer
-            self._stopping.set()
+            done = terminated | truncated
+            final = final_observation(next_observation, info, done)
+            last, step = (
+                final_info(info, done),
+                Step(observation, action, np.asarray(reward), final, terminated, truncated),
+            )
+            self._check(self._monitor.check_step, step, last)
+            rows = self.episode_recorder.add(reward, last, done)
+        finally:  # nothing is learned after an error has left the trainer
             wait([learning])
-            raise
-        done = terminated | truncated
-        final = final_observation(next_observation, info, done)
-        last, step = (
-            final_info(info, done),
-            Step(observation, action, np.asarray(reward), final, terminated, truncated),
-        )
-        self._check(self._monitor.check_step, step, last)
-        if self._logged:
-            self._logged = False
-            self._check(self._monitor.check_networks, self.algorithm)
+        self._record_updates(learning.result())
         self.algorithm.store(step)
         progress.env_steps += self.training.boats
         progress.epsilon = self.algorithm.epsilon
-        rows = self.episode_recorder.add(reward, last, done)
         window = max(RECENT, self.training.stop.episodes if self.training.stop else 0)
         for row in rows:
             progress.count_episode(str(row["outcome"]), row["start_kind"] == "pose", window)
@@ -214,20 +209,18 @@ class Trainer:
         self.tables[EPISODES_CSV].append(rows)
         return np.asarray(next_observation)
 
-    def _learn(self) -> None:
-        """Make the updates that are due, from the steps stored so far."""
-        progress = self.progress
-        if self._stopping.is_set():
-            return
-        for metrics in self.algorithm.learn(progress.env_steps):
-            progress.updates, progress.loss = self.algorithm.updates, metrics["loss"]
+    def _record_updates(self, updates: Sequence[Metrics]) -> None:
+        """Check and record the metrics of the latest updates."""
+        progress, first, logged = self.progress, self.algorithm.updates - len(updates) + 1, False
+        for update, metrics in enumerate(updates, first):
+            progress.updates, progress.loss = update, metrics["loss"]
             self._check(self._monitor.check_update, metrics)
             if row := self.update_recorder.add(metrics):
-                labels = {"update": progress.updates, "env_steps": progress.env_steps}
+                labels = {"update": update, "env_steps": progress.env_steps}
                 self.tables[UPDATES_CSV].append([{**labels, **row}])
-                self._logged = True
-            if self._stopping.is_set():
-                return
+                logged = True
+        if logged:
+            self._check(self._monitor.check_networks, self.algorithm)
 
     def _evaluate(self, *, over: bool = False) -> None:
         """Run the greedy episodes that are due, save the policy if it is the best so far, and save the state.

@@ -11,7 +11,7 @@ from typing import Any, Protocol, SupportsIndex, overload
 
 import numpy as np
 
-from dockctl.compute import shared, workers
+from dockctl.compute import on_all_cores, shared
 from dockctl.drawing.scene import Scene
 from dockctl.errors import InputError
 from dockctl.geometry import Bools, Floats, place_outline, pose_array
@@ -184,7 +184,7 @@ def prepare(worlds: Sequence[World]) -> None:
         return
     first, *others = (world.lidar for world in worlds)
     first.sector_ranges(np.zeros((1, 3)))  # compiles, and builds what all share
-    list(workers().map(lambda sensor: sensor.sector_ranges(np.zeros((1, 3))), others))
+    on_all_cores(lambda sensor: sensor.sector_ranges(np.zeros((1, 3))), others)
 
 
 def load_checked(

@@ -19,7 +19,7 @@ from dockctl.agents.checkpoint import (
     optimizer_tensors,
 )
 from dockctl.agents.dqn.network import DuelingQNetwork, GreedyPolicy
-from dockctl.agents.dqn.replay import NStep, Replay
+from dockctl.agents.dqn.replay import Batch, NStep, Replay
 from dockctl.agents.dqn.update import DoubleDQN
 from dockctl.agents.interface import Metrics, Step, Tensors
 from dockctl.scenarios.training import Training
@@ -63,18 +63,22 @@ class DQN:
         self.replay.add(self.n_step.add(replace(step, reward=step.reward * self.training.reward_scale)))
 
     def learn(self, env_steps: int) -> Iterator[Metrics]:
-        """Make the updates due after `env_steps`, one at a time; see `Algorithm`."""
-        learning_rate = self.slowdown * self.training.learning_rate_at(env_steps)
+        """Draw the transitions for the updates due after `env_steps`; the iterator makes these updates."""
+        due = self.training.updates_due(env_steps) - self.updates if len(self.replay) else 0
+        if due <= 0:
+            return iter(())
+        transitions = self.replay.sample(due * self.training.batch_size)
+        return self._update(transitions, due, self.slowdown * self.training.learning_rate_at(env_steps))
+
+    def _update(self, transitions: Batch, steps: int, learning_rate: float) -> Iterator[Metrics]:
         # The moments of unused units decay to denormal numbers, which are about ten times slower. The mode is
         # the thread's, so it is set back for what the thread computes next.
         torch.set_flush_denormal(True)
         try:
-            while len(self.replay) and self.updates < self.training.updates_due(env_steps):
-                transitions = self.replay.sample(self.training.batch_size)
-                metrics = self.learner.update(transitions, learning_rate)
-                yield {**metrics, "learning_rate": learning_rate}
+            metrics = self.learner.update(transitions, learning_rate, steps)
         finally:
             torch.set_flush_denormal(False)
+        yield from ({**row, "learning_rate": learning_rate} for row in metrics)
 
     def advantages(self, observation: NDArray[Any]) -> NDArray[Any]:
         """Return the output of the advantage stream; see `Dueling`."""

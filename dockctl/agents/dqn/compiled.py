@@ -1,7 +1,8 @@
-"""The gradient step of double DQN, compiled for the processor.
+"""The gradient steps of double DQN, compiled for the processor.
 
-The fast path of `update.AutogradStep`, which computes the same in torch. Loss, gradient, clipping and
-optimizer are one call that releases the GIL, so that learning does not delay the simulation.
+The fast path of `update.AutogradSteps`, which computes the same in torch. Loss, gradient, clipping and
+optimizer of all steps that are due are one call that releases the GIL, so that learning does not delay the
+simulation.
 
 Equation 2.56 is linear in the outputs of the hidden layers of both streams. With the mean over the actions
 subtracted from the advantage's last layer, the value of one action is two dot products, so that the values of
@@ -19,9 +20,10 @@ import torch
 from numpy.typing import NDArray
 
 from dockctl.agents.dqn.network import DuelingQNetwork
-from dockctl.agents.dqn.replay import Batch
+from dockctl.agents.dqn.replay import Batch, Transitions
 from dockctl.agents.interface import Metrics
 from dockctl.compute import compiled, limit_blas_threads
+from dockctl.geometry import Floats
 from dockctl.scenarios.training import Training
 
 Floats32 = NDArray[np.float32]
@@ -98,25 +100,34 @@ class Parameter(NamedTuple):
     square: Floats32
 
 
-class Rates(NamedTuple):
-    """The numbers of an optimizer in one step.
+class Loss(NamedTuple):
+    """Loss and clipping: half the weight times the squared error, linear beyond `delta`.
 
     Attributes:
-        learning_rate: for Adam divided by the bias of the first moment.
-        mean, square: how much of the moments is kept.
-        unbias: factor on the root of the second moment.
-        epsilon: added to it.
+        weight: 1 for the Huber loss; 2 with an infinite delta for the squared error.
+        largest_target, largest_gradient: bounds of a target and of the gradient's norm.
     """
 
-    learning_rate: np.float32
-    mean: np.float32
-    square: np.float32
-    unbias: np.float32
-    epsilon: np.float32
+    weight: np.float32
+    delta: np.float32
+    largest_target: np.float32
+    largest_gradient: np.float32
 
 
-class CompiledStep:
-    """A gradient step on the processor; see `update.AutogradStep` for the arguments."""
+class Work(NamedTuple):
+    """The memory that a gradient step needs: layer outputs for both observations, and derivatives."""
+
+    outputs: Outputs
+    next_outputs: Outputs
+    derivatives: Outputs
+
+    @classmethod
+    def allocate(cls, layers: Layers, rows: int) -> Work:
+        return cls(*(Outputs.allocate(layers, rows) for _ in cls._fields))
+
+
+class CompiledSteps:
+    """Gradient steps on the processor; see `update.AutogradSteps` for the arguments."""
 
     def __init__(
         self,
@@ -131,30 +142,28 @@ class CompiledStep:
         self._online, self._target = Layers.parameters(online), Layers.parameters(target)
         self._gradient = Layers.gradients(online)
         self._optimizer, self._training = optimizer, training
-        # The Huber loss with a weight of 2 and an unlimited slope is the squared error.
         weight, delta = (2.0, math.inf) if training.huber_delta is None else (1.0, training.huber_delta)
-        self._loss = (np.float32(weight), np.float32(delta), np.float32(training.largest_target))
+        bounds = training.largest_target, training.largest_gradient
+        self._loss = Loss(*map(np.float32, (weight, delta, *bounds)))
         self._allocate_moments()
         self._rows = self._boats = 0
 
-    def __call__(self, batch: Batch, learning_rate: float) -> Metrics:
-        """Make the step; return the loss, mean |TD error|, mean Q, and the norm before clipping."""
-        if len(batch.action) != self._rows:
-            self._rows = len(batch.action)
-            self._outputs = Outputs.allocate(self._online, self._rows)
-            self._next = Outputs.allocate(self._online, self._rows)
-            self._derivatives = Outputs.allocate(self._online, self._rows)
+    def __call__(self, transitions: Batch, learning_rate: float, steps: int) -> list[Metrics]:
+        """Make steps with equal parts of the transitions; return the metrics of each, see `AutogradSteps`."""
+        if len(transitions.action) != steps * self._rows:
+            self._rows = len(transitions.action) // steps
+            self._work = Work.allocate(self._online, self._rows)
         if self._optimizer.state is not self._state:  # it was restored
             self._share_moments()
-        loss, td_error, q, norm = _step(
-            self._online, self._target, self._gradient, self._parameters,
-            np.ascontiguousarray(batch.observation), np.ascontiguousarray(batch.action),
-            np.ascontiguousarray(batch.reward), np.ascontiguousarray(batch.discount),
-            np.ascontiguousarray(batch.next_observation),
-            self._loss, self._outputs, self._next, self._derivatives,
-            self._training.largest_gradient, self._rates(learning_rate),
+        rates = np.array([self._rates(learning_rate) for _ in range(steps)], np.float32)
+        metrics = _steps(
+            self._online, self._target, self._gradient, self._parameters, transitions, self._loss, rates,
+            self._work,
         )  # fmt: skip
-        return {"loss": loss, "td_error": td_error, "q_mean": q, "gradient_norm": norm}
+        return [
+            dict(zip(("loss", "td_error", "q_mean", "gradient_norm"), row, strict=True))
+            for row in metrics.tolist()
+        ]
 
     def greedy(self, observation: Floats32) -> NDArray[np.int64]:
         """Return the action of the highest value, (n, observation_size) to (n,)."""
@@ -178,61 +187,62 @@ class CompiledStep:
     def _share_moments(self) -> None:
         """Share the memory of the optimizer's moments, and one count of steps for all parameters."""
         self._state, parameters = self._optimizer.state, self._optimizer.param_groups[0]["params"]
-        self._steps = self._state[parameters[0]]["step"]
+        self._count = self._state[parameters[0]]["step"]
         shared = []
         for parameter in parameters:
             moments = self._state[parameter]
-            moments["step"] = self._steps
+            moments["step"] = self._count
             mean = moments.get("exp_avg", parameter.grad)
             square = moments["exp_avg_sq" if "exp_avg_sq" in moments else "square_avg"]
             tensors = (parameter.detach(), parameter.grad, mean, square)
             shared.append(Parameter(*(tensor.numpy().reshape(-1) for tensor in tensors)))
         self._parameters = tuple(shared)
 
-    def _rates(self, learning_rate: float) -> Rates:
-        """Count a step, and return the numbers of the optimizer in it."""
-        self._steps += 1
-        group, step = self._optimizer.param_groups[0], self._steps.item()
+    def _rates(self, learning_rate: float) -> tuple[float, ...]:
+        """Count a step, and return the numbers of the optimizer in it; see `_optimize`."""
+        self._count += 1
+        group, step = self._optimizer.param_groups[0], self._count.item()
         if self._training.optimizer == "adam":
             beta, beta_square = group["betas"]
             rate, unbias = learning_rate / (1 - beta**step), 1 / math.sqrt(1 - beta_square**step)
-            rates = (rate, beta, beta_square, unbias, group["eps"])
-        else:
-            rates = (learning_rate, 0.0, group["alpha"], 1.0, group["eps"])
-        return Rates(*map(np.float32, rates))
+            return rate, beta, beta_square, unbias, group["eps"]
+        return learning_rate, 0.0, group["alpha"], 1.0, group["eps"]
 
 
 @_compiled
-def _step(
+def _steps(
     online: Layers,
     target: Layers,
     gradient: Layers,
     parameters: tuple[Parameter, ...],
-    observation: Floats32,
-    action: NDArray[np.int64],
-    reward: Floats32,
-    discount: Floats32,
-    next_observation: Floats32,
-    loss: tuple[np.float32, np.float32, np.float32],
-    outputs: Outputs,
-    next_outputs: Outputs,
-    derivatives: Outputs,
-    largest_gradient: float,
-    rates: Rates,
-) -> tuple[float, float, float, float]:
-    mean_loss, td_error, q = _gradient(
-        online, target, gradient, observation, action, reward, discount, next_observation, loss,
-        outputs, next_outputs, derivatives,
-    )  # fmt: skip
-    squares = 0.0
-    for parameter in parameters:
-        squares += float(np.dot(parameter.gradient, parameter.gradient))
-    norm = math.sqrt(squares)
-    for parameter in parameters:
-        if norm > largest_gradient:
-            parameter.gradient[:] *= np.float32(largest_gradient / norm)
-        _optimize(parameter, rates)
-    return mean_loss, td_error, q, norm
+    transitions: Batch,
+    loss: Loss,
+    rates: Floats32,
+    work: Work,
+) -> Floats:
+    """Return loss, mean |TD error|, mean Q and the norm of the gradient of each step, (steps, 4)."""
+    metrics, rows = np.empty((len(rates), 4)), len(transitions.action) // len(rates)
+    for step in range(len(rates)):
+        part = slice(step * rows, (step + 1) * rows)
+        batch = Transitions(
+            transitions.observation[part],
+            transitions.action[part],
+            transitions.reward[part],
+            transitions.discount[part],
+            transitions.next_observation[part],
+        )
+        metrics[step, 0], metrics[step, 1], metrics[step, 2] = _gradient(
+            online, target, gradient, batch, loss, work
+        )
+        squares = 0.0
+        for parameter in parameters:
+            squares += float(np.dot(parameter.gradient, parameter.gradient))
+        norm = metrics[step, 3] = math.sqrt(squares)
+        for parameter in parameters:
+            if norm > loss.largest_gradient:
+                parameter.gradient[:] *= np.float32(loss.largest_gradient / norm)
+            _optimize(parameter, rates[step])
+    return metrics
 
 
 @_compiled
@@ -242,50 +252,47 @@ def _act(online: Layers, observation: Floats32, outputs: Outputs) -> NDArray[np.
 
 
 @_compiled
-def _optimize(parameter: Parameter, rates: Rates) -> None:
-    """Take a step of Adam (Kingma and Ba 2015, algorithm 1), or of RMSprop, which keeps no mean."""
+def _optimize(parameter: Parameter, rates: Floats32) -> None:
+    """Take a step of Adam (Kingma and Ba 2015, algorithm 1), or of RMSprop, which keeps no mean.
+
+    Args:
+        parameter: changed in place.
+        rates: the learning rate, for Adam divided by the bias of the first moment; how much of the first and
+            of the second moment is kept; the factor on the root of the second moment, and what is added.
+    """
     one, (value, gradient, mean, square) = np.float32(1), parameter
+    learning_rate, keep, keep_square, unbias, epsilon = rates
     for i in range(len(value)):
-        mean[i] = rates.mean * mean[i] + (one - rates.mean) * gradient[i]
-        square[i] = rates.square * square[i] + (one - rates.square) * gradient[i] * gradient[i]
-        value[i] -= rates.learning_rate * mean[i] / (math.sqrt(square[i]) * rates.unbias + rates.epsilon)
+        mean[i] = keep * mean[i] + (one - keep) * gradient[i]
+        square[i] = keep_square * square[i] + (one - keep_square) * gradient[i] * gradient[i]
+        value[i] -= learning_rate * mean[i] / (math.sqrt(square[i]) * unbias + epsilon)
 
 
 @_compiled
 def _gradient(
-    online: Layers,
-    target: Layers,
-    gradient: Layers,
-    observation: Floats32,
-    action: NDArray[np.int64],
-    reward: Floats32,
-    discount: Floats32,
-    next_observation: Floats32,
-    loss: tuple[np.float32, np.float32, np.float32],
-    outputs: Outputs,
-    next_outputs: Outputs,
-    derivatives: Outputs,
+    online: Layers, target: Layers, gradient: Layers, batch: Batch, loss: Loss, work: Work
 ) -> tuple[float, float, float]:
-    rows, (weight, delta, largest) = len(action), loss
-    _forward(online, next_observation, next_outputs)
-    next_action = _greedy(online.advantage, next_outputs.advantage)
-    _forward(target, next_observation, next_outputs)
-    next_q = _values(target, _centered(target.advantage), next_outputs, next_action)
-    _forward(online, observation, outputs)
+    """Write the gradient; return the loss, the mean |TD error| and the mean Q."""
+    rows = len(batch.action)
+    _forward(online, batch.next_observation, work.next_outputs)
+    next_action = _greedy(online.advantage, work.next_outputs.advantage)
+    _forward(target, batch.next_observation, work.next_outputs)
+    next_q = _values(target, _centered(target.advantage), work.next_outputs, next_action)
+    _forward(online, batch.observation, work.outputs)
     advantage = _centered(online.advantage)
-    q = _values(online, advantage, outputs, action)
+    q = _values(online, advantage, work.outputs, batch.action)
 
     slope = np.empty(rows, np.float32)
     total_loss, total_error = 0.0, 0.0
     for i in range(rows):
-        error = q[i] - min(reward[i] + discount[i] * next_q[i], largest)  # eq. 2.52
-        bounded = max(min(error, delta), -delta)
-        slope[i] = weight * bounded / np.float32(rows)
-        total_loss += float(weight * bounded * (error - np.float32(0.5) * bounded))
+        error = q[i] - min(batch.reward[i] + batch.discount[i] * next_q[i], loss.largest_target)  # eq. 2.52
+        bounded = max(min(error, loss.delta), -loss.delta)
+        slope[i] = loss.weight * bounded / np.float32(rows)
+        total_loss += float(loss.weight * bounded * (error - np.float32(0.5) * bounded))
         total_error += abs(float(error))
 
-    _backward_output(online, advantage, gradient, action, slope, outputs, derivatives)
-    _backward_streams(online, gradient, observation, outputs, derivatives)
+    _backward_output(online, advantage, gradient, batch.action, slope, work.outputs, work.derivatives)
+    _backward_streams(online, gradient, batch.observation, work.outputs, work.derivatives)
     return total_loss / rows, total_error / rows, float(q.mean())
 
 

@@ -2,8 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-from typing import Any, Generic, TypeVar
+from typing import Any, Generic, NamedTuple, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -13,9 +12,8 @@ from dockctl.agents.interface import Step, Tensors
 Array = TypeVar("Array")  # of numpy or torch
 
 
-@dataclass(frozen=True)
-class Transitions(Generic[Array]):
-    """A batch of m n-step transitions, as arrays or as tensors.
+class Transitions(NamedTuple, Generic[Array]):
+    """m n-step transitions, as arrays or as tensors.
 
     Attributes:
         observation, next_observation: (m, observation_size) float32; the return is bootstrapped at the next.
@@ -112,14 +110,14 @@ class Replay:
     def add(self, transitions: Batch) -> None:
         """Store a batch; in a full memory it overwrites the oldest transitions."""
         slots = (self._added + np.arange(len(transitions.action))) % len(self._records)
-        for name, values in vars(transitions).items():
+        for name, values in transitions._asdict().items():
             self._records[name][slots] = values
         self._added += len(slots)
 
-    def sample(self, batch_size: int) -> Batch:
-        """Draw a batch uniformly, with replacement."""
-        drawn = self._records.take(self.rng.integers(len(self), size=batch_size))
-        return Transitions(**{name: drawn[name] for name in drawn.dtype.names or ()})
+    def sample(self, size: int) -> Batch:
+        """Draw transitions uniformly, with replacement."""
+        drawn = self._records.take(self.rng.integers(len(self), size=size))
+        return Transitions(**{name: np.ascontiguousarray(drawn[name]) for name in drawn.dtype.names or ()})
 
     def state(self) -> dict[str, NDArray[Any]]:
         """Return the records as bytes, (transitions, bytes), without a copy, and how many were ever added."""

@@ -14,7 +14,7 @@ from torch import Tensor, nn
 from torch.nn import functional
 from torch.nn.utils import clip_grad_norm_
 
-from dockctl.agents.dqn.compiled import CompiledStep
+from dockctl.agents.dqn.compiled import CompiledSteps
 from dockctl.agents.dqn.network import DuelingQNetwork
 from dockctl.agents.dqn.replay import Batch, Transitions
 from dockctl.agents.interface import Metrics
@@ -42,12 +42,11 @@ def td_loss(q: Tensor, target: Tensor, huber_delta: float | None) -> Tensor:
 
 def to_tensors(transitions: Batch, device: torch.device) -> Transitions[Tensor]:
     """Copy a batch to the device."""
-    tensors = {name: torch.from_numpy(array).to(device) for name, array in vars(transitions).items()}
-    return Transitions(**tensors)
+    return Transitions(*(torch.from_numpy(array).to(device) for array in transitions))
 
 
-class AutogradStep:
-    """A gradient step by autograd and the optimizer of torch, on the device of the networks.
+class AutogradSteps:
+    """Gradient steps by autograd and the optimizer of torch, on the device of the networks.
 
     Args:
         online: trained in place.
@@ -62,9 +61,16 @@ class AutogradStep:
         self.online, self.target, self.optimizer, self.training = online, target, optimizer, training
         self.device = next(online.parameters()).device
 
-    def __call__(self, transitions: Batch, learning_rate: float) -> Metrics:
-        """Make the step; return the loss, mean |TD error|, mean Q, and the norm before clipping."""
-        batch = to_tensors(transitions, self.device)
+    def __call__(self, transitions: Batch, learning_rate: float, steps: int) -> list[Metrics]:
+        """Make steps with equal parts of the transitions; return the metrics of each.
+
+        They are the loss, the mean |TD error|, the mean Q, and the norm of the gradient before clipping.
+        """
+        tensors = to_tensors(transitions, self.device)
+        parts = zip(*(tensor.tensor_split(steps) for tensor in tensors), strict=True)
+        return [self._step(Transitions(*part), learning_rate) for part in parts]
+
+    def _step(self, batch: Transitions[Tensor], learning_rate: float) -> Metrics:
         target = td_target(batch, self.online, self.target, self.training.largest_target)
         q = self.online(batch.observation).gather(1, batch.action.unsqueeze(1)).squeeze(1)
         loss = td_loss(q, target, self.training.huber_delta)
@@ -100,17 +106,31 @@ class DoubleDQN:
         else:  # Keras' defaults, because the thesis used Keras
             self.optimizer = torch.optim.RMSprop(online.parameters(), alpha=0.9, eps=1e-7, foreach=True)
         on_processor = next(online.parameters()).device.type == "cpu"
-        step = CompiledStep if on_processor else AutogradStep
-        self._step = step(online, self.target, self.optimizer, training)
+        steps = CompiledSteps if on_processor else AutogradSteps
+        self._steps = steps(online, self.target, self.optimizer, training)
 
     def greedy(self, observation: NDArray[Any]) -> NDArray[np.int64]:
         """Return the action of the highest value of the online network, (n, observation_size) to (n,)."""
-        return self._step.greedy(observation)
+        return self._steps.greedy(observation)
 
-    def update(self, transitions: Batch, learning_rate: float) -> Metrics:
-        """Make one gradient step on a batch, and copy to the target network when a copy is due."""
-        metrics = self._step(transitions, learning_rate)
-        self.updates += 1
-        if self.updates % self.training.target_update_interval == 0:
-            self.target.load_state_dict(self.online.state_dict())
+    def update(self, transitions: Batch, learning_rate: float, steps: int = 1) -> list[Metrics]:
+        """Make gradient steps, and copy to the target network whenever a copy is due.
+
+        Args:
+            transitions: batches of equal sizes, one for each step, one after the other.
+            learning_rate: of all steps.
+            steps: number of gradient steps.
+
+        Returns:
+            The metrics of each step.
+        """
+        metrics, size = list[Metrics](), len(transitions.action) // steps
+        interval = self.training.target_update_interval
+        while (first := len(metrics)) < steps:
+            last = min(steps, first + interval - self.updates % interval)
+            part = Transitions(*(array[first * size : last * size] for array in transitions))
+            metrics += self._steps(part, learning_rate, last - first)
+            self.updates += last - first
+            if self.updates % interval == 0:
+                self.target.load_state_dict(self.online.state_dict())
         return metrics

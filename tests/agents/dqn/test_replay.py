@@ -76,7 +76,7 @@ def test_transitions_are_those_of_whole_episodes(boats: list[list[tuple[list[flo
             truncated=np.array([truncated for *_, truncated in now]),
         )
         batch = n_step.add(step)
-        for o, a, r, d, following in zip(*vars(batch).values(), strict=True):
+        for o, a, r, d, following in zip(*batch, strict=True):
             found[(tuple(map(int, o)), int(a), float(r), float(d), tuple(map(int, following)))] += 1
     assert found == expected
 

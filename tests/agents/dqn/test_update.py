@@ -12,9 +12,10 @@ from hypothesis import strategies as st
 from torch import Tensor
 
 from dockctl.agents.checkpoint import load_optimizer, optimizer_tensors
+from dockctl.agents.dqn.compiled import CompiledSteps
 from dockctl.agents.dqn.network import DuelingQNetwork
 from dockctl.agents.dqn.replay import Batch, Transitions
-from dockctl.agents.dqn.update import AutogradStep, DoubleDQN, td_loss, td_target, to_tensors
+from dockctl.agents.dqn.update import AutogradSteps, DoubleDQN, td_loss, td_target, to_tensors
 from dockctl.scenarios.training import Training
 
 CPU = torch.device("cpu")
@@ -55,7 +56,7 @@ def test_metrics_by_hand() -> None:
     transitions.discount[:] = 0
     with torch.no_grad():
         q = dqn.online(torch.from_numpy(transitions.observation))[range(32), transitions.action].numpy()
-    metrics = dqn.update(transitions, 1e-3)
+    metrics = dqn.update(transitions, 1e-3)[0]
     assert metrics["td_error"] == pytest.approx(np.abs(q - transitions.reward).mean(), rel=1e-5)
     assert metrics["loss"] == pytest.approx(np.square(q - transitions.reward).mean(), rel=1e-5)
     assert metrics["q_mean"] == pytest.approx(q.mean(), rel=1e-4)
@@ -69,7 +70,9 @@ def test_the_gradient_is_that_of_finite_differences() -> None:
     taken = gradient(dqn.online).double()
     assert (flat(dqn.online) == before).all()  # a learning rate of zero
     probe, steps = network().double(), to_tensors(transitions, CPU)
-    double = Transitions(**{n: v.double() if v.is_floating_point() else v for n, v in vars(steps).items()})
+    double = Transitions(
+        **{n: v.double() if v.is_floating_point() else v for n, v in steps._asdict().items()}
+    )
     target = td_target(double, probe, probe)
 
     def loss(parameters: Tensor) -> float:
@@ -110,7 +113,7 @@ def test_the_compiled_step_is_that_of_autograd(
         parameter.data += 0.1 * torch.randn(parameter.shape, generator=generator)
     settings = Training(reward_scale=1.0, target_update_interval=1000, **training)
     compiled, reference = DoubleDQN(online, settings), DoubleDQN(copy.deepcopy(online), settings)
-    reference._step = AutogradStep(reference.online, reference.target, reference.optimizer, settings)
+    reference._steps = AutogradSteps(reference.online, reference.target, reference.optimizer, settings)
     for update in range(3):
         for fast, slow in zip(
             (compiled.online, compiled.target), (reference.online, reference.target), strict=True
@@ -119,8 +122,8 @@ def test_the_compiled_step_is_that_of_autograd(
         for learner in (compiled, reference):
             load_optimizer(learner.optimizer, optimizer_tensors(compiled.optimizer))
         transitions = batch(seed + update, rows, 3.0, observation_size, actions)
-        expected = reference.update(transitions, 1e-3)
-        assert compiled.update(transitions, 1e-3) == pytest.approx(expected, rel=1e-4, abs=1e-5)
+        expected = reference.update(transitions, 1e-3)[0]
+        assert compiled.update(transitions, 1e-3)[0] == pytest.approx(expected, rel=1e-4, abs=1e-5)
         largest = float(gradient(reference.online).abs().max())
         torch.testing.assert_close(
             gradient(compiled.online), gradient(reference.online), rtol=1e-3, atol=1e-5 * (1 + largest)
@@ -175,9 +178,24 @@ def test_the_target_network_is_copied_at_its_interval() -> None:
         assert bool((flat(dqn.target) == flat(dqn.online)).all()) is (update % 3 == 0)
 
 
+@pytest.mark.parametrize("steps", [AutogradSteps, CompiledSteps])
+def test_several_steps_at_once_are_those_one_at_a_time(steps: type) -> None:
+    """Also the metrics and the copies to the target network, of which two are due."""
+    at_once, one_by_one = learner(), learner()
+    for dqn in (at_once, one_by_one):
+        dqn._steps = steps(dqn.online, dqn.target, dqn.optimizer, dqn.training)
+    batches = [batch(seed, reward=100.0) for seed in range(7)]
+    joined = Transitions(*(np.concatenate(arrays) for arrays in zip(*batches, strict=True)))
+    metrics = at_once.update(joined, 1e-2, 7)
+    assert metrics == [one_by_one.update(each, 1e-2)[0] for each in batches]
+    for name in ("online", "target"):
+        assert (flat(getattr(at_once, name)) == flat(getattr(one_by_one, name))).all()
+    assert not (flat(at_once.online) == flat(at_once.target)).all()
+
+
 def test_the_gradient_is_clipped_and_its_norm_before_clipping_is_reported() -> None:
     clipped, free = (learner(gradient_clip=clip, huber_delta=None) for clip in (0.5, None))
-    metrics, unclipped = (dqn.update(batch(reward=100.0), 1e-3) for dqn in (clipped, free))
+    metrics, unclipped = (dqn.update(batch(reward=100.0), 1e-3)[0] for dqn in (clipped, free))
     assert metrics["gradient_norm"] == unclipped["gradient_norm"] > 0.5
     assert gradient(clipped.online).norm().item() == pytest.approx(0.5, rel=1e-4)
     assert gradient(free.online).norm().item() == pytest.approx(unclipped["gradient_norm"], rel=1e-5)
