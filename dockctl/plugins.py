@@ -273,8 +273,9 @@ def load_builtins() -> None:
 def discover() -> None:
     """Add the names that installed packages declare, without importing the packages."""
     load_builtins()
+    declared = entry_points()  # of all groups: each call reads the metadata of every installed package
     for group, registry in GROUPS.items():
-        for point in entry_points(group=group):
+        for point in declared.select(group=group):
             if not _registered_already(point, registry):
                 load = partial(_load_code if group in CODE else _load_data, point, registry)
                 registry.register_lazily(point.name, _entry_point_origin(point), load)

@@ -8,7 +8,7 @@ import shutil
 import subprocess
 import sys
 from collections.abc import Callable
-from importlib.metadata import EntryPoint
+from importlib.metadata import EntryPoint, EntryPoints
 from pathlib import Path
 
 import pytest
@@ -137,7 +137,7 @@ class FakePoint(EntryPoint):
 def declare(monkeypatch: pytest.MonkeyPatch, *points: tuple[str, str, str]) -> None:
     """Declare entry points (group, name, value) as if a package were installed."""
     listed = [FakePoint(name, value, group) for group, name, value in points]
-    monkeypatch.setattr(plugins, "entry_points", lambda *, group: [p for p in listed if p.group == group])
+    monkeypatch.setattr(plugins, "entry_points", lambda: EntryPoints(listed))
     plugins.discover.__wrapped__()
 
 

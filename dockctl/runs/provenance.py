@@ -70,9 +70,10 @@ def git_commit() -> str | None:
 def packages() -> dict[str, dict[str, str]]:
     """Return version and content hash of each installed package whose plugins are loaded."""
     found: dict[str, dict[str, str]] = {}
+    declared = entry_points()
     for group, registry in GROUPS.items():
         loaded = {entry.name for entry in registry}
-        for point in entry_points(group=group):
+        for point in declared.select(group=group):
             if point.dist is None or point.name not in loaded or point.dist.name in found:
                 continue
             spec = find_spec(point.module.partition(".")[0])
