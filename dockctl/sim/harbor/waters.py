@@ -3,8 +3,10 @@
 from __future__ import annotations
 
 import numpy as np
+from numpy.typing import NDArray
 
-from dockctl.geometry import Floats, Ints
+from dockctl.compute import compiled
+from dockctl.geometry import Bools, Floats, Ints
 from dockctl.scenarios.vessel import Hull
 from dockctl.sim.harbor.solids import hull_outline
 
@@ -36,6 +38,35 @@ def cross_section(triangles: Floats, z: float) -> Floats:
     return np.stack(ends, axis=1)
 
 
+@compiled()
+def connected_cells(cells: Bools) -> tuple[NDArray[np.int32], int]:
+    """Number the sets of true cells (rows, columns) that are connected by sides, from 1; the others are 0.
+
+    Returns:
+        the number of each cell's set, (rows, columns), and how many sets there are.
+    """
+    # `scipy.ndimage.label` gives the same numbers; importing it takes longer than everything else here.
+    rows, columns = cells.shape
+    numbers = np.zeros((rows, columns), np.int32)
+    found = np.empty(cells.size, np.int32)  # cells of the current set whose neighbors are not yet numbered
+    count = 0
+    for first in range(cells.size):
+        if not cells[first // columns, first % columns] or numbers[first // columns, first % columns]:
+            continue
+        count += 1
+        numbers[first // columns, first % columns] = count
+        found[0], waiting = first, 1
+        while waiting:
+            waiting -= 1
+            row, column = found[waiting] // columns, found[waiting] % columns
+            for i, j in ((row - 1, column), (row + 1, column), (row, column - 1), (row, column + 1)):
+                if 0 <= i < rows and 0 <= j < columns and cells[i, j] and not numbers[i, j]:
+                    numbers[i, j] = count
+                    found[waiting] = i * columns + j
+                    waiting += 1
+    return numbers, count
+
+
 class Waters:
     """Regions of water that are separated for a boat.
 
@@ -47,8 +78,6 @@ class Waters:
     """
 
     def __init__(self, triangles: Floats, hull: Hull) -> None:
-        from scipy.ndimage import label  # slow to import
-
         heights = np.linspace(-hull.draft_m, hull.freeboard_m, SECTIONS)
         segments = np.concatenate([cross_section(triangles, z) for z in heights])
         self._cell = _inner_radius(hull_outline(hull)) / CELLS_PER_RADIUS
@@ -61,7 +90,7 @@ class Waters:
         open_water = np.ones(shape.astype(int), bool)
         cells = (_points_along(segments, self._cell / 2) - self._low) / self._cell
         open_water[tuple(cells.astype(int).T)] = False
-        regions, count = label(open_water)
+        regions, count = connected_cells(open_water)
         self._regions = regions.astype(np.min_scalar_type(count))
 
     def region(self, eta: Floats) -> Ints:

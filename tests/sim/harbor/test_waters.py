@@ -9,13 +9,14 @@ import pytest
 import trimesh
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from scipy.ndimage import label
 
 from dockctl.geometry import Floats
 from dockctl.scenarios.vessel import Hull
 from dockctl.sim.collision import CollisionChecker
 from dockctl.sim.harbor.build import Part, assemble
 from dockctl.sim.harbor.solids import Solid, box
-from dockctl.sim.harbor.waters import Waters
+from dockctl.sim.harbor.waters import Waters, connected_cells
 
 HULL = Hull()
 Box = tuple[tuple[float, float, float], tuple[float, float, float]]
@@ -41,6 +42,17 @@ def ring(gap_m: float = 0.0, z: tuple[float, float] = (-1.0, 1.0), at: float = 0
 def connected(waters: Waters, one: Sequence[float], other: Sequence[float]) -> bool:
     first, second = waters.region(np.array([[*one, 0.0], [*other, 0.0]]))
     return bool(first == second)
+
+
+@given(
+    st.integers(0, 2**32 - 1), st.integers(1, 30), st.integers(1, 30), st.sampled_from([0.3, 0.55, 0.7, 1.0])
+)
+def test_connected_cells_have_the_numbers_of_scipy(seed: int, rows: int, columns: int, share: float) -> None:
+    cells = np.random.default_rng(seed).random((rows, columns)) < share
+    numbers, count = connected_cells(cells)
+    expected, expected_count = label(cells)
+    assert count == expected_count
+    np.testing.assert_array_equal(numbers, expected)
 
 
 @pytest.mark.parametrize("at", [0.0, 1e5])
