@@ -6,6 +6,7 @@ import errno
 import importlib
 import io
 import logging
+import os
 import sys
 from itertools import pairwise
 from typing import Annotated, Any
@@ -119,6 +120,8 @@ for _name, _function in COMMANDS.items():
 
 def main() -> None:
     """Run the command line; the entry point of ``dockctl``."""
+    # The threads that BLAS starts when numpy is imported wait in busy loops; nothing here uses them.
+    os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
     for name in ("stdout", "stderr"):
         if isinstance(stream := getattr(sys, name), io.TextIOWrapper):  # None if the shell closed it
             setattr(sys, name, SafeStream.wrap(stream))

@@ -36,16 +36,21 @@ ROOT = Path(__file__).parent.parent
 runner = CliRunner()
 
 
-def loaded_by(arguments: list[str], modules: tuple[str, ...]) -> list[str]:
-    """Return which of the modules are loaded when a command ends."""
+def after(arguments: list[str], expression: str) -> list[str]:
+    """Return the words of a list that is evaluated in the process of a command when that ends."""
     script = (
         f"import sys\nsys.argv = {['dockctl', *arguments]}\nfrom dockctl.cli import main\n"
         "try:\n    main()\nexcept SystemExit as end:\n    assert not end.code\n"
-        f"print('loaded:', *[name for name in {modules} if name in sys.modules])"
+        f"print('after:', *{expression})"
     )
     done = subprocess.run([sys.executable, "-c", script], capture_output=True, text=True, timeout=60)
     assert done.returncode == 0, done.stderr
-    return done.stdout.split("loaded:")[1].split()
+    return done.stdout.split("after:")[1].split()
+
+
+def loaded_by(arguments: list[str], modules: tuple[str, ...]) -> list[str]:
+    """Return which of the modules are loaded when a command ends."""
+    return after(arguments, f"[name for name in {modules} if name in sys.modules]")
 
 
 def test_help_imports_nothing_heavy() -> None:
@@ -65,6 +70,11 @@ def test_training_and_evaluation_import_no_drawing_and_no_statistics(module: str
 def test_an_evaluation_loads_no_tables_no_drawing_and_no_statistics() -> None:
     unneeded = (*TABLES_AND_DRAWING, "scipy.stats")
     assert loaded_by(["evaluate", "s3", "--episodes", "0"], unneeded) == []
+
+
+def test_blas_starts_no_threads() -> None:
+    pools = "[pool['num_threads'] for pool in __import__('threadpoolctl').threadpool_info()]"
+    assert set(after(["config", "s3"], pools)) == {"1"}
 
 
 def test_version() -> None:
