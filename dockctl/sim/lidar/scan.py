@@ -278,8 +278,10 @@ def sector_ranges(
         first[:] = -1
         for index in range(len(middles)):
             following[index] = index - 1
-        first[0] = len(middles) - 1
-        for shell in range(shells):
+        nearest = shell_of(table, distance_at(grid, x, y))
+        if nearest < shells:
+            first[nearest] = len(middles) - 1
+        for shell in range(nearest, shells):
             inner, outer = radii[shell], radii[shell + 1]
             middle = (inner + outer) / 2
             index = first[shell]
