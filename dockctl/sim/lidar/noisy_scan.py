@@ -132,6 +132,8 @@ def _visit(
     seed, sigma_m, lost = noise
     for slot in range(table.starts[cell], table.starts[cell + 1]):
         run = runs[slot]
+        if near >> run.low == 0:  # this run and the following ones are above everything
+            break
         bands = bits(run.low, run.high)
         if bands & near == 0:
             continue

@@ -57,8 +57,8 @@ class ShellTable(NamedTuple):
 
     Shell k is between ``radii[k]`` and ``radii[k + 1]``. Inside ``radii[0]`` is the core, which contains all
     sensors and where rays may also run inward. Cell ``k * bins + bin`` has the runs
-    ``starts[cell]:starts[cell + 1]``; a run is a sequence of neighboring rays with their bands of height in
-    the cell. The cells of the core are squares and follow those of the shells.
+    ``starts[cell]:starts[cell + 1]``, the lowest first; a run is a sequence of neighboring rays with their
+    bands of height in the cell. The cells of the core are squares and follow those of the shells.
 
     Attributes:
         origins: (sensors, 3) origins of the rays [m].
@@ -119,6 +119,8 @@ class ShellTable(NamedTuple):
         starts = np.concatenate([[0], np.cumsum(counts[:-1])]).astype(np.int32)
         runs = np.zeros(starts[-1], RUN)
         _gather(origins, rays, channel, radii, count, side, rank, starts[:-1].copy(), runs)
+        cell = np.repeat(np.arange(len(starts) - 1), np.diff(starts))
+        runs = runs[np.lexsort([runs["low"], cell])]
         return cls(
             origins=places,
             sensor=sensor.astype(np.uint8),
@@ -329,9 +331,11 @@ def _search_core(
         cell = shell_cells + index
         for slot in range(table.starts[cell], table.starts[cell + 1]):
             run = table.runs[slot]
-            farthest = min(_farthest(best, 0, len(best) - 1), table.radii[0])
+            if near >> run.low == 0:  # this run and the following ones are above everything
+                break
             if bits(run.low, run.high) & near == 0:
                 continue
+            farthest = min(_farthest(best, 0, len(best) - 1), table.radii[0])
             origin = table.origins[table.sensor[run.first]]
             for number in range(run.first, run.first + run.length):
                 if traced[number]:
@@ -373,6 +377,8 @@ def _visit(
     runs, rays, core = table.runs, table.rays, table.radii[0]
     for slot in range(table.starts[cell], table.starts[cell + 1]):
         run = runs[slot]
+        if near >> run.low == 0:  # this run and the following ones are above everything
+            break
         bands = bits(run.low, run.high)
         if bands & near == 0:
             continue
