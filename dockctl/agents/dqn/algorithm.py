@@ -12,11 +12,9 @@ from numpy.typing import NDArray
 
 from dockctl.agents.checkpoint import (
     flatten,
-    load_optimizer,
     load_parameters,
     nest,
     numpy_tensors,
-    optimizer_tensors,
 )
 from dockctl.agents.dqn.network import DuelingQNetwork, GreedyPolicy
 from dockctl.agents.dqn.replay import Batch, NStep, Replay
@@ -104,7 +102,7 @@ class DQN:
         """Return target network, optimizer, replay, n-step windows and generators; see `Algorithm`."""
         tensors = {
             "target": numpy_tensors(self.learner.target.state_dict()),
-            "optimizer": optimizer_tensors(self.learner.optimizer),
+            "optimizer": self.learner.steps.moments(),
             "replay": self.replay.state(),
             "unfinished": self.n_step.state(),
         }
@@ -117,7 +115,7 @@ class DQN:
         load_parameters(self.learner.online, policy)
         nested = nest(tensors)
         load_parameters(self.learner.target, nested["target"])
-        load_optimizer(self.learner.optimizer, nested["optimizer"])
+        self.learner.steps.load_moments(nested["optimizer"])
         self.replay.load(nested["replay"], self.actions)
         if unfinished := nested["unfinished"]:
             self.n_step.load(unfinished, self.actions)

@@ -12,7 +12,7 @@ the other actions are computed only where the largest is sought.
 from __future__ import annotations
 
 import math
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 import scipy.linalg.cython_blas  # noqa: F401  # loads the BLAS that compiled code calls
@@ -21,12 +21,15 @@ from numpy.typing import NDArray
 
 from dockctl.agents.dqn.network import DuelingQNetwork
 from dockctl.agents.dqn.replay import Batch, Transitions
-from dockctl.agents.interface import Metrics
+from dockctl.agents.interface import Metrics, Tensors
 from dockctl.compute import compiled, limit_blas_threads
 from dockctl.geometry import Floats
 from dockctl.scenarios.training import Training
 
 Floats32 = NDArray[np.float32]
+
+DECAYS = {"adam": (0.9, 0.999, 1e-8), "rmsprop": (0.0, 0.9, 1e-7)}
+"""Decays of the two moments, and epsilon; for RMSprop the defaults of Keras, which the thesis used."""
 
 # Sums may be taken in any order, so that one instruction adds several terms.
 _compiled = compiled(error_model="numpy", fastmath={"arcp", "contract", "nsz", "reassoc"})
@@ -133,19 +136,19 @@ class CompiledSteps:
         self,
         online: DuelingQNetwork,
         target: DuelingQNetwork,
-        optimizer: torch.optim.Optimizer,
         training: Training,
     ) -> None:
         limit_blas_threads()
         for parameter in online.parameters():
             parameter.grad = torch.zeros_like(parameter)
         self._online, self._target = Layers.parameters(online), Layers.parameters(target)
-        self._gradient = Layers.gradients(online)
-        self._optimizer, self._training = optimizer, training
+        self._gradient, self._training = Layers.gradients(online), training
         weight, delta = (2.0, math.inf) if training.huber_delta is None else (1.0, training.huber_delta)
         bounds = training.largest_target, training.largest_gradient
         self._loss = Loss(*map(np.float32, (weight, delta, *bounds)))
-        self._allocate_moments()
+        self._count = np.zeros((), np.float32)
+        self._moments: dict[str, Floats32] = {}
+        self._parameters = tuple(self._parameter(*numbered) for numbered in enumerate(online.parameters()))
         self._rows = self._boats = 0
 
     def __call__(self, transitions: Batch, learning_rate: float, steps: int) -> list[Metrics]:
@@ -153,8 +156,6 @@ class CompiledSteps:
         if len(transitions.action) != steps * self._rows:
             self._rows = len(transitions.action) // steps
             self._work = Work.allocate(self._online, self._rows)
-        if self._optimizer.state is not self._state:  # it was restored
-            self._share_moments()
         rates = np.array([self._rates(learning_rate) for _ in range(steps)], np.float32)
         metrics = _steps(
             self._online, self._target, self._gradient, self._parameters, transitions, self._loss, rates,
@@ -175,38 +176,46 @@ class CompiledSteps:
         )
         return actions
 
-    def _allocate_moments(self) -> None:
-        """Give the optimizer its moments; torch would allocate them in the first step."""
-        moments = ("exp_avg", "exp_avg_sq") if self._training.optimizer == "adam" else ("square_avg",)
-        for parameter in self._optimizer.param_groups[0]["params"]:
-            self._optimizer.state[parameter] = {"step": torch.zeros(())} | {
-                name: torch.zeros_like(parameter) for name in moments
-            }
-        self._share_moments()
+    def moments(self) -> dict[str, NDArray[Any]]:
+        """Return the moments and the count of steps, with the names of `checkpoint.optimizer_tensors`."""
+        return {name: array.copy() for name, array in self._moments.items()}
 
-    def _share_moments(self) -> None:
-        """Share the memory of the optimizer's moments, and one count of steps for all parameters."""
-        self._state, parameters = self._optimizer.state, self._optimizer.param_groups[0]["params"]
-        self._count = self._state[parameters[0]]["step"]
-        shared = []
-        for parameter in parameters:
-            moments = self._state[parameter]
-            moments["step"] = self._count
-            mean = moments.get("exp_avg", parameter.grad)
-            square = moments["exp_avg_sq" if "exp_avg_sq" in moments else "square_avg"]
-            tensors = (parameter.detach(), parameter.grad, mean, square)
-            shared.append(Parameter(*(tensor.numpy().reshape(-1) for tensor in tensors)))
-        self._parameters = tuple(shared)
+    def load_moments(self, tensors: Tensors) -> None:
+        """Continue with the moments that `moments` returned.
+
+        Raises:
+            ValueError: they are those of another network or of another optimizer.
+        """
+        given, expected = (
+            {name: (array.dtype, array.shape) for name, array in each.items()}
+            for each in (tensors, self._moments)
+        )
+        if given != expected:
+            raise ValueError("the moments of the optimizer do not fit its parameters")
+        for name, array in self._moments.items():
+            array[...] = tensors[name]
+
+    def _parameter(self, number: int, parameter: torch.nn.Parameter) -> Parameter:
+        """Return the parameter as arrays that share its memory, and allocate its moments."""
+        assert parameter.grad is not None
+        value, gradient = parameter.detach().numpy(), parameter.grad.numpy()
+        square = np.zeros_like(value)
+        if self._training.optimizer == "adam":
+            mean = np.zeros_like(value)
+            moments = {"exp_avg": mean, "exp_avg_sq": square}
+        else:
+            mean, moments = gradient, {"square_avg": square}
+        for name, array in {"step": self._count, **moments}.items():
+            self._moments[f"{number}.{name}"] = array
+        return Parameter(*(array.reshape(-1) for array in (value, gradient, mean, square)))
 
     def _rates(self, learning_rate: float) -> tuple[float, ...]:
         """Count a step, and return the numbers of the optimizer in it; see `_optimize`."""
         self._count += 1
-        group, step = self._optimizer.param_groups[0], self._count.item()
+        step, (mean, square, epsilon) = self._count.item(), DECAYS[self._training.optimizer]
         if self._training.optimizer == "adam":
-            beta, beta_square = group["betas"]
-            rate, unbias = learning_rate / (1 - beta**step), 1 / math.sqrt(1 - beta_square**step)
-            return rate, beta, beta_square, unbias, group["eps"]
-        return learning_rate, 0.0, group["alpha"], 1.0, group["eps"]
+            return learning_rate / (1 - mean**step), mean, square, 1 / math.sqrt(1 - square**step), epsilon
+        return learning_rate, mean, square, 1.0, epsilon
 
 
 @_compiled

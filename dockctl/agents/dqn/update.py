@@ -14,10 +14,11 @@ from torch import Tensor, nn
 from torch.nn import functional
 from torch.nn.utils import clip_grad_norm_
 
-from dockctl.agents.dqn.compiled import CompiledSteps
+from dockctl.agents.checkpoint import load_optimizer, optimizer_tensors
+from dockctl.agents.dqn.compiled import DECAYS, CompiledSteps
 from dockctl.agents.dqn.network import DuelingQNetwork
 from dockctl.agents.dqn.replay import Batch, Transitions
-from dockctl.agents.interface import Metrics
+from dockctl.agents.interface import Metrics, Tensors
 from dockctl.scenarios.training import Training
 
 QFunction = Callable[[Tensor], Tensor]
@@ -51,15 +52,20 @@ class AutogradSteps:
     Args:
         online: trained in place.
         target: gives the values of the next observations.
-        optimizer: of the parameters of `online`.
-        training: loss and clipping.
+        training: loss, clipping and optimizer.
     """
 
-    def __init__(
-        self, online: nn.Module, target: nn.Module, optimizer: torch.optim.Optimizer, training: Training
-    ) -> None:
-        self.online, self.target, self.optimizer, self.training = online, target, optimizer, training
+    def __init__(self, online: nn.Module, target: nn.Module, training: Training) -> None:
+        self.online, self.target, self.training = online, target, training
         self.device = next(online.parameters()).device
+        mean, square, epsilon = DECAYS[training.optimizer]
+        self.optimizer: torch.optim.Optimizer
+        if training.optimizer == "adam":
+            self.optimizer = torch.optim.Adam(
+                online.parameters(), betas=(mean, square), eps=epsilon, fused=True
+            )
+        else:
+            self.optimizer = torch.optim.RMSprop(online.parameters(), alpha=square, eps=epsilon, foreach=True)
 
     def __call__(self, transitions: Batch, learning_rate: float, steps: int) -> list[Metrics]:
         """Make steps with equal parts of the transitions; return the metrics of each.
@@ -89,6 +95,14 @@ class AutogradSteps:
         values = self.online(torch.as_tensor(observation, dtype=torch.float32, device=self.device))
         return np.asarray(values.argmax(dim=1).cpu())
 
+    def moments(self) -> dict[str, NDArray[Any]]:
+        """Return the moments of the optimizer; see `optimizer_tensors`."""
+        return optimizer_tensors(self.optimizer)
+
+    def load_moments(self, tensors: Tensors) -> None:
+        """Continue with the moments that `moments` returned; see `load_optimizer`."""
+        load_optimizer(self.optimizer, tensors)
+
 
 class DoubleDQN:
     """An online network, its optimizer, and a target network.
@@ -100,18 +114,13 @@ class DoubleDQN:
 
     def __init__(self, online: DuelingQNetwork, training: Training) -> None:
         self.online, self.target, self.training, self.updates = online, copy.deepcopy(online), training, 0
-        self.optimizer: torch.optim.Optimizer
-        if training.optimizer == "adam":
-            self.optimizer = torch.optim.Adam(online.parameters(), fused=True)
-        else:  # Keras' defaults, because the thesis used Keras
-            self.optimizer = torch.optim.RMSprop(online.parameters(), alpha=0.9, eps=1e-7, foreach=True)
         on_processor = next(online.parameters()).device.type == "cpu"
         steps = CompiledSteps if on_processor else AutogradSteps
-        self._steps = steps(online, self.target, self.optimizer, training)
+        self.steps = steps(online, self.target, training)
 
     def greedy(self, observation: NDArray[Any]) -> NDArray[np.int64]:
         """Return the action of the highest value of the online network, (n, observation_size) to (n,)."""
-        return self._steps.greedy(observation)
+        return self.steps.greedy(observation)
 
     def update(self, transitions: Batch, learning_rate: float, steps: int = 1) -> list[Metrics]:
         """Make gradient steps, and copy to the target network whenever a copy is due.
@@ -129,7 +138,7 @@ class DoubleDQN:
         while (first := len(metrics)) < steps:
             last = min(steps, first + interval - self.updates % interval)
             part = Transitions(*(array[first * size : last * size] for array in transitions))
-            metrics += self._steps(part, learning_rate, last - first)
+            metrics += self.steps(part, learning_rate, last - first)
             self.updates += last - first
             if self.updates % interval == 0:
                 self.target.load_state_dict(self.online.state_dict())

@@ -11,7 +11,6 @@ from hypothesis import given
 from hypothesis import strategies as st
 from torch import Tensor
 
-from dockctl.agents.checkpoint import load_optimizer, optimizer_tensors
 from dockctl.agents.dqn.compiled import CompiledSteps
 from dockctl.agents.dqn.network import DuelingQNetwork
 from dockctl.agents.dqn.replay import Batch, Transitions
@@ -113,14 +112,14 @@ def test_the_compiled_step_is_that_of_autograd(
         parameter.data += 0.1 * torch.randn(parameter.shape, generator=generator)
     settings = Training(reward_scale=1.0, target_update_interval=1000, **training)
     compiled, reference = DoubleDQN(online, settings), DoubleDQN(copy.deepcopy(online), settings)
-    reference._steps = AutogradSteps(reference.online, reference.target, reference.optimizer, settings)
+    reference.steps = AutogradSteps(reference.online, reference.target, settings)
     for update in range(3):
         for fast, slow in zip(
             (compiled.online, compiled.target), (reference.online, reference.target), strict=True
         ):
             slow.load_state_dict(fast.state_dict())
         for learner in (compiled, reference):
-            load_optimizer(learner.optimizer, optimizer_tensors(compiled.optimizer))
+            learner.steps.load_moments(compiled.steps.moments())
         transitions = batch(seed + update, rows, 3.0, observation_size, actions)
         expected = reference.update(transitions, 1e-3)[0]
         assert compiled.update(transitions, 1e-3)[0] == pytest.approx(expected, rel=1e-4, abs=1e-5)
@@ -128,7 +127,7 @@ def test_the_compiled_step_is_that_of_autograd(
         torch.testing.assert_close(
             gradient(compiled.online), gradient(reference.online), rtol=1e-3, atol=1e-5 * (1 + largest)
         )
-        moments, wanted = optimizer_tensors(compiled.optimizer), optimizer_tensors(reference.optimizer)
+        moments, wanted = compiled.steps.moments(), reference.steps.moments()
         assert moments.keys() == wanted.keys()
         for name, values in wanted.items():
             np.testing.assert_allclose(moments[name], values, rtol=1e-2, atol=1e-5 * (1 + largest) ** 2)
@@ -183,7 +182,7 @@ def test_several_steps_at_once_are_those_one_at_a_time(steps: type) -> None:
     """Also the metrics and the copies to the target network, of which two are due."""
     at_once, one_by_one = learner(), learner()
     for dqn in (at_once, one_by_one):
-        dqn._steps = steps(dqn.online, dqn.target, dqn.optimizer, dqn.training)
+        dqn.steps = steps(dqn.online, dqn.target, dqn.training)
     batches = [batch(seed, reward=100.0) for seed in range(7)]
     joined = Transitions(*(np.concatenate(arrays) for arrays in zip(*batches, strict=True)))
     metrics = at_once.update(joined, 1e-2, 7)
