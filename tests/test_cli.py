@@ -30,7 +30,7 @@ HEAVY = (
     "yaml",
     "scipy",
 )
-TABLES_AND_DRAWING = ("pandas", "matplotlib", "jinja2")
+ANALYSIS = ("pandas", "matplotlib", "jinja2", "scipy.stats")
 
 ROOT = Path(__file__).parent.parent
 runner = CliRunner()
@@ -58,18 +58,15 @@ def test_help_imports_nothing_heavy() -> None:
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("module", ["dockctl.experiments.training", "dockctl.evaluation"])
-def test_training_and_evaluation_import_no_drawing_and_no_statistics(module: str) -> None:
-    unneeded = (*TABLES_AND_DRAWING, "scipy.stats")
-    code = f"import sys, {module}; print('found:', *[name for name in {unneeded} if name in sys.modules])"
-    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
-    assert done.stdout.strip() == "found:"
+def test_an_evaluation_loads_no_tables_no_drawing_and_no_statistics() -> None:
+    assert loaded_by(["evaluate", "s3", "--episodes", "0"], ANALYSIS) == []
 
 
 @pytest.mark.slow
-def test_an_evaluation_loads_no_tables_no_drawing_and_no_statistics() -> None:
-    unneeded = (*TABLES_AND_DRAWING, "scipy.stats")
-    assert loaded_by(["evaluate", "s3", "--episodes", "0"], unneeded) == []
+def test_a_training_loads_no_tables_no_drawing_no_statistics_and_no_compiler_of_torch(tmp_path: Path) -> None:
+    short = ["--steps", "16", "--set", "training.validation.starts=1", "--set", "task.max_steps=2"]
+    command = ["train", "s1", "--out", str(tmp_path), *short]
+    assert loaded_by(command, (*ANALYSIS, "torch._dynamo", "sympy")) == []
 
 
 def test_blas_starts_no_threads() -> None:

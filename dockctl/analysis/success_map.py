@@ -5,10 +5,14 @@ Only free starts count: those with the hull in the water and clear of obstacles.
 
 from __future__ import annotations
 
+from typing import TYPE_CHECKING
+
 import numpy as np
-import pandas as pd
 
 from dockctl.runs.tables import MAP_START
+
+if TYPE_CHECKING:
+    import pandas as pd
 
 COLUMNS = (*MAP_START, "outcome")
 """Columns of ``map.csv`` that these functions and the figure need."""
