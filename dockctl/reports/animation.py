@@ -56,6 +56,7 @@ class Boat:
         ranges: (k, sectors) nearest LiDAR return of each sector [m].
         curves: by key of `PANELS`, (k,).
         goals: x, y [m], heading [rad] and tolerance [m] of each goal.
+        flows: velocities (k, 2) [m/s] of the current and of the wind, by name, where there are any.
     """
 
     label: str
@@ -65,6 +66,7 @@ class Boat:
     ranges: Floats
     curves: Mapping[str, Floats]
     goals: Sequence[Sequence[float]]
+    flows: Mapping[str, Floats]
 
 
 def boats(data: Mapping[str, Any]) -> list[Boat]:
@@ -82,6 +84,7 @@ def boats(data: Mapping[str, Any]) -> list[Boat]:
                 "rudder": np.degrees(np.asarray(arrays["command"], float)[:, 1]),
             },
             goals=[goal[:4] for goal in episode["goals"]],
+            flows={name: np.asarray(arrays[name], float) for name in episode["flow"]},
         )
         for episode in data["episodes"]
         for arrays in [episode["arrays"]]
@@ -185,7 +188,8 @@ class _Film:
         )  # fmt: skip
         self._moving: list[Artist] = []
         self._clock = self._add(self._figure.text(0.985, 0.965, "", fontsize=12.5, ha="right", va="top"))
-        self._harbor(self._figure.add_subplot(grid[:, 0]), scene)
+        self._plan, self._flows = self._figure.add_subplot(grid[:, 0]), list[Artist]()
+        self._harbor(self._plan, scene)
         self._lines = [
             self._panel(self._figure.add_subplot(grid[row, 1]), text, key)
             for row, (text, key) in enumerate(PANELS)
@@ -262,10 +266,22 @@ class _Film:
             time = self._period_s * np.arange(row + 1)
             for lines, (_, key) in zip(self._lines, PANELS, strict=True):
                 lines[i].set_data(time, boat.curves[key][: row + 1])
+        self._draw_flows(step)
         self._canvas.restore_region(self._background)
         for artist in sorted(self._moving, key=lambda artist: artist.get_zorder()):
             self._figure.draw_artist(artist)
         return np.asarray(self._canvas.buffer_rgba())[..., :3].copy()
+
+    def _draw_flows(self, step: float) -> None:
+        """Replace the arrows of the current and the wind; there are none beside several boats."""
+        if len(self._boats) > 1:
+            return
+        for artist in self._flows:
+            self._moving.remove(artist)
+            artist.remove()
+        flows = self._boats[0].flows
+        now = {name: velocity[min(int(step), len(velocity) - 1)] for name, velocity in flows.items()}
+        self._flows = [self._add(artist) for artist in plan_view.draw_flows(self._plan, now)]
 
 
 def _sector(ax: Axes) -> Wedge:

@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
 import pandas as pd
+from matplotlib.artist import Artist
 from matplotlib.axes import Axes
 from matplotlib.collections import PolyCollection
 from matplotlib.patches import Circle, FancyArrowPatch, FancyBboxPatch, Polygon, Rectangle
@@ -165,25 +166,43 @@ def draw_label(
     )  # fmt: skip
 
 
-def draw_flows(ax: Axes, table: pd.DataFrame) -> None:
-    """Draw the mean current and wind of a trajectory that has them, as arrows in the upper left corner."""
-    below = 22.0  # points from the corner
+def draw_flows(ax: Axes, velocities: Mapping[str, Sequence[float]]) -> list[Artist]:
+    """Draw current and wind as arrows in the upper left corner.
+
+    Args:
+        velocities: x and y [m/s] of some of `FLOWS`, by name.
+
+    Returns:
+        the arrows and their labels.
+    """
+    below, drawn = 22.0, list[Artist]()  # points from the corner
     figure = ax.get_figure(root=True)
     assert figure is not None
     for name, color in FLOWS.items():
-        if f"{name}_x_mps" not in table:
+        if name not in velocities:
             continue
-        x, y = (float(table[f"{name}_{axis}_mps"].mean()) for axis in "xy")
+        x, y = velocities[name]
         speed = math.hypot(x, y)
         middle = ax.transAxes + ScaledTranslation(22 / 72, -below / 72, figure.dpi_scale_trans)
         place: dict[str, Any] = {"xy": (0.0, 1.0), "xycoords": middle, "textcoords": "offset points"}
         if speed > 0:
             arrow = {"arrowstyle": "-|>", "color": color, "lw": 1.4, "shrinkA": 0, "shrinkB": 0}
             foot = (-FLOW_PT * x / speed, -FLOW_PT * y / speed)
-            ax.annotate("", xytext=foot, arrowprops=arrow, zorder=9, **place)
+            drawn.append(ax.annotate("", xytext=foot, arrowprops=arrow, zorder=9, **place))
         text = ax.annotate(f"{name} {speed:.2g} m/s", xytext=(22, -3), **place)
         text.set(color=color, fontsize=7.5, zorder=9, path_effects=HALO)
+        drawn.append(text)
         below += 2 * FLOW_PT + 4
+    return drawn
+
+
+def mean_flows(table: pd.DataFrame) -> dict[str, tuple[float, float]]:
+    """Return the mean velocities [m/s] of the flows that a trajectory has, by name."""
+    return {
+        name: (float(table[f"{name}_x_mps"].mean()), float(table[f"{name}_y_mps"].mean()))
+        for name in FLOWS
+        if f"{name}_x_mps" in table
+    }
 
 
 def draw_paths(ax: Axes, scene: Scene, tracks: Sequence[Track], task: Task) -> None:
@@ -211,7 +230,7 @@ def draw_paths(ax: Axes, scene: Scene, tracks: Sequence[Track], task: Task) -> N
         draw_heading(ax, scene.hull, poses[0], track.color)
         draw_boat(ax, scene.hull, poses[-1], track.color, fill=0.55, lw=1.4)
     if len(tracks) == 1:
-        draw_flows(ax, tracks[0].table)
+        draw_flows(ax, mean_flows(tracks[0].table))
         draw_label(ax, scene.hull, poses[0], f"start {tracks[0].label}", tracks[0].color, below=True)
     legend_above(ax, [(track.label, track.color) for track in tracks])
 

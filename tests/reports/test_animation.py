@@ -31,6 +31,7 @@ def data() -> dict[str, Any]:
         "color": COLOR,
         "text": "docked",
         "goals": [[30.0, 0.0, 0.0, 1.0, 0.1]],
+        "flow": [],
         "arrays": {
             "pose": np.stack([x, zeros, zeros], axis=1),
             "command": np.stack([50 + zeros, zeros], axis=1),
@@ -63,6 +64,22 @@ def test_the_boat_moves_through_the_pictures(data: dict[str, Any]) -> None:
     moving = tips[: 1 + int(STEPS * PERIOD_S * 20 / SPEED)]
     np.testing.assert_allclose(np.diff(moving), np.diff(moving).mean(), atol=1.5)  # at a constant speed
     np.testing.assert_array_equal(shown[-1], shown[-2])
+
+
+def test_the_wind_turns_with_the_time(data: dict[str, Any]) -> None:
+    """Its arrow differs from picture to picture, where without wind nothing does."""
+    still = np.tile(data["episodes"][0]["arrays"]["pose"][:1], (STEPS + 1, 1))
+    data["episodes"][0]["arrays"]["pose"] = still
+
+    def corners() -> list[np.ndarray]:
+        return [frame[80:130, 60:130] for frame in frames(marina(), data, 5.0)]
+
+    assert all((corner == corners()[0]).all() for corner in corners())
+    turning = np.linspace(0, np.pi, STEPS + 1)
+    data["episodes"][0]["flow"] = ["wind"]
+    data["episodes"][0]["arrays"]["wind"] = 5 * np.column_stack([np.cos(turning), np.sin(turning)])
+    first, *_, last = corners()
+    assert (first != last).any()
 
 
 def test_a_gif_repeats_all_pictures(data: dict[str, Any], tmp_path: Path) -> None:

@@ -163,10 +163,10 @@ def test_pose_labels(pose: tuple[float, float, float], text: str) -> None:
 
 def test_the_mean_current_and_wind_of_a_trajectory_are_arrows() -> None:
     ax = Figure().subplots()
-    plan_view.draw_flows(ax, pd.DataFrame({"x_m": [0.0, 1.0]}))
+    plan_view.draw_flows(ax, plan_view.mean_flows(pd.DataFrame({"x_m": [0.0, 1.0]})))
     assert not ax.texts
     table = pd.DataFrame({"wind_x_mps": [0.0, 0.0], "wind_y_mps": [-2.0, -4.0]})
-    plan_view.draw_flows(ax, table)
+    plan_view.draw_flows(ax, plan_view.mean_flows(table))
     arrow, label = ax.texts
     assert label.get_text() == "wind 3 m/s"
     assert arrow.get_position()[1] > 0  # the foot is above the head: it blows towards -y
