@@ -254,9 +254,10 @@ class _Interior:
     """Finds the part that contains a point at the height `z`, by winding numbers in a cross-section."""
 
     def __init__(self, bodies: Sequence[Body], z: float) -> None:
-        cuts = [cross_section(mesh.triangles, z) for _, mesh in bodies]
-        self._segments = np.concatenate([np.empty((0, 2, 2)), *cuts])
-        self._body = np.repeat(np.arange(len(cuts)), [len(cut) for cut in cuts])
+        triangles = np.concatenate([np.empty((0, 3, 3)), *(mesh.triangles for _, mesh in bodies)])
+        body = np.repeat(np.arange(len(bodies)), [len(mesh.faces) for _, mesh in bodies])
+        self._segments, cut = cross_section(triangles, z)
+        self._body = body[cut]
         self._part_of_body = np.array([*(part for part, _ in bodies), -1])
 
     def part_at(self, eta: Floats) -> Ints:

@@ -18,14 +18,17 @@ smaller than 1 / (2 sqrt(2)) of it therefore separate no two poses between which
 MAX_CELLS = 20_000_000
 
 
-def cross_section(triangles: Floats, z: float) -> Floats:
-    """Return the directed segments (k, 2, 2) in which (m, 3, 3) triangles intersect the plane at `z`.
+def cross_section(triangles: Floats, z: float) -> tuple[Floats, Ints]:
+    """Return where (m, 3, 3) triangles intersect the plane at `z`.
 
     A corner at `z` counts as above it, and both triangles of an edge interpolate from its lower to its upper
     end: the segments of a closed mesh form closed chains, exactly.
+
+    Returns:
+        directed segments (k, 2, 2), and the triangle of each, (k,).
     """
     above = triangles[:, :, 2] >= z
-    mixed = above.any(axis=1) & ~above.all(axis=1)
+    mixed = np.flatnonzero(above.any(axis=1) & ~above.all(axis=1))
     corners, above = triangles[mixed], above[mixed]
     following, above_next = np.roll(corners, -1, axis=1), np.roll(above, -1, axis=1)
     ends: list[Floats] = []
@@ -35,7 +38,7 @@ def cross_section(triangles: Floats, z: float) -> Floats:
         a, b = corners[rows, edge], following[rows, edge]
         low, high = (a, b) if len(ends) == 0 else (b, a)
         ends.append(low[:, :2] + ((z - low[:, 2]) / (high[:, 2] - low[:, 2]))[:, None] * (high - low)[:, :2])
-    return np.stack(ends, axis=1)
+    return np.stack(ends, axis=1), mixed
 
 
 @compiled()
@@ -79,7 +82,7 @@ class Waters:
 
     def __init__(self, triangles: Floats, hull: Hull) -> None:
         heights = np.linspace(-hull.draft_m, hull.freeboard_m, SECTIONS)
-        segments = np.concatenate([cross_section(triangles, z) for z in heights])
+        segments = np.concatenate([cross_section(triangles, z)[0] for z in heights])
         self._cell = _inner_radius(hull_outline(hull)) / CELLS_PER_RADIUS
         corners = segments.reshape(-1, 2) if len(segments) else np.zeros((1, 2))
         self._low = corners.min(axis=0) - 2 * self._cell
