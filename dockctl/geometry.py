@@ -77,6 +77,11 @@ def sector_index(x: float, y: float, sectors: int) -> int:
     return min(int((math.atan2(y, x) + math.pi) / (2 * math.pi) * sectors), sectors - 1)
 
 
+def sector_edges_deg(sectors: int) -> Floats:
+    """Return the azimuths of the edges of the sectors in order, (sectors + 1,) [°]."""
+    return np.linspace(-180.0, 180.0, sectors + 1)
+
+
 def nearest_in_sectors(points: Floats, sectors: int, range_m: float) -> Floats:
     """Return the horizontal distance of the nearest point in each sector, (sectors,) [m] (eqs. 3.7, 3.8).
 

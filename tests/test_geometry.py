@@ -9,7 +9,7 @@ import pytest
 from hypothesis import example, given
 from hypothesis import strategies as st
 
-from dockctl.geometry import place_outline, relocate_poses, sector_index, wrap
+from dockctl.geometry import place_outline, relocate_poses, sector_edges_deg, sector_index, wrap
 
 PI = math.pi
 coordinate, angle = st.floats(-50, 50), st.floats(-math.pi, math.pi)
@@ -74,6 +74,7 @@ def test_sectors_are_equal_and_begin_astern(theta: float, count: int) -> None:
     sector = sector_index(10 * math.cos(theta), 10 * math.sin(theta), count)
     edges = np.linspace(-PI, PI, count + 1)
     assert edges[sector] - 1e-12 <= theta <= edges[sector + 1] + 1e-12
+    np.testing.assert_allclose(np.radians(sector_edges_deg(count)), edges, rtol=0, atol=1e-12)
 
 
 def test_the_point_right_astern_belongs_to_the_last_sector() -> None:

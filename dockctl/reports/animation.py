@@ -26,7 +26,7 @@ from PIL import Image
 from dockctl.drawing import palette
 from dockctl.drawing.scene import Scene
 from dockctl.errors import DockctlError
-from dockctl.geometry import Floats, place_outline, wrap
+from dockctl.geometry import Floats, place_outline, sector_edges_deg, wrap
 from dockctl.reports import plan_view
 from dockctl.reports.style import HALO, figure_style
 from dockctl.runs.files import write_atomically
@@ -292,10 +292,10 @@ def _sector(ax: Axes) -> Wedge:
 
 def _place(wedge: Wedge, pose: Floats, number: int, ranges: Floats, range_m: float) -> None:
     """Move a sector of the LiDAR with the boat, up to its nearest return."""
-    width, heading = 360 / len(ranges), float(np.degrees(pose[2]))
+    start, end = np.degrees(pose[2]) + sector_edges_deg(len(ranges))[number : number + 2]
     wedge.set_center((float(pose[0]), float(pose[1])))
-    wedge.set_theta1(heading - 180 + number * width)
-    wedge.set_theta2(heading - 180 + (number + 1) * width)
+    wedge.set_theta1(start)
+    wedge.set_theta2(end)
     wedge.set_radius(min(float(ranges[number]), SHOWN_RANGE_M))
     wedge.set_visible(bool(ranges[number] < range_m))
 

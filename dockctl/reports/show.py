@@ -15,7 +15,7 @@ from matplotlib.patches import Circle, Polygon, Rectangle, Wedge
 
 from dockctl.drawing import palette
 from dockctl.drawing.scene import Scene, water
-from dockctl.geometry import Floats, sector_index
+from dockctl.geometry import Floats, sector_edges_deg, sector_index
 from dockctl.reports import plan_view, view3d
 from dockctl.reports.plan_view import pose_label
 from dockctl.reports.style import HALO, legend_above, make_axes, make_figure
@@ -253,7 +253,7 @@ def draw_sectors(ax: Axes, points: Floats, ranges_m: Floats, hull: Floats, range
     """
     count = len(ranges_m)
     view = view_radius(ranges_m, range_m)
-    edges = np.linspace(-180.0, 180.0, count + 1)
+    edges = sector_edges_deg(count)
     for i in range(count):
         tint = palette.WATER if i % 2 else "#EAF3F7"
         ax.add_patch(

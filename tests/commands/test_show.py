@@ -8,8 +8,9 @@ import numpy as np
 import pytest
 
 from dockctl.commands.options import parse_pose
-from dockctl.commands.show import berths, sector_table
+from dockctl.commands.show import sector_table
 from dockctl.errors import DockctlError
+from dockctl.experiments.show import berths
 from dockctl.reports.show import Scan, harbor_figure
 from dockctl.reports.style import figure_style
 from dockctl.scenarios.loader import load
@@ -82,7 +83,7 @@ def test_text_that_is_no_pose(pose: str, code: str) -> None:
 def test_poses_that_are_not_free(tmp_path: Path, pose: str, obstacle: str) -> None:
     outcome = dockctl("show", "s1", "--pose", pose, "--out", tmp_path / "out")
     assert outcome.code == 2
-    assert f"--pose {pose}" in outcome.err
+    assert "--pose" in outcome.err
     assert obstacle in outcome.err
     assert not (tmp_path / "out").exists()
 
