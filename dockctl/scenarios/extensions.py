@@ -1,9 +1,9 @@
-"""Sections of a scenario that are selected by a registered name under the key `kind`, and their base classes.
+"""Base classes of the sections of a scenario that are selected by a registered name under the key `kind`.
 
     actions: {kind: continuous}
 
 A registered value is a subclass of `Kind`: a model whose fields are the keys of the section. It is validated
-before anything runs, and its methods build what the section describes.
+before anything runs (`dockctl.scenarios.kinds`), and its methods build what the section describes.
 
 To add one, write a subclass of `ActionType`, `RangeSensorSpec`, `Condition`, or
 `dockctl.agents.algorithms.AlgorithmSpec` in a module of your own, name it in ``kind``, declare its keys as
@@ -23,18 +23,14 @@ from pydantic import (
     AfterValidator,
     BeforeValidator,
     Field,
-    GetCoreSchemaHandler,
     GetJsonSchemaHandler,
     PlainSerializer,
-    SerializationInfo,
 )
-from pydantic_core import CoreSchema, PydanticKnownError, core_schema
+from pydantic_core import CoreSchema
 
-from dockctl import plugins
-from dockctl.errors import DockctlError
 from dockctl.geometry import Floats, Ints
 from dockctl.plugins import Registry
-from dockctl.scenarios.base import Count, FieldError, Length, Model
+from dockctl.scenarios.base import Count, Length, Model
 from dockctl.scenarios.vessel import Vessel
 
 if TYPE_CHECKING:
@@ -74,82 +70,6 @@ def register(registry: Registry[type[Any]], *, group: str = "", source: str = ""
         return model
 
     return add
-
-
-class Kinds:
-    """Annotation of a field that holds a model of a registry.
-
-    It does what pydantic's discriminated unions do, but looks up the model at validation time: plugins
-    register theirs after the schema of the scenario is built, and errors name the origin.
-
-    Args:
-        registry: the models by name.
-        default: the kind of a section that does not name one.
-    """
-
-    def __init__(self, registry: Registry[type[Any]], default: str | None = None) -> None:
-        self.registry, self.default = registry, default
-        self.base: type[Kind] = Kind
-
-    def model(self, kind: object) -> type[Kind] | None:
-        """Return the model registered as `kind`, for None the default; None if there is no such model."""
-        name = self.default if kind is None else kind
-        try:
-            return self.registry.get(str(name)).value
-        except DockctlError:
-            return None
-
-    def make_default(self) -> Any:
-        """Return the default kind with its default values."""
-        return self._validate({})
-
-    def __get_pydantic_core_schema__(self, source: Any, handler: GetCoreSchemaHandler) -> CoreSchema:
-        self.base = source
-        return core_schema.no_info_plain_validator_function(
-            self._validate,
-            serialization=core_schema.plain_serializer_function_ser_schema(_dump, info_arg=True),
-        )
-
-    def __get_pydantic_json_schema__(
-        self, schema: CoreSchema, handler: GetJsonSchemaHandler
-    ) -> dict[str, Any]:
-        plugins.load_builtins()
-        sections: list[dict[str, Any]] = [{"enum": sorted(self.registry.names())}]
-        for name in self.registry.names():
-            if model := self.model(name):
-                section = handler(model.__pydantic_core_schema__)
-                needed = {} if name == self.default else {"required": ["kind"]}
-                sections.append({"allOf": [section], **needed})
-        return {"anyOf": sections}
-
-    def _validate(self, given: Any) -> Kind:
-        if isinstance(given, Kind):
-            return given
-        if isinstance(given, str):
-            given = {"kind": given}
-        if not isinstance(given, dict):
-            raise PydanticKnownError("model_type", {"class_name": "mapping"})
-        name = given.get("kind", self.default)
-        if not isinstance(name, str):
-            known = ", ".join(sorted(self.registry.names()))
-            raise FieldError("kind", f"missing (one of: {known})", "missing_key")
-        plugins.load_builtins()
-        try:
-            model: type[Kind] = self.registry.get(name).value
-        except DockctlError as error:
-            raise FieldError("kind", error.message, error.code, error.suggestion) from None
-        flaw = ""
-        if not issubclass(model, self.base):
-            flaw = f"is not a subclass of {self.base.__name__}"
-        elif missing := sorted(model.__abstractmethods__):
-            flaw = f"does not define {', '.join(missing)}"
-        if flaw:
-            raise FieldError("kind", f"'{name}' by {self.registry.origin(name)} {flaw}", "plugin")
-        return model.model_validate({**given, "kind": name})
-
-
-def _dump(value: Kind, info: SerializationInfo) -> dict[str, Any]:
-    return value.model_dump(mode=info.mode)
 
 
 class ActionType(Kind, ABC):

@@ -27,8 +27,8 @@ from dockctl.plugins import (
 )
 from dockctl.scenarios import catalog
 from dockctl.scenarios.berth import BERTH, PATTERN
-from dockctl.scenarios.extensions import Kinds
 from dockctl.scenarios.harbor import HarborSpec
+from dockctl.scenarios.kinds import Kinds
 from dockctl.scenarios.schema import Scenario
 from dockctl.scenarios.vessel import Vessel
 

@@ -20,7 +20,8 @@ from pydantic_core import ErrorDetails, PydanticUndefined
 from dockctl.errors import Code, DockctlError, InputError, Problem, nearest
 from dockctl.plugins import HARBORS, OBSERVATION_PARTS, REWARD_TERMS, VESSELS, Entry, Function, Registry
 from dockctl.scenarios.base import FieldError
-from dockctl.scenarios.extensions import Kind, Kinds
+from dockctl.scenarios.extensions import Kind
+from dockctl.scenarios.kinds import Kinds
 from dockctl.scenarios.schema import long_part, long_term
 from dockctl.scenarios.yaml_tree import Location, Node, describe
 

@@ -9,7 +9,8 @@ from pydantic import Field, model_validator
 
 from dockctl.plugins import ALGORITHMS
 from dockctl.scenarios.base import Count, FieldError, Fraction, Model, NonNegative, Pose, Positive
-from dockctl.scenarios.extensions import Kind, Kinds
+from dockctl.scenarios.extensions import Kind
+from dockctl.scenarios.kinds import Kinds
 
 ALGORITHM = Kinds(ALGORITHMS, default="dqn")
 Layer = Annotated[Count, Field(le=8192)]

@@ -10,7 +10,8 @@ from pydantic import BeforeValidator, Field
 from dockctl.errors import InputError, Problem
 from dockctl.plugins import Registry
 from dockctl.scenarios.base import Model, Number, Positive
-from dockctl.scenarios.extensions import Kind, Kinds, register
+from dockctl.scenarios.extensions import Kind, register
+from dockctl.scenarios.kinds import Kinds
 from dockctl.scenarios.problems import validate
 from dockctl.scenarios.yaml_tree import read_text
 

@@ -1,28 +1,17 @@
-"""Inheritance, overrides, names and paths, and dumping to YAML."""
+"""Inheritance, overrides, names and paths."""
 
 from __future__ import annotations
 
 import itertools
-import json
 import os
-from contextlib import suppress
 from pathlib import Path
-from typing import Any
 
 import pytest
-from hypothesis import given, settings
-from hypothesis import strategies as st
 
 from dockctl.errors import DockctlError, InputError
-from dockctl.scenarios import catalog, loader
+from dockctl.scenarios import loader
 from dockctl.scenarios.schema import Pose, Scenario
 from dockctl.scenarios.training import THESIS
-
-CATALOG = [
-    *("marina", "marina-fleet", "marina-unseen"),
-    *("s1", "s1-weather", "s2", "s2-poses", "s3", "s3-appendix-b", "s3-direct", "s3-obstacle"),
-    "s3-opposite",
-]
 
 
 def write(folder: Path, text: str, name: str = "x.yaml") -> Path:
@@ -44,81 +33,8 @@ def refused(folder: Path, text: str) -> list[tuple[str, int, int, str, str]]:
     ]
 
 
-def poses(given: Any) -> list[tuple[float, float, float]]:
-    return [(pose.x_m, pose.y_m, pose.heading_deg) for pose in given]
-
-
 def weights(scenario: Scenario) -> dict[str, float]:
     return {term.term: term.weight for term in scenario.reward.terms}
-
-
-def test_scenario_1_is_the_thesis() -> None:
-    scenario = loader.load("s1").scenario
-    assert poses(scenario.task.initial) == [(20, 2, 160)]
-    assert scenario.task.intermediate is None
-    assert poses([scenario.task.final]) == [(36, 0, 180)]
-    tolerance = scenario.task.final_tolerance
-    assert (tolerance.distance_m, tolerance.heading, tolerance.speed_mps) == (1.0, 0.07, 0.1)
-    assert scenario.reward.distance_unit_m == 20
-    assert weights(scenario) == {
-        "collision": -30_000,
-        "final": 30_000,
-        "distance": -150,
-        "orientation": -100,
-        "speed": -20,
-    }
-    assert [part.part for part in scenario.observation] == [
-        "distance",
-        "heading_error",
-        "velocity",
-        "command",
-        "lidar",
-    ]
-
-
-def test_scenario_2_starts_from_table_3_6_and_is_tested_from_table_4_3() -> None:
-    scenario = loader.load("s2").scenario
-    table_4_3 = [(20, 3, 150), (20, 2, 160), (20, 1, 170), (20, 0, 180), (20, -1, 190)]
-    assert poses(scenario.task.initial) == [(20, 2, 160), (20, 0, 180), (20, -2, 200)]
-    assert poses(scenario.evaluation.poses) == table_4_3
-    assert poses(loader.load("s2-poses").scenario.task.initial) == table_4_3
-
-
-def test_scenario_3_has_two_phases() -> None:
-    scenario = loader.load("s3").scenario
-    assert poses([*scenario.task.initial, scenario.task.intermediate, scenario.task.final]) == [
-        (23, -10, 90),
-        (18, 3, 150),
-        (36, 0, 180),
-    ]
-    assert weights(scenario) == {**weights(loader.load("s1").scenario), "intermediate": 30_000, "speed": -10}
-    assert [term.params for term in scenario.reward.terms if term.term == "speed"] == [{"floor_m": 0.4}]
-    assert scenario.observation[0].part == "phase"
-    opposite = loader.load("s3-opposite").scenario.task
-    assert poses([*opposite.initial, opposite.intermediate, opposite.final]) == [
-        (21, -11, 90),
-        (25, 0, 50),
-        (7, -2, 0),
-    ]
-
-
-def test_eilbrecht_is_table_3_1() -> None:
-    vessel = loader.load_vessel("eilbrecht")
-    assert (vessel.mass_kg, vessel.yaw_inertia_kgm2, vessel.propeller_arm_m) == (150, 68.2, 1.5)
-    assert (vessel.X_udot_kg, vessel.Y_vdot_kg, vessel.Y_rdot_kgm, vessel.N_rdot_kgm2) == (
-        -18.3,
-        -120.6,
-        0,
-        -31.8,
-    )
-    assert (vessel.X_u_kgps, vessel.X_uu_kgpm, vessel.Y_v_kgps, vessel.Y_vv_kgpm) == (94.2, 66, 395.8, 395.8)
-    assert (vessel.N_r_kgm2ps, vessel.N_rr_kgm2, vessel.Y_r_kgmps, vessel.N_v_kgmps) == (
-        942.5,
-        245.1,
-        245.1,
-        0,
-    )
-    assert (vessel.hull.length_m, vessel.hull.beam_m, vessel.hull.draft_m) == (3, 1, 0.3)
 
 
 def test_a_file_inherits_all_but_its_name(tmp_path: Path) -> None:
@@ -399,72 +315,6 @@ def test_problems_of_later_checks_are_located(tmp_path: Path) -> None:
     assert loaded.problem("task.final", "!").file.endswith("s1.yaml")
 
 
-@pytest.mark.parametrize("name", CATALOG)
-def test_dump_gives_the_same_scenario(tmp_path: Path, name: str) -> None:
-    assert name in catalog.SCENARIOS
-    scenario = loader.load(name).scenario
-    assert load(tmp_path, loader.dump(scenario)) == scenario
-
-
-TEXT = st.text(st.characters(exclude_categories=["Cs", "Cc"]), max_size=30)
-NUMBER = st.floats(-1e6, 1e6)
-
-
-@settings(max_examples=30)
-@given(
-    title=TEXT,
-    x=st.floats(-1e4, 1e4),
-    weight=NUMBER,
-    floor=st.floats(1e-9, 1),
-    rate=st.floats(1e-12, 1),
-    phases=st.booleans(),
-)
-def test_dump_gives_the_same_scenario_for_any_values(
-    tmp_path_factory: pytest.TempPathFactory,
-    title: str,
-    x: float,
-    weight: float,
-    floor: float,
-    rate: float,
-    phases: bool,
-) -> None:
-    base = loader.load("s3").scenario.model_dump()
-    base["title"] = title
-    base["task"]["final"]["x_m"] = x
-    base["task"]["intermediate"] = base["task"]["intermediate"] if phases else None
-    base["reward"]["terms"] = [{"term": "speed", "weight": weight, "params": {"floor_m": floor}}]
-    base["training"].update(learning_rate=rate, stop=None, huber_delta=None)
-    scenario = Scenario.model_validate(base)
-    assert load(tmp_path_factory.getbasetemp(), loader.dump(scenario)) == scenario
-
-
-KEYS = st.sampled_from(
-    [
-        *Scenario.model_fields,
-        "extends",
-        "<<",
-        "final",
-        "terms",
-        "speed",
-        "params",
-        "kind",
-        "meshes",
-        "path",
-        "poses",
-    ]
-)
-VALUES = st.recursive(
-    st.none()
-    | st.booleans()
-    | st.integers()
-    | NUMBER
-    | TEXT
-    | st.sampled_from(["s1", "eilbrecht", "meshes", "marina"]),
-    lambda inner: st.lists(inner, max_size=3) | st.dictionaries(KEYS, inner, max_size=4),
-    max_leaves=15,
-)
-
-
 def test_a_file_name_that_is_not_a_scenario_name_requires_a_name(tmp_path: Path) -> None:
     path = write(tmp_path, "extends: s1\n", "my berth.yaml")
     with pytest.raises(InputError) as caught:
@@ -473,19 +323,3 @@ def test_a_file_name_that_is_not_a_scenario_name_requires_a_name(tmp_path: Path)
     assert (problem.file, problem.field, problem.code) == (str(path), "name", "invalid")
     path.write_text("extends: s1\nname: my-berth\n")
     assert loader.load(path).scenario.name == "my-berth"
-
-
-@given(st.dictionaries(KEYS, VALUES, max_size=6), st.booleans())
-def test_any_mapping_is_a_scenario_or_an_error(
-    tmp_path_factory: pytest.TempPathFactory, data: dict[str, Any], extend: bool
-) -> None:
-    data = {**data, "extends": "s1"} if extend else data
-    path = write(tmp_path_factory.getbasetemp(), json.dumps(data), "any.yaml")
-    with suppress(DockctlError):
-        assert isinstance(loader.load(path).scenario, Scenario)
-
-
-@given(KEYS, KEYS, VALUES)
-def test_any_override_is_a_scenario_or_an_error(first: str, second: str, value: object) -> None:
-    with suppress(DockctlError):
-        assert isinstance(loader.load("s1", overrides=[f"{first}.{second}={value}"]).scenario, Scenario)
