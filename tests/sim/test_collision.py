@@ -14,8 +14,8 @@ from hypothesis import strategies as st
 from dockctl.scenarios.harbor import MeshFile, MeshHarbor
 from dockctl.scenarios.vessel import Hull
 from dockctl.sim.collision import CollisionChecker
-from dockctl.sim.harbor.build import Part, assemble, build_harbor
-from dockctl.sim.harbor.solids import Mesh, Solid, box, hull_mesh, hull_outline, prism
+from dockctl.sim.harbor.build import assemble, build_harbor
+from dockctl.sim.harbor.solids import Mesh, Part, Solid, box, hull_mesh, hull_outline, prism
 from tests.sim.harbor.harbors import reference_harbor
 from tests.sim.meshes import peer
 

@@ -6,6 +6,7 @@ from collections import defaultdict
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass
 from functools import cached_property
+from typing import Literal
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -13,6 +14,7 @@ from numpy.typing import ArrayLike, NDArray
 from dockctl.geometry import Floats
 from dockctl.scenarios.vessel import Hull
 
+PartKind = Literal["quay", "finger", "pile", "vessel", "mesh"]
 Points = Floats | Sequence[Sequence[float] | Floats]
 """Points, (k, 3) or (k, 2)."""
 
@@ -82,6 +84,20 @@ def joined(solids: Iterable[Solid]) -> Mesh:
     offsets = np.cumsum([0, *(len(mesh.vertices) for mesh in meshes)])
     faces = [mesh.faces + offset for mesh, offset in zip(meshes, offsets, strict=False)]
     return Mesh(np.concatenate([m.vertices for m in meshes]), np.concatenate(faces))
+
+
+@dataclass(frozen=True, eq=False)
+class Part:
+    """One obstacle; `solids` are its closed solids in the world frame [m]."""
+
+    name: str
+    kind: PartKind
+    solids: tuple[Solid, ...]
+
+    @property
+    def mesh(self) -> Mesh:
+        """All solids in one mesh."""
+        return joined(self.solids)
 
 
 def loft(rings: ArrayLike) -> Mesh:

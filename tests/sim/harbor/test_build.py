@@ -24,8 +24,8 @@ from dockctl.scenarios.harbor import HarborSpec, Marina, MeshFile, MeshHarbor
 from dockctl.scenarios.vessel import Hull
 from dockctl.sim.collision import CollisionChecker
 from dockctl.sim.harbor import build
-from dockctl.sim.harbor.build import Harbor, Part, assemble, build_harbor, build_scene
-from dockctl.sim.harbor.solids import Solid, box, hull_outline
+from dockctl.sim.harbor.build import Harbor, assemble, build_harbor, build_scene
+from dockctl.sim.harbor.solids import Part, Solid, box, hull_outline
 from dockctl.sim.world import PoseCheck, load_checked
 from tests.sim.harbor.harbors import reference_harbor, reference_spec
 from tests.sim.meshes import peer

@@ -20,7 +20,8 @@ from dockctl.scenarios.layouts import LONGEST_CM, generate, layouts
 from dockctl.scenarios.loader import load, load_harbor
 from dockctl.scenarios.vessel import Hull
 from dockctl.sim.collision import collision_checker
-from dockctl.sim.harbor.build import SIDE_CLEARANCE_M, Harbor, build_harbor
+from dockctl.sim.harbor.build import Harbor, build_harbor
+from dockctl.sim.harbor.marina import SIDE_CLEARANCE_M
 from dockctl.sim.harbor.mesh_files import moored_model
 from dockctl.sim.harbor.solids import hull_outline
 from dockctl.sim.starts import StartSampler, own_site, sites

@@ -14,8 +14,8 @@ from scipy.ndimage import label
 from dockctl.geometry import Floats
 from dockctl.scenarios.vessel import Hull
 from dockctl.sim.collision import CollisionChecker
-from dockctl.sim.harbor.build import Part, assemble
-from dockctl.sim.harbor.solids import Solid, box
+from dockctl.sim.harbor.build import assemble
+from dockctl.sim.harbor.solids import Part, Solid, box
 from dockctl.sim.harbor.waters import Waters, connected_cells
 
 HULL = Hull()
