@@ -42,6 +42,10 @@ CONDITION_KEYS: list[tuple[str, dict[str, Any]]] = [
     ("shallow_water", {"depth_m": [0.4, 2]}),
     ("navigation", {"position_m": 0.02, "heading_deg": [0, 0.5], "velocity_mps": 0.03}),
 ]
+SENSOR_KEYS: list[tuple[str, dict[str, Any]]] = [
+    ("spinning", {"azimuth_steps": 90}),
+    ("planar", {"rays": 90}),
+]
 
 
 @pytest.mark.parametrize("name", REWARD_TERMS.names())
@@ -64,7 +68,7 @@ def test_conditions(kind: str, keys: dict[str, Any]) -> None:
     testing.check_condition(kind, **keys)
 
 
-@pytest.mark.parametrize(("kind", "keys"), [("spinning", {"azimuth_steps": 90}), ("planar", {"rays": 90})])
+@pytest.mark.parametrize(("kind", "keys"), SENSOR_KEYS)
 def test_range_sensors(kind: str, keys: dict[str, Any]) -> None:
     testing.check_range_sensor(kind, **keys)
 
@@ -93,7 +97,7 @@ def test_an_algorithm_whose_policy_explores_is_rejected(monkeypatch: pytest.Monk
 
 def test_every_condition_and_sensor_is_checked() -> None:
     assert set(CONDITIONS.names()) == {kind for kind, _ in CONDITION_KEYS}
-    assert set(RANGE_SENSORS.names()) == {"spinning", "planar"}
+    assert set(RANGE_SENSORS.names()) == {kind for kind, _ in SENSOR_KEYS}
 
 
 @pytest.mark.parametrize("name", VESSELS.names())

@@ -304,7 +304,8 @@ def receive(folder: Path, names: frozenset[str], changed: Mapping[str, bytes], k
     for run in sorted({Path(*Path(name).parts[:2]) for name in names}):
         files = [name for name in names if Path(name).is_relative_to(run)]
         if os.path.exists(folder / run) and not any(Path(name).is_relative_to(run) for name in known):
-            raise DockctlError(f"{folder / run}: exists, and is not replaced by the run of a worker")
+            message = f"{folder / run}: exists, and is not replaced by the run of a worker"
+            raise DockctlError(message, code="duplicate")
         if not any(name in changed for name in files):
             continue
         with new_folder(folder / run) as new:
