@@ -75,11 +75,11 @@ def _registered(listing: str) -> Iterator[Row]:
 
 
 def _checkpoints() -> Iterator[Row]:
-    from dockctl.runs.directory import SCENARIO, RunDirectory, named_checkpoints, shipped
+    from dockctl.runs.directory import POLICY_JSON, SCENARIO, RunDirectory, named_checkpoints, shipped
     from dockctl.scenarios import loader
 
     for name, folder in named_checkpoints().items():
-        facts = RunDirectory(folder).read_json("policy.json")
+        facts = RunDirectory(folder).read_json(POLICY_JSON)
         training = f"seed {facts.get('seed')}, {facts.get('env_steps'):,} steps"
         size = f"{facts.get('observation_size')} numbers to {facts.get('actions')} actions"
         origin = "dockctl" if name in shipped() else f"folder {folder}"

@@ -30,7 +30,7 @@ from dockctl.errors import DockctlError, nearest, plugin_errors
 from dockctl.evaluation.libraries import CheckedPolicy, factory_of, imported, onnx_policy, sb3_policy
 from dockctl.plugins import OBSERVATION_PARTS, POLICIES, Entry
 from dockctl.reading import read_bytes
-from dockctl.runs.directory import RUNS, SCENARIO, RunDirectory, named_checkpoints
+from dockctl.runs.directory import POLICY_JSON, RUNS, SCENARIO, RunDirectory, named_checkpoints
 from dockctl.scenarios import catalog
 from dockctl.scenarios.catalog import SUFFIXES
 from dockctl.scenarios.content import first_difference
@@ -176,7 +176,7 @@ class CheckpointPolicy(LoadedPolicy):
     def portable(self) -> tuple[str, dict[str, bytes], Mapping[str, Any]]:
         files = (self.file, self.file.with_suffix(".safetensors"))
         pair = {f"policy{file.suffix}": read_bytes(file) for file in files}
-        return f"{self.FILES}/policy.json", pair, {}
+        return f"{self.FILES}/{POLICY_JSON}", pair, {}
 
     def facts(self) -> dict[str, Any]:
         return {"file": str(self.file), **self.card.model_dump(mode="json")}

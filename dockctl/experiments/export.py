@@ -20,7 +20,16 @@ from dockctl.evaluation.policies import CheckpointPolicy, load_checkpoint
 from dockctl.evaluation.rollout import Episode, Rollout
 from dockctl.evaluation.starts import TRAINING, training_starts
 from dockctl.experiments.model_card import card_text, is_of_policy, read_evaluations
-from dockctl.runs.directory import EVALUATION, MESHES, PLUGINS, RUNS, SCENARIO, RunDirectory
+from dockctl.runs.directory import (
+    EVALUATION,
+    MESHES,
+    PLUGINS,
+    POLICY_JSON,
+    POLICY_TENSORS,
+    RUNS,
+    SCENARIO,
+    RunDirectory,
+)
 from dockctl.runs.files import new_folder, require_replaceable
 from dockctl.scenarios.base import NAME
 from dockctl.scenarios.content import mesh_files, with_paths
@@ -28,7 +37,7 @@ from dockctl.scenarios.loader import LoadedScenario, dump
 from dockctl.scenarios.schema import PolicyInterface
 
 CARD = "card.md"
-CHECKPOINT = ("policy.json", "policy.safetensors", SCENARIO, CARD)
+CHECKPOINT = (POLICY_JSON, POLICY_TENSORS, SCENARIO, CARD)
 """Files of an exported checkpoint."""
 
 

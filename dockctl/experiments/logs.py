@@ -15,7 +15,14 @@ from pathlib import Path
 from typing import Any, Protocol
 
 from dockctl.errors import DockctlError, nearest
-from dockctl.runs.directory import EPISODES_CSV, EVALUATIONS_CSV, TIMING_CSV, UPDATES_CSV, RunDirectory
+from dockctl.runs.directory import (
+    EPISODES_CSV,
+    EVALUATIONS_CSV,
+    SCENARIO,
+    TIMING_CSV,
+    UPDATES_CSV,
+    RunDirectory,
+)
 from dockctl.runs.files import writing
 from dockctl.runs.tables import Value
 from dockctl.scenarios.yaml_tree import read_file
@@ -84,7 +91,7 @@ class WeightsAndBiases:
 
     def __init__(self, run: RunDirectory) -> None:
         wandb = import_module("wandb")
-        scenario = run.path / "scenario.yaml"
+        scenario = run.path / SCENARIO
         self._run = wandb.init(
             project="dockctl",
             dir=str(run.path),

@@ -29,7 +29,7 @@ from dockctl.errors import DockctlError
 from dockctl.experiments.jobs import KilledError, LocalJob, open_log, remaining
 from dockctl.experiments.study import Experiment, Job
 from dockctl.reading import read_bytes
-from dockctl.runs.directory import CHECKPOINTS, LAST
+from dockctl.runs.directory import CHECKPOINTS, LAST, LEARNER_JSON
 from dockctl.runs.files import exclusive_lock, intact, is_locked, new_folder, writing
 from dockctl.scenarios.content import SCENARIO_FILE, self_contained
 from dockctl.scenarios.loader import load
@@ -39,7 +39,7 @@ LOSSES = 3
 POLL_SECONDS = 0.25
 FOLDERS = "dockctl-ray-"
 """Beginning of the names of temporary folders."""
-SAVED = f"*/*/{CHECKPOINTS}/{LAST}/learner.json"
+SAVED = f"*/*/{CHECKPOINTS}/{LAST}/{LEARNER_JSON}"
 
 
 @dataclass(frozen=True)

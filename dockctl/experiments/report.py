@@ -15,7 +15,7 @@ from dockctl.reading import read_json, reading
 from dockctl.reports import replay as replay_page
 from dockctl.reports.report import Page, run_page
 from dockctl.reports.study_report import Trial, comparison_page, study_page
-from dockctl.runs.directory import BEST, PROVENANCE, RUNS, SCENARIO, STUDY, RunDirectory
+from dockctl.runs.directory import BEST, POLICY_JSON, PROVENANCE, RUNS, SCENARIO, STUDY, RunDirectory
 from dockctl.runs.files import exclusive_lock, write_atomically
 from dockctl.runs.reader import SOURCES, read_run
 
@@ -108,7 +108,7 @@ def _is_running(run: RunDirectory) -> bool:
 def _best(run: RunDirectory) -> str | None:
     """Return the hash of the best policy, if there is one yet."""
     try:
-        return str(RunDirectory(run.checkpoint(BEST)).read_json("policy.json").get("sha256"))
+        return str(RunDirectory(run.checkpoint(BEST)).read_json(POLICY_JSON).get("sha256"))
     except DockctlError:
         return None
 

@@ -22,7 +22,9 @@ from dockctl.runs.directory import (
     FAILURES,
     LAST,
     LATENCY,
+    LEARNER_JSON,
     MAP,
+    POLICY_JSON,
     PROVENANCE,
     RECORDING,
     RETURNS,
@@ -314,11 +316,11 @@ def _policy_hash(run: Path) -> str | None:
     """Return the SHA-256 of the policy that is measured: the best one, or the last if there is no other."""
     for name in (BEST, LAST):
         try:
-            return str(RunDirectory(RunDirectory(run).checkpoint(name)).read_json("policy.json")["sha256"])
+            return str(RunDirectory(RunDirectory(run).checkpoint(name)).read_json(POLICY_JSON)["sha256"])
         except (DockctlError, KeyError):
             pass
     return None
 
 
 def _resumable(run: Path) -> bool:
-    return (RunDirectory(run).checkpoint(LAST) / "learner.json").is_file()
+    return (RunDirectory(run).checkpoint(LAST) / LEARNER_JSON).is_file()

@@ -74,6 +74,8 @@ ARCHIVED_AS = "archived_as"
 """Key in the scene file of an archived run: relative path of the compressed scene that several runs share."""
 FIGURES, CHECKPOINTS, PLUGINS, MESHES = "figures", "checkpoints", "plugins", "meshes"
 BEST, LAST, BLOCKS = "best", "last", "blocks"
+POLICY_JSON, POLICY_TENSORS, LEARNER_JSON = "policy.json", "policy.safetensors", "learner.json"
+"""Files of a checkpoint: facts and parameters of the policy, and facts of the state for resuming."""
 GENERATIONS = 3
 """Number of checkpoints of a name that are kept."""
 SHIPPED = Path(dockctl.__file__).parent / "checkpoints"
@@ -82,12 +84,12 @@ SHIPPED = Path(dockctl.__file__).parent / "checkpoints"
 
 def shipped() -> dict[str, Path]:
     """Return the folder of each checkpoint that comes with the package, by name."""
-    return {file.parent.name: file.parent for file in sorted(SHIPPED.glob("*/policy.json"))}
+    return {file.parent.name: file.parent for file in sorted(SHIPPED.glob(f"*/{POLICY_JSON}"))}
 
 
 def named_checkpoints() -> dict[str, Path]:
     """Return the folder of each checkpoint that has a name: the shipped ones, then those in ./checkpoints."""
-    own = {file.parent.name: file.parent for file in sorted(Path(CHECKPOINTS).glob("*/policy.json"))}
+    own = {file.parent.name: file.parent for file in sorted(Path(CHECKPOINTS).glob(f"*/{POLICY_JSON}"))}
     return shipped() | {name: folder for name, folder in own.items() if name not in shipped()}
 
 
