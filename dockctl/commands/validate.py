@@ -2,16 +2,12 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Annotated
+from typing import Annotated
 
 import typer
 
 from dockctl.commands.options import Overrides, Plugins, Trust
-from dockctl.console import count
 from dockctl.errors import DockctlError
-
-if TYPE_CHECKING:
-    from dockctl.scenarios.schema import Scenario
 
 
 def validate(
@@ -29,6 +25,7 @@ def validate(
     """
     from dockctl import plugins
     from dockctl.experiments.dry_run import dry_run
+    from dockctl.experiments.registered import phases, summary
     from dockctl.plugins import SCENARIOS
     from dockctl.scenarios import catalog
     from dockctl.sim.world import load_checked, notes
@@ -53,17 +50,3 @@ def validate(
                 typer.secho(f"note: {note}", fg="yellow", err=True)
     if failures:
         raise typer.Exit(DockctlError.exit_code)
-
-
-def phases(scenario: Scenario) -> str:
-    """Return the number of phases in words: two with an intermediate pose."""
-    return "two phases" if scenario.task.intermediate else "one phase"
-
-
-def summary(scenario: Scenario) -> str:
-    """Return a one-line summary of a scenario."""
-    starts = count(len(scenario.task.initial), "start")
-    parts = count(len(scenario.observation), "observation part")
-    terms = count(len(scenario.reward.terms), "reward term")
-    where = f"{scenario.vessel.name} in {scenario.harbor.name}"
-    return f"{starts}, {parts}, {terms}; {where}, {count(scenario.training.boats, 'boat')} in training"
