@@ -59,7 +59,7 @@ def test_help_imports_nothing_heavy() -> None:
 
 @pytest.mark.slow
 def test_a_validation_loads_no_learner_no_tables_no_drawing_and_no_statistics() -> None:
-    assert loaded_by(["validate", "s3"], (*ANALYSIS, "torch", "trimesh", "scipy.ndimage")) == []
+    assert loaded_by(["validate", "s3"], (*ANALYSIS, "torch", "trimesh")) == []
 
 
 @pytest.mark.slow
