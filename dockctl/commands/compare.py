@@ -48,7 +48,7 @@ def compare(
     seed: StartSeed = None,
     json_: Json = None,
     csv: Annotated[Path | None, typer.Option(help="Write one row per episode to this file.")] = None,
-    out: Annotated[Path, typer.Option(help="Folder of the figure.")] = FOLDER,
+    out: Annotated[Path, typer.Option(help="Output folder of the figure.")] = FOLDER,
 ) -> None:
     """Run policies from the same starts and report how far each differs from the first.
 

@@ -74,7 +74,7 @@ def evaluate(
             min=0,
             max=1,
             callback=finite,
-            help="Exit with 1 if a smaller fraction docks, of the evaluation poses or of the random starts.",
+            help="Exit with 1 if the success rate is lower, from the evaluation poses or the random starts.",
         ),
     ] = None,
     json_: Json = None,

@@ -14,8 +14,8 @@ def init(
     kind: Annotated[
         str, typer.Argument(metavar="|".join(KINDS), help="What to add.", autocompletion=lambda: [*KINDS])
     ],
-    name: Annotated[str, typer.Argument(help="Its name, from which the files are named.")],
-    out: Annotated[Path, typer.Option(help="Folder of the files.")] = Path(),
+    name: Annotated[str, typer.Argument(help="Its name; the files are named after it.")],
+    out: Annotated[Path, typer.Option(help="Output folder.")] = Path(),
 ) -> None:
     """Write a commented template that runs as it is, and print the commands to try next.
 

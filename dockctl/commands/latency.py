@@ -33,7 +33,10 @@ def latency(
     plugin: Plugins = None,
     trust: Trust = False,
     decisions: Annotated[
-        int, typer.Option(min=10, max=1_000_000, help="Decisions to time at least, in complete episodes.")
+        int,
+        typer.Option(
+            min=10, max=1_000_000, help="Minimum number of decisions to time, in complete episodes."
+        ),
     ] = 500,
     json_: Json = None,
     out: Annotated[

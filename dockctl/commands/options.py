@@ -126,12 +126,11 @@ Plugins = Annotated[
 ]
 Trust = Annotated[
     bool,
-    typer.Option(
-        "--trust", help="Run the code that a checkpoint or run folder of somebody else brings along."
-    ),
+    typer.Option("--trust", help="Run the code in a checkpoint or run folder from someone else."),
 ]
 Episodes = Annotated[
-    int | None, typer.Option(min=0, max=100_000, help="Random starts; as in the scenario by default.")
+    int | None,
+    typer.Option(min=0, max=100_000, help="Number of random starts; that of the scenario by default."),
 ]
 On = Annotated[
     str | None,

@@ -21,7 +21,7 @@ def report(
     ] = None,
     out: Annotated[Path | None, typer.Option(help="The page; report-<name>.html by default.")] = None,
     follow: Annotated[
-        bool, typer.Option("--follow", help="Write the page again and again until the training ends.")
+        bool, typer.Option("--follow", help="Rewrite the page until the training ends.")
     ] = False,
     trust: Trust = False,
 ) -> None:

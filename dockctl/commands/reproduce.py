@@ -20,15 +20,18 @@ def reproduce(
     ] = None,
     study: Annotated[str, typer.Option(help="Study file or name of a packaged study.")] = THESIS,
     out: Annotated[
-        Path, typer.Option(help="Output folder, for <study>/<experiment>/<scenario>/<time>-seed<N>/.")
+        Path,
+        typer.Option(
+            help="Output folder; a run is in <study>/<experiment>/<scenario>/<time>-seed<N>/ below it."
+        ),
     ] = Path("runs/reproduce"),
     jobs: Annotated[
         int | None, typer.Option(min=1, max=1024, help="Number of parallel trainings.", show_default="cores")
     ] = None,
     on: On = None,
-    results: Annotated[Path, typer.Option(help="Archive folder, for <study>/<experiment>/seed<N>/.")] = Path(
-        "results"
-    ),
+    results: Annotated[
+        Path, typer.Option(help="Archive folder; a run is in <study>/<experiment>/seed<N>/ below it.")
+    ] = Path("results"),
 ) -> None:
     """Run all experiments of a study, and archive the small files of every finished run.
 

@@ -25,14 +25,14 @@ def runs(
         str, typer.Argument(metavar="|".join(ACTIONS), help="What to do.", autocompletion=lambda: [*ACTIONS])
     ] = ACTIONS[0],
     root: Annotated[Path, typer.Option(metavar="FOLDER", help="Folder of the runs.")] = RUNS,
-    yes: Annotated[bool, typer.Option("--yes", help="clean: delete, and do not only list.")] = False,
+    yes: Annotated[bool, typer.Option("--yes", help="With clean: delete instead of only listing.")] = False,
     json_: Json = None,
 ) -> None:
-    """List the runs with their state, or find out what of them can be deleted.
+    """List the runs with their state, or what can be deleted.
 
     `clean` lists the runs without a checkpoint, and the older checkpoints of finished runs, which are there
-    in case that the newest is damaged. It deletes them with --yes. It leaves runs that are being trained,
-    and all tables and results of runs with a checkpoint.
+    in case the newest is damaged; --yes deletes them. Runs that are being trained are skipped, and
+    all tables and results of runs with a checkpoint stay.
 
     Example: dockctl runs clean --root runs
     """

@@ -15,15 +15,15 @@ FILES = ("scenario", "vessel", "harbor", "study")
 
 def schema(
     file: Annotated[
-        str, typer.Argument(metavar="|".join(FILES), help="Which files.", autocompletion=lambda: [*FILES])
+        str, typer.Argument(metavar="|".join(FILES), help="Type of file.", autocompletion=lambda: [*FILES])
     ] = FILES[0],
     plugin: Plugins = None,
-    out: Annotated[Path | None, typer.Option(help="Write to this file, not to standard output.")] = None,
+    out: Annotated[Path | None, typer.Option(help="Write to this file instead of standard output.")] = None,
 ) -> None:
-    """Print a JSON Schema, with which editors complete and check scenario files.
+    """Print a JSON Schema that lets editors complete and check scenario files.
 
-    It has the rewards, observations, actions and so on that are registered here; --plugin adds those of a
-    local file.
+    It includes the rewards, observations, actions and so on that are registered here; --plugin adds those of
+    a local file.
 
     Example: dockctl schema --out dockctl-scenario.json
     """

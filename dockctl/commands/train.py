@@ -27,12 +27,12 @@ def train(
     ] = None,
     jobs: Annotated[
         int | None,
-        typer.Option(min=1, max=1024, help="Parallel trainings of several.", show_default="cores"),
+        typer.Option(min=1, max=1024, help="Number of trainings to run in parallel.", show_default="cores"),
     ] = None,
     out: Annotated[
         Path | None,
         typer.Option(
-            help="Output folder, for <scenario>/<time>-seed<N>/; of several trainings, for"
+            help="Output folder; a run is in <scenario>/<time>-seed<N>/ below it, one of several trainings in"
             " <scenario>/<combination>/<scenario>/<time>-seed<N>/.",
             show_default=f"{RUNS}, or {SWEEPS}",
         ),
@@ -55,15 +55,19 @@ def train(
         ),
     ] = None,
     steps: Annotated[
-        int | None, typer.Option(min=1, help="Limit of environment steps, all boats together.")
+        int | None, typer.Option(min=1, help="Maximum number of environment steps, summed over all boats.")
     ] = None,
     on_divergence: Annotated[
         str | None,
-        typer.Option(metavar="stop|rollback|continue", help="When the training diverges; stop by default."),
+        typer.Option(
+            metavar="stop|rollback|continue", help="What to do if the training diverges; stop by default."
+        ),
     ] = None,
     log: Annotated[
         list[str] | None,
-        typer.Option(metavar="tensorboard|wandb", help="Also log the tables there; can be repeated."),
+        typer.Option(
+            metavar="tensorboard|wandb", help="Also log the tables to this service; can be repeated."
+        ),
     ] = None,
     device: Annotated[str, typer.Option(help="Torch device of the networks: cpu, cuda, ...")] = "cpu",
     plugin: Plugins = None,

@@ -19,7 +19,7 @@ DIFFERENT = 1
 def verify(
     run: Annotated[Path | None, typer.Argument(help="Run folder; the latest in ./runs by default.")] = None,
     steps: Annotated[
-        int, typer.Option(min=1, help="Environment steps to repeat, all boats together.")
+        int, typer.Option(min=1, help="Number of environment steps to repeat, summed over all boats.")
     ] = 10_000,
     plugin: Plugins = None,
     trust: Trust = False,

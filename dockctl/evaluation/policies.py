@@ -267,8 +267,8 @@ def load_policy(
 
     Args:
         policy: the source; None for the latest run in ``runs/``.
-        plugin_files: local plugins to load first; they replace those that a checkpoint brings along.
-        trust: run the code that a checkpoint brings along, though it is unknown on this machine.
+        plugin_files: local plugins to load first; they replace those in a checkpoint.
+        trust: run the code in a checkpoint, although it is unknown on this machine.
         params: keyword parameters of a factory.
 
     Raises:

@@ -65,7 +65,7 @@ class RayRollout:
         """Run one episode from each start, in their order; the part of a worker that is lost is run again.
 
         Raises:
-            DockctlError: the policy fails, or workers are lost again and again.
+            DockctlError: the policy fails, or workers are lost repeatedly.
         """
         starts = seeded(starts)
         count = max(

@@ -32,7 +32,7 @@ os.execv(sys.executable, [sys.executable, *sys.argv[2:]])
 
 
 class KilledError(DockctlError):
-    """A process of a job was killed, by the system or by somebody."""
+    """A process of a job was killed, by the system or by a user."""
 
     code = "unavailable"
 

@@ -1,4 +1,4 @@
-"""Write the report of a run, a study or a comparison, once or again and again while a training runs."""
+"""Write the report of a run, a study or a comparison, once or repeatedly while a training runs."""
 
 from __future__ import annotations
 
@@ -48,7 +48,7 @@ def write_report(source: Path | None, out: Path | None, *, trust: bool = False, 
 
 
 def follow(source: Path | None, out: Path | None, *, trust: bool = False, note: Note = print) -> Path:
-    """Write the report of a training again and again until it ends, and return its path.
+    """Rewrite the report of a training until it ends, and return its path.
 
     Args:
         source: its run folder; the run that was started last by default.

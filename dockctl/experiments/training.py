@@ -147,7 +147,7 @@ def resume(
     between rows of ``updates.csv``.
 
     Args:
-        trust: run the plugins of a run of somebody else, see `dockctl.scenarios.loader.load`.
+        trust: run the plugins of a run from someone else, see `dockctl.scenarios.loader.load`.
         log: other logs than those with which it was started, which continue.
 
     Raises:
