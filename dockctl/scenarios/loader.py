@@ -19,6 +19,7 @@ from dockctl.scenarios import catalog
 from dockctl.scenarios.base import NAME, Model
 from dockctl.scenarios.berth import BERTH, at_berth
 from dockctl.scenarios.harbor import HarborSpec, is_model_file
+from dockctl.scenarios.merge import SELECTORS, at_location, merge, put
 from dockctl.scenarios.problems import function_problems, locate, validate
 from dockctl.scenarios.schema import Scenario
 from dockctl.scenarios.vessel import Vessel
@@ -36,9 +37,6 @@ from dockctl.trust import allowed, is_received
 
 OWN_KEYS = ("name", "title", "description")
 """Keys that are not inherited by files that extend a file."""
-
-SELECTORS = ("preset", "kind")
-"""Keys that select the meaning of their section: a section that changes one of them inherits nothing."""
 
 BY_NAME: dict[str, Registry[Path]] = {"vessel": VESSELS, "harbor": HARBORS}
 
@@ -170,40 +168,6 @@ def plain(scenario: Scenario) -> dict[str, Any]:
         term.pop("term"): term if term["params"] else term["weight"] for term in data["reward"]["terms"]
     }
     return data
-
-
-def merge(base: Node, over: Node, path: tuple[str, ...] = ()) -> Node:
-    """Merge `over` into `base`: mappings key by key; other values are replaced. Locations are preserved.
-
-    A number for a reward term replaces its weight and keeps its parameters.
-    """
-    if path[:-1] == ("reward", "terms"):
-        base, over = _as_term(base), _as_term(over)
-    if not isinstance(over.value, dict):
-        return over
-    if not isinstance(base.value, dict):
-        return replace(over, problems=base.problems + over.problems)
-    if any(
-        key in over.value and over.value[key].to_python() != _to_python(base.get(key)) for key in SELECTORS
-    ):
-        return over
-    merged = {
-        key: merge(base.value[key], over.value[key], (*path, key))
-        if key in base.value and key in over.value
-        else over.value.get(key, base.value.get(key))
-        for key in {**base.value, **over.value}
-    }
-    keys, problems = {**base.keys, **over.keys}, base.problems + over.problems
-    return Node(merged, over.location, keys, problems)  # type: ignore[arg-type]  # one of the two has the key
-
-
-def _as_term(node: Node) -> Node:
-    is_weight = isinstance(node.value, int | float) and not isinstance(node.value, bool)
-    return Node({"weight": node}, node.location, {"weight": node.location}) if is_weight else node
-
-
-def _to_python(node: Node | None) -> Any:
-    return node.to_python() if node else None
 
 
 def _name_of_file(path: Path, location: Location) -> Node:
@@ -344,39 +308,8 @@ def _override(tree: Node, override: str) -> Node:
     location, keys = Location(f"--set {name}"), name.split(".")
     if not equals or not all(keys) or len(keys) > MAX_DEPTH:
         raise input_error(Location(f"--set {override}"), "expected KEY=VALUE, for example training.seed=3")
-    value = _at(read_text(text, location.file), location)
-    return _expanded(_put(tree, keys, value, location, ()), SCENARIOS, location.file, None)
-
-
-def _put(node: Node, keys: list[str], value: Node, location: Location, done: tuple[str, ...]) -> Node:
-    if not keys:
-        return merge(node, value, done)
-    key, *rest = keys
-    if isinstance(node.value, list):
-        if not key.isdecimal() or int(key) >= len(node.value):
-            last = len(node.value) - 1
-            message = f"'{key}' is not an index of the list {'.'.join(done)} (0 to {last})"
-            raise input_error(location, message, code="out_of_range" if key.isdecimal() else "wrong_type")
-        items = list(node.value)
-        items[int(key)] = _put(items[int(key)], rest, value, location, (*done, key))
-        return replace(node, value=items)
-    inner = value
-    for part in reversed(keys):
-        inner = Node({part: inner}, location, {part: location})
-    child = node.get(key)
-    if child is None or not rest:
-        return merge(node, inner, done)
-    return node.with_value(key, _put(child, rest, value, location, (*done, key)))
-
-
-def _at(node: Node, location: Location) -> Node:
-    """Return the tree with every location set to `location`."""
-    value = node.value
-    if isinstance(value, dict):
-        value = {key: _at(child, location) for key, child in value.items()}
-    elif isinstance(value, list):
-        value = [_at(item, location) for item in value]
-    return replace(node, value=value, location=location, keys=dict.fromkeys(node.keys, location))
+    value = at_location(read_text(text, location.file), location)
+    return _expanded(put(tree, keys, value, location), SCENARIOS, location.file, None)
 
 
 def _load_part(source: str | Path, registry: Registry[Path], model: type[P]) -> P:

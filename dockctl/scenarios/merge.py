@@ -1,0 +1,86 @@
+"""Merging of YAML trees: a file into the one that it extends, and overrides into a file."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from typing import Any
+
+from dockctl.scenarios.yaml_tree import Location, Node, input_error
+
+SELECTORS = ("preset", "kind")
+"""Keys that select the meaning of their section: a section that changes one of them inherits nothing."""
+
+
+def merge(base: Node, over: Node, path: tuple[str, ...] = ()) -> Node:
+    """Merge `over` into `base`: mappings key by key; other values are replaced. Locations are preserved.
+
+    A number for a reward term replaces its weight and keeps its parameters.
+    """
+    if path[:-1] == ("reward", "terms"):
+        base, over = _as_term(base), _as_term(over)
+    if not isinstance(over.value, dict):
+        return over
+    if not isinstance(base.value, dict):
+        return replace(over, problems=base.problems + over.problems)
+    if any(
+        key in over.value and over.value[key].to_python() != _to_python(base.get(key)) for key in SELECTORS
+    ):
+        return over
+    merged = {
+        key: merge(base.value[key], over.value[key], (*path, key))
+        if key in base.value and key in over.value
+        else over.value.get(key, base.value.get(key))
+        for key in {**base.value, **over.value}
+    }
+    keys, problems = {**base.keys, **over.keys}, base.problems + over.problems
+    return Node(merged, over.location, keys, problems)  # type: ignore[arg-type]  # one of the two has the key
+
+
+def _as_term(node: Node) -> Node:
+    is_weight = isinstance(node.value, int | float) and not isinstance(node.value, bool)
+    return Node({"weight": node}, node.location, {"weight": node.location}) if is_weight else node
+
+
+def _to_python(node: Node | None) -> Any:
+    return node.to_python() if node else None
+
+
+def put(node: Node, keys: list[str], value: Node, location: Location, done: tuple[str, ...] = ()) -> Node:
+    """Merge `value` into `node` at the keys below it.
+
+    Args:
+        keys: of mappings, or indices of lists.
+        location: of nodes that are created.
+        done: keys above `node`.
+
+    Raises:
+        InputError: a key is not an index of its list.
+    """
+    if not keys:
+        return merge(node, value, done)
+    key, *rest = keys
+    if isinstance(node.value, list):
+        if not key.isdecimal() or int(key) >= len(node.value):
+            last = len(node.value) - 1
+            message = f"'{key}' is not an index of the list {'.'.join(done)} (0 to {last})"
+            raise input_error(location, message, code="out_of_range" if key.isdecimal() else "wrong_type")
+        items = list(node.value)
+        items[int(key)] = put(items[int(key)], rest, value, location, (*done, key))
+        return replace(node, value=items)
+    inner = value
+    for part in reversed(keys):
+        inner = Node({part: inner}, location, {part: location})
+    child = node.get(key)
+    if child is None or not rest:
+        return merge(node, inner, done)
+    return node.with_value(key, put(child, rest, value, location, (*done, key)))
+
+
+def at_location(node: Node, location: Location) -> Node:
+    """Return the tree with every location set to `location`."""
+    value = node.value
+    if isinstance(value, dict):
+        value = {key: at_location(child, location) for key, child in value.items()}
+    elif isinstance(value, list):
+        value = [at_location(item, location) for item in value]
+    return replace(node, value=value, location=location, keys=dict.fromkeys(node.keys, location))
