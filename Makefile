@@ -1,6 +1,6 @@
 # make dock     install, train scenario 3, evaluate, plot
 # make test     install, then run every check that a change must pass
-# make check    run the same checks in the existing environment
+# make check    run the same checks in the existing environment; with MARKS= also the thorough tests, as .ci/run
 # make results  write the results pages (docs/results.md, docs/results/) from the archived runs (results/)
 # make docs     write the documentation as a site that opens from the disk (build/site/index.html)
 # make bench    run the benchmarks against other libraries and write the page of their results (some minutes)
@@ -9,12 +9,13 @@
 PYTHON   ?= python3
 VENV     ?= .venv
 SCENARIO ?= scenarios/s3.yaml
+MARKS    ?= not thorough
 
 BIN := $(VENV)/bin
 BENCHMARKS := $(filter-out %/bench.py %/figures.py %/page.py %/gpu.py %/pilot.py %/soak.py %/training.py,$(wildcard benchmarks/*.py))
 PIP := $(BIN)/python -m pip install --quiet --disable-pip-version-check --constraint constraints.txt
 
-.PHONY: dock test check docs results bench clean
+.PHONY: dock test check types tests docs results bench clean
 .DEFAULT_GOAL := dock
 
 dock: $(VENV)/.run
@@ -28,9 +29,14 @@ test: $(VENV)/.dev
 check:
 	$(BIN)/ruff check .
 	$(BIN)/ruff format --check .
+	$(MAKE) --no-print-directory --jobs 2 types tests
+
+types:
 	$(BIN)/mypy
 	$(BIN)/lint-imports
-	$(BIN)/pytest -n 2
+
+tests:
+	$(BIN)/pytest -n 2 --dist worksteal -m "$(MARKS)"
 
 results: $(VENV)/.run
 	$(BIN)/python -m studies.thesis.build

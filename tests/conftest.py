@@ -4,13 +4,15 @@ from __future__ import annotations
 
 import os
 from collections.abc import Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 
 import pytest
+from filelock import FileLock, Timeout
 from hypothesis import settings
 
 from dockctl import plugins
 from dockctl.scenarios import catalog
+from tests.compiling import PARTS
 
 os.environ.setdefault("MPLBACKEND", "Agg")
 
@@ -28,6 +30,18 @@ def _own_folders(tmp_path_factory: pytest.TempPathFactory) -> Iterator[None]:
         patch.setenv("XDG_CACHE_HOME", str(session / "cache"))
         patch.setenv("XDG_STATE_HOME", str(session / "state"))
         yield
+
+
+@pytest.fixture(scope="session", autouse=True)
+def _compiled(_own_folders: None, tmp_path_factory: pytest.TempPathFactory) -> None:
+    """Share the compilation among the workers of pytest-xdist; else each would compile the same functions."""
+    if "PYTEST_XDIST_WORKER" not in os.environ:
+        return
+    session = tmp_path_factory.getbasetemp().parent
+    for timeout in (0, -1):  # first the parts that nobody else is compiling, then wait for the others
+        for name, compile_part in PARTS.items():
+            with suppress(Timeout), FileLock(session / f"{name}.lock", timeout):
+                compile_part()
 
 
 @contextmanager

@@ -103,6 +103,7 @@ def workplace(prepared: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -
 
 
 @pytest.mark.slow
+@pytest.mark.thorough  # tests/test_packaging.py looks their options up, and each command has its own tests
 @pytest.mark.parametrize("document", [d for d in DOCUMENTS if commands(d)], ids=lambda path: path.name)
 def test_the_commands_run(document: Path, workplace: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     if any("received" in words for words in commands(document)):

@@ -23,7 +23,7 @@ EVERY, FAULT, STEPS = 400, 1_000, 2_000
 NOBODY = 65_534
 TRAINING = Training(
     **{
-        **SETTINGS, "hidden_sizes": (8,), "replay_capacity": 200, "batch_size": 16, "n_step": 1,
+        **SETTINGS, "hidden_sizes": (16, 16), "replay_capacity": 200, "batch_size": 16, "n_step": 1,
         "evaluate_every_steps": EVERY, "total_steps": STEPS, "stop": None,
     }
 )  # fmt: skip

@@ -167,7 +167,7 @@ def test_a_checkpoint_of_another_network_is_not_resumed(tmp_path: Path) -> None:
 
 
 def test_the_thesis_preset_makes_one_update_a_step(tmp_path: Path) -> None:
-    training = Training(preset="thesis", total_steps=100, replay_capacity=1000, hidden_sizes=(8,))
+    training = Training(preset="thesis", total_steps=100, replay_capacity=1000, hidden_sizes=(8, 8))
     learner = trainer_in(RunDirectory.create(tmp_path, "toy", 0), training)
     seen: list[int] = []
     learner.on_progress = lambda progress: seen.append(progress.updates)

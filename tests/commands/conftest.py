@@ -4,14 +4,21 @@ from __future__ import annotations
 
 import json
 import shutil
+from concurrent.futures import Executor, Future
 from dataclasses import dataclass
+from itertools import islice
 from pathlib import Path
+from typing import IO, Any
 
 import pytest
 from typer.testing import CliRunner
 
 from dockctl.cli import app
 from dockctl.errors import DockctlError
+from dockctl.experiments import runner
+from dockctl.experiments.jobs import LocalJob
+from dockctl.experiments.study import Stage
+from dockctl.reports import figures, style
 
 QUICK = (
     "training.boats=2", "training.warmup_steps=20", "training.batch_size=8", "training.steps_per_update=2",
@@ -44,6 +51,47 @@ def dockctl(*arguments: object) -> Outcome:
     while cause and not isinstance(cause, DockctlError):
         cause = cause.__cause__ or cause.__context__  # what the command line turned into an exit code
     return Outcome(result.exit_code, result.stdout, result.stderr, cause)
+
+
+class InProcess(LocalJob):
+    """A job whose stages run in this process."""
+
+    def _call(self, stage: Stage, log: IO[bytes]) -> int:
+        outcome = dockctl(*stage.arguments)
+        log.write((outcome.out + outcome.err).encode())
+        return outcome.code
+
+
+class AtOnce(Executor):
+    """Calls in this thread, in which alone signals can be handled."""
+
+    def __init__(self, *_: object) -> None:
+        pass
+
+    def submit(self, function: Any, /, *args: Any, **named: Any) -> Future[Any]:
+        future: Future[Any] = Future()
+        future.set_result(function(*args, **named))
+        return future
+
+
+@pytest.fixture
+def one_figure(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Of a training only the first figure is drawn."""
+    drawn = figures.figures
+    monkeypatch.setattr(figures, "figures", lambda data: islice(drawn(data), 1))
+
+
+@pytest.fixture
+def in_process(monkeypatch: pytest.MonkeyPatch, one_figure: None) -> None:
+    """The jobs of studies start no processes, which would each import everything."""
+    monkeypatch.setattr(runner, "LocalJob", InProcess)
+    monkeypatch.setattr(runner, "ThreadPoolExecutor", AtOnce)
+
+
+@pytest.fixture(autouse=True)
+def _coarse_figures(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Figures are saved with few pixels."""
+    monkeypatch.setitem(style.STYLE, "savefig.dpi", 20)
 
 
 def quick_train(out: Path, *arguments: object) -> Outcome:

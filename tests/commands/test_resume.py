@@ -62,12 +62,15 @@ def start(out: Path, *arguments: str) -> subprocess.Popen[bytes]:
     return subprocess.Popen(command, stdout=subprocess.DEVNULL)
 
 
+STEPS = 1000
+
+
 @pytest.mark.slow
 def test_a_killed_process_resumes_exactly(tmp_path: Path) -> None:
-    assert quick_train(tmp_path / "whole", "s1", "--steps", 2000).code == 0
+    assert quick_train(tmp_path / "whole", "s1", "--steps", STEPS).code == 0
     for number, code in ((signal.SIGTERM, 130), (signal.SIGKILL, -signal.SIGKILL)):
         out = tmp_path / number.name
-        process = start(out, "--steps", "2000")
+        process = start(out, "--steps", f"{STEPS}")
         while not list(out.glob("*/*/checkpoints/last-1")):
             assert process.poll() is None
             time.sleep(0.01)
@@ -75,7 +78,7 @@ def test_a_killed_process_resumes_exactly(tmp_path: Path) -> None:
         assert process.wait(60) == code
         run = only_run(out)
         saved = json.loads((RunDirectory(run).checkpoint("last") / "policy.json").read_text())["env_steps"]
-        assert 100 <= saved < 2000
+        assert 100 <= saved < STEPS
         assert dockctl("train", "--resume", run).code == 0
         assert contents(run) == contents(only_run(tmp_path / "whole")), number
 

@@ -11,6 +11,7 @@ from dockctl.commands.options import parse_pose
 from dockctl.commands.show import sector_table
 from dockctl.errors import DockctlError
 from dockctl.experiments.show import berths
+from dockctl.reports import style
 from dockctl.reports.show import Scan, harbor_figure
 from dockctl.reports.style import figure_style
 from dockctl.scenarios.loader import load
@@ -54,6 +55,7 @@ def test_berths_are_drawn_with_a_legend() -> None:
 @pytest.mark.slow
 def test_four_drawings_and_the_distances(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.chdir(tmp_path)
+    monkeypatch.setitem(style.STYLE, "savefig.dpi", style.DPI)
     outcome = dockctl("show", "s3", "--pose", "25,1.5,170")
     assert outcome.code == 0
     folder = tmp_path / "figures" / "show" / "s3"

@@ -16,6 +16,7 @@ from tests.commands.conftest import QUICK, dockctl, only_run, quick_train
 
 
 @pytest.mark.slow
+@pytest.mark.usefixtures("in_process")
 def test_a_sweep_trains_every_combination_and_is_resumable(tmp_path: Path) -> None:
     settings = [word for setting in QUICK for word in ("--set", setting)]
     command = (

@@ -20,7 +20,26 @@ FILES = [
 ]
 
 
+VARIANTS = {
+    "marina-l-basin",
+    "marina-stern-to",
+    "marina-t-head",
+    "marina-unseen",
+    "s2-poses",
+    "s3-appendix-b",
+    "s3-direct",
+    "s3-opposite",
+}
+"""Other values of what the other scenarios have; tests/commands/test_validate.py loads them, too."""
+
+
 @pytest.mark.slow
-@pytest.mark.parametrize("source", [*SCENARIOS.names(), *FILES], ids=lambda source: Path(source).stem)
+@pytest.mark.parametrize(
+    "source",
+    [
+        pytest.param(source, marks=[pytest.mark.thorough] if source in VARIANTS else [], id=Path(source).stem)
+        for source in (*SCENARIOS.names(), *FILES)
+    ],
+)
 def test_scenario(source: str | Path) -> None:
     check_scenario(source)

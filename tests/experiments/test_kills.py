@@ -13,6 +13,7 @@ KILLS = os.environ.get("DOCKCTL_KILLS", "3")
 
 
 @pytest.mark.slow
+@pytest.mark.thorough  # tests/commands/test_resume.py kills one training
 def test_a_killed_training_ends_like_one_that_was_not_killed() -> None:
     command = [sys.executable, "-m", "tests.experiments.kills", KILLS]
     done = subprocess.run(command, cwd=Path(__file__).parents[2], capture_output=True, text=True)
