@@ -6,7 +6,6 @@ import os
 import socket
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
-from importlib.util import find_spec
 from pathlib import Path
 from typing import Any
 
@@ -15,11 +14,6 @@ from dockctl.compute import usable_cores
 from dockctl.errors import DockctlError
 
 CONNECT_SECONDS = 5.0
-
-
-def is_installed() -> bool:
-    """Return whether the extra ``dockctl[ray]`` is installed."""
-    return find_spec("ray") is not None
 
 
 @contextmanager

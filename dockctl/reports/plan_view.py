@@ -308,7 +308,7 @@ def pose_label(x_m: float, y_m: float, heading_deg: float) -> str:
     return f"({x}, {y}, {heading}°)"
 
 
-def pose_names(poses: Sequence[Pose]) -> str:
+def pose_names(poses: Iterable[Pose]) -> str:
     """Poses as text: ``(20, 2, 160°), (20, 0, 180°)``."""
     return ", ".join(pose_label(pose.x_m, pose.y_m, pose.heading_deg) for pose in poses)
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 from functools import partial
 from typing import Any
 
@@ -18,7 +18,7 @@ from dockctl.analysis.success_map import (
 )
 from dockctl.experiments.study import Experiment
 from dockctl.reports.figures import overview
-from dockctl.reports.plan_view import pose_label
+from dockctl.reports.plan_view import pose_names
 from dockctl.reports.success_map import THESIS_M, map_figure
 from dockctl.runs.directory import FAILURES
 from dockctl.runs.tables import START_KINDS
@@ -73,15 +73,11 @@ def _pose_row(name: str, table: str, task: Task, evaluated: Sequence[Pose]) -> R
     return {
         "scenario": f"`{name}`",
         "table of the thesis": table,
-        "initial": _poses(task.initial),
-        "intermediate": _poses([task.intermediate]) if task.intermediate else "",
-        "final": _poses([task.final]),
-        "evaluated from": _poses(evaluated),
+        "initial": pose_names(task.initial),
+        "intermediate": pose_names([task.intermediate]) if task.intermediate else "",
+        "final": pose_names([task.final]),
+        "evaluated from": pose_names(evaluated),
     }
-
-
-def _poses(poses: Iterable[Pose]) -> str:
-    return ", ".join(pose_label(pose.x_m, pose.y_m, pose.heading_deg) for pose in poses)
 
 
 def scenario_page(scenario: ScenarioFact, facts: Facts, archive: Archive) -> Page:
@@ -110,7 +106,7 @@ def scenario_page(scenario: ScenarioFact, facts: Facts, archive: Archive) -> Pag
             "the best policy of each",
             [(f"seed {run.seed}", run.recording) for run in runs],
         )
-    evaluated = [_poses([pose]) for pose in first.run.tests]
+    evaluated = [pose_names([pose]) for pose in first.run.tests]
     starts = len(first.run.task.initial) > 1
     values = {
         "scenario": scenario,
@@ -118,7 +114,7 @@ def scenario_page(scenario: ScenarioFact, facts: Facts, archive: Archive) -> Pag
         "random": first.resolved["evaluation"]["random_starts"],
         "seeds": seed_rows(runs),
         "starts": _start_rows(runs) if starts else [],
-        "unselected": _poses(p for p in first.run.task.initial if _poses([p]) not in evaluated),
+        "unselected": pose_names(p for p in first.run.task.initial if pose_names([p]) not in evaluated),
         "first_seed": first.seed,
         "training": training_rows(facts, name, runs),
         "whose": whose,
@@ -130,7 +126,7 @@ def scenario_page(scenario: ScenarioFact, facts: Facts, archive: Archive) -> Pag
 
 def _start_rows(runs: Sequence[ArchivedRun]) -> list[Row]:
     """Outcomes of the test starts around each initial pose, by seed and in all."""
-    poses = [_poses([pose]) for pose in runs[0].run.task.initial]
+    poses = [pose_names([pose]) for pose in runs[0].run.task.initial]
     found = [[count_outcomes(rows) for _, rows in run.test_starts_by_pose()] for run in runs]
     rows = [
         {"seed": str(run.seed), **dict(zip(poses, map(outcome_counts, counts), strict=True))}

@@ -11,6 +11,7 @@ import subprocess
 import sys
 import tempfile
 from contextlib import suppress
+from importlib.util import find_spec
 from pathlib import Path
 
 import psutil
@@ -24,7 +25,7 @@ from dockctl.experiments.study import Experiment, make_jobs
 from tests.commands.conftest import QUICK, dockctl, only_run, quick_train
 
 TABLES = ("episodes.csv", "updates.csv", "evaluations.csv", "trajectories.csv")
-needs_ray = pytest.mark.skipif(not cluster.is_installed(), reason="dockctl[ray] is not installed")
+needs_ray = pytest.mark.skipif(find_spec("ray") is None, reason="dockctl[ray] is not installed")
 
 
 @pytest.mark.slow
