@@ -3,8 +3,6 @@
 from __future__ import annotations
 
 import math
-import os
-from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
@@ -29,20 +27,14 @@ from dockctl.commands.options import (
     select_policy,
 )
 from dockctl.console import make_table, numeric, print_table, print_text
-from dockctl.runs.directory import FIGURES, RECORDING, TRANSFER
 from dockctl.runs.files import (
-    make_folder,
-    require_replaceable,
     require_writable_file,
     write_atomically,
-    writing,
 )
-from dockctl.runs.results import require_same_policy, setting_names, write_measurement
 from dockctl.runs.tables import EVALUATION, START_KINDS, to_csv
 
 if TYPE_CHECKING:
     from dockctl.evaluation.evaluate import Evaluation
-    from dockctl.evaluation.policies import LoadedPolicy
 
 BELOW_MINIMUM = 1
 MEANS = (
@@ -98,13 +90,14 @@ def evaluate(
     Example: dockctl evaluate s3 --episodes 200 --min-success 0.9
     """
     from dockctl.evaluation import evaluate as run
+    from dockctl.experiments.outputs import recording_folder, store
     from dockctl.sim.starts import UNREACHABLE
 
     poses = [parse_pose(text) for text in pose or ()]
     given = select_policy(policy, ckpt, plugin, trust, scenario)
     if csv:
         require_writable_file(csv, ".csv")
-    folder = None if recorded is None else _recording_folder(recorded, given, scenario, set_ or ())
+    folder = None if recorded is None else recording_folder(recorded, given, scenario, set_ or ())
     with Console(stderr=True).status("running episodes"):
         result = run(
             given,
@@ -121,8 +114,9 @@ def evaluate(
         write_atomically(csv, table.encode())
     if json_:
         json_.write(result.as_json())
-    if not poses:
-        _store(result, table)
+    if not poses and not store(result, table) and result.policy.run:
+        note = f"note: {result.policy.run.path} is read-only, the result is not stored in it"
+        print_text(Console(stderr=True), note)
     console = Console()
     changes = "".join(f", {change}" for change in result.overrides)
     print_text(console, f"Policy {given.description} on scenario '{result.scenario.name}'{changes}")
@@ -142,38 +136,6 @@ def evaluate(
             f"success {result.lowest_success:.0%} is below the required {min_success:.0%}", fg="red", err=True
         )
         raise typer.Exit(BELOW_MINIMUM)
-
-
-def _store(result: Evaluation, table: str) -> None:
-    """Write the result to the run folder of its policy, if there is one that can be written."""
-    policy = result.policy
-    if policy.run and policy.results and os.access(policy.run.path, os.W_OK):
-        with writing(policy.results):
-            make_folder(policy.results)
-        write_measurement(policy.results / result.stem, table, result.as_json())
-    elif policy.run:
-        note = f"note: {policy.run.path} is read-only, the result is not stored in it"
-        print_text(Console(stderr=True), note)
-
-
-def _recording_folder(
-    given: str, policy: LoadedPolicy, scenario: str | None, overrides: Sequence[str]
-) -> Path:
-    """Return the folder of a recording: `given`, or one in the run folder of the policy, or below figures/.
-
-    Raises:
-        DockctlError: it contains something else, or the recording of another policy.
-    """
-    from dockctl.evaluation.record import FILES
-
-    name = "-".join([policy.scenario(scenario, overrides).scenario.name, *setting_names(overrides)])
-    if policy.results and not given:
-        folder = policy.results / TRANSFER / name
-    else:
-        folder = Path(given) if given else Path(FIGURES) / "evaluate" / f"{name}-{policy.file_name}"
-        require_same_policy(folder / RECORDING, policy.facts())
-    require_replaceable(folder, FILES, (FIGURES, RECORDING), "earlier recording")
-    return folder
 
 
 def _episode_table(result: Evaluation) -> Table:

@@ -12,12 +12,12 @@ from rich.table import Table
 from dockctl.commands.options import (
     Ckpt,
     Json,
-    Outputs,
     Overrides,
     Plugins,
     PolicyArgument,
     ScenarioOption,
     Trust,
+    print_paths,
     save_figures,
     select_policy,
 )
@@ -52,6 +52,7 @@ def latency(
     """
     from dockctl.analysis.latency import verdict
     from dockctl.evaluation.latency import latency as run
+    from dockctl.experiments.outputs import Outputs
     from dockctl.reports.latency import latency_figure
 
     given = select_policy(policy, ckpt, plugin, trust, scenario)
@@ -68,8 +69,7 @@ def latency(
     period = result.control_period_ms
     save_figures(lambda: {stem: latency_figure(result.samples, subtitle, period)}, folder)
     csv = result.samples.to_csv(index_label="decision", float_format="%.6g", lineterminator="\n")
-    for path in write_measurement(folder / stem, csv, result.as_json()):
-        print_text(console, str(path))
+    print_paths(write_measurement(folder / stem, csv, result.as_json()))
 
 
 def _table(summary: dict[str, dict[str, float]]) -> Table:

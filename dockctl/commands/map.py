@@ -12,7 +12,6 @@ from dockctl.commands.options import (
     Ckpt,
     Json,
     On,
-    Outputs,
     Overrides,
     Plugins,
     PolicyArgument,
@@ -20,6 +19,8 @@ from dockctl.commands.options import (
     Trust,
     finite,
     parse_numbers,
+    print_paths,
+    save_figures,
     select_policy,
 )
 from dockctl.console import make_table, numeric, print_table, print_text
@@ -64,6 +65,7 @@ def map_(
     """
     from dockctl.evaluation import success_map
     from dockctl.evaluation.success_map import Grid
+    from dockctl.experiments.outputs import Outputs
     from dockctl.reports.success_map import map_figure
 
     example = "angles in degrees, separated by commas, like 0,20,-20"
@@ -78,7 +80,10 @@ def map_(
     if json_:
         json_.write(result.as_json())
     caption, task = loaded_policy.caption, result.scenario.task
-    outputs.write(result.csv, lambda: {outputs.stem: map_figure(result.table, result.plan, task, caption)})
+    save_figures(
+        lambda: {outputs.stem: map_figure(result.table, result.plan, task, caption)}, outputs.figures
+    )
+    print_paths(outputs.write(result.csv))
 
 
 def _print(result: SuccessMap) -> None:

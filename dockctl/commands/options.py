@@ -3,11 +3,9 @@
 from __future__ import annotations
 
 import math
-import os
 import sys
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from contextlib import redirect_stdout
-from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
@@ -16,17 +14,12 @@ from rich.console import Console
 
 from dockctl.console import print_text
 from dockctl.errors import DockctlError
-from dockctl.runs.directory import FIGURES, RUNS, RunDirectory, shipped
+from dockctl.runs.directory import RUNS, RunDirectory, shipped
 from dockctl.runs.files import (
     json_text,
-    make_folder,
-    require_writable,
     require_writable_file,
-    write_atomically,
     write_json,
-    writing,
 )
-from dockctl.runs.results import require_same_policy, setting_names, write_measurement
 
 if TYPE_CHECKING:
     from dockctl.evaluation.policies import LoadedPolicy
@@ -231,74 +224,6 @@ def parse_pose(text: str) -> Pose:
     return Pose(x_m=x, y_m=y, heading_deg=heading)
 
 
-@dataclass(frozen=True)
-class Outputs:
-    """Paths of a table and a figure with the same name, and of a copy of the table."""
-
-    tables: Path
-    figures: Path
-    stem: str
-    csv: Path | None
-    policy: LoadedPolicy
-
-    @classmethod
-    def select(
-        cls,
-        what: str,
-        policy: LoadedPolicy,
-        scenario: str | None,
-        overrides: Sequence[str],
-        out: Path | None,
-        csv: Path | None = None,
-    ) -> Outputs:
-        """Select the run folder of the policy, or `out`, or a folder under ``figures/``.
-
-        Args:
-            what: stem of the files; the scenario's name is appended where it is not the policy's own, and
-                that of the policy outside of its run folder.
-            scenario: the scenario that the user asked for, if any.
-            overrides: changed values of it, which are in the names of the files.
-            out: the folder that the user asked for, if any.
-            csv: the copy of the table, if any.
-
-        Raises:
-            DockctlError: a path cannot be written or contains results of another policy, or there is no such
-                scenario.
-        """
-        run = policy.results
-        if out is None and policy.run and not os.access(policy.run.path, os.W_OK):
-            message = f"{policy.run.path}: cannot be written; give a folder with --out"
-            raise DockctlError(message, code="not_writable")
-        tables = out or run or Path(FIGURES) / Path(what).name
-        figures = run / FIGURES if run and not out else tables
-        for folder in (tables, figures):
-            require_writable(folder)
-        if csv:
-            require_writable_file(csv, ".csv")
-        resolved, changes = policy.scenario(scenario, overrides).scenario, setting_names(overrides)
-        is_own = not changes and (scenario is None or not policy.is_transfer(resolved))
-        names = [what, *([] if run and is_own else [resolved.name]), *changes]
-        if out or run is None:
-            names = [what, resolved.name, *changes, policy.file_name]
-            require_same_policy(tables / f"{'-'.join(names)}.json", policy.facts())
-        stem = "-".join(names)
-        return cls(tables, figures, stem, csv, policy)
-
-    def write(self, table: str, draw: Draw) -> None:
-        """Draw and write the figures, the table (CSV) and the policy's identity (JSON); print the paths.
-
-        Raises:
-            DockctlError: a file cannot be written.
-        """
-        with writing(self.tables):
-            make_folder(self.tables)
-        save_figures(draw, self.figures)
-        if self.csv:
-            print_text(Console(), str(write_atomically(self.csv, table.encode())))
-        for path in write_measurement(self.tables / self.stem, table, {"policy": self.policy.facts()}):
-            print_text(Console(), str(path))
-
-
 def save_figures(draw: Draw, folder: Path) -> list[Path]:
     """Draw figures in the style of the package, write them as PNG and SVG, and print and return the paths.
 
@@ -309,6 +234,11 @@ def save_figures(draw: Draw, folder: Path) -> list[Path]:
 
     with figure_style():
         written = save(dict(draw()), folder)
-    for path in written:
-        print_text(Console(), str(path))
+    print_paths(written)
     return written
+
+
+def print_paths(paths: Iterable[Path]) -> None:
+    """Print the paths of written files, one a line."""
+    for path in paths:
+        print_text(Console(), str(path))

@@ -12,13 +12,14 @@ from rich.console import Console
 from dockctl.commands.options import (
     Ckpt,
     Json,
-    Outputs,
     Overrides,
     Plugins,
     PolicyArgument,
     ScenarioOption,
     Trust,
     parse_numbers,
+    print_paths,
+    save_figures,
     select_policy,
 )
 from dockctl.console import make_table, numeric, print_table, print_text
@@ -55,6 +56,7 @@ def returns(
     Example: dockctl returns s3 --units 20
     """
     from dockctl.evaluation.returns import returns as run
+    from dockctl.experiments.outputs import Outputs
     from dockctl.reports.returns import returns_figure
 
     units_m = parse_units(units)
@@ -67,7 +69,8 @@ def returns(
         json_.write(result.as_json())
     gamma = result.scenario.training.gamma
     caption = f"scenario {result.scenario.name}, {loaded_policy.caption}; discounted by {gamma:g} per step"
-    outputs.write(result.csv, lambda: {outputs.stem: returns_figure(result.table, caption)})
+    save_figures(lambda: {outputs.stem: returns_figure(result.table, caption)}, outputs.figures)
+    print_paths(outputs.write(result.csv))
 
 
 def parse_units(text: str) -> tuple[float, ...]:
