@@ -19,6 +19,7 @@ from dockctl.geometry import Floats
 from dockctl.sim.lidar.raycast import MISS, compiled_bare, corner_and_edges, hit_triangle
 
 Ints = NDArray[np.int32]
+Indices = NDArray[np.uint32]  # unsigned: compiled code does not check whether they count from the end
 Bands = NDArray[np.int64]
 Members = NDArray[np.void]
 Line = tuple[float, float, float, float, float, float]
@@ -79,12 +80,12 @@ class HeightGrid(NamedTuple):
     frame: Floats
     radii: Floats
     level_shape: Ints
-    directory: Ints
+    directory: Indices
     tiles: NDArray[np.unsignedinteger[Any]]
     palette: Bands
-    list_directory: Ints
-    list_tiles: Ints
-    starts: Ints
+    list_directory: Indices
+    list_tiles: Indices
+    starts: Indices
     members: Members
     triangles: Floats
     distances: NDArray[np.uint16]
@@ -110,9 +111,9 @@ class HeightGrid(NamedTuple):
         counts = np.zeros(-(-nx // TILE) * -(-ny // TILE) * TILE**2 + 1, np.int32)
         bands = np.zeros((ny, nx), np.int64)
         _rasterize(above, frame, bands, counts, np.empty(0, MEMBER))
-        starts = np.concatenate([[0], np.cumsum(counts[:-1])]).astype(np.int32)
+        starts = np.concatenate([[0], np.cumsum(counts[:-1])]).astype(np.uint32)
         members = np.empty(starts[-1], MEMBER)
-        _rasterize(above, frame, bands, starts[:-1].copy(), members)
+        _rasterize(above, frame, bands, starts[:-1].astype(np.int32), members)
         radii, shapes, levels = _dilate_levels(bands, cell, largest_radius_m)
         palette = np.unique(np.concatenate([np.unique(level) for level in levels]))
         index_type = np.uint16 if len(palette) <= 1 << 16 else np.uint32
@@ -151,16 +152,16 @@ def _tiled(cells: NDArray[Any]) -> NDArray[Any]:
     return tiles.reshape(-1, TILE**2)
 
 
-def _unique_rows(rows: NDArray[Any]) -> tuple[NDArray[Any], Ints]:
+def _unique_rows(rows: NDArray[Any]) -> tuple[NDArray[Any], Indices]:
     """Return the distinct rows, in the order of their first occurrence, and the index of each row in them."""
     whole = np.dtype((np.void, rows.shape[1] * rows.itemsize))
     keys = np.ascontiguousarray(rows).view(whole).ravel()
     _, first, inverse = np.unique(keys, return_index=True, return_inverse=True)
     order = np.argsort(first)
-    return rows[first[order]], np.argsort(order)[inverse].astype(np.int32)
+    return rows[first[order]], np.argsort(order)[inverse].astype(np.uint32)
 
 
-def _unique_lists(counts: Ints, starts: Ints, members: Members) -> tuple[Ints, Ints, Members]:
+def _unique_lists(counts: Ints, starts: Indices, members: Members) -> tuple[Indices, Indices, Members]:
     """Return the list of each cell, and `starts` and `members` with equal lists of one triangle stored once.
 
     On land, most cells contain one triangle, and all of it in the same bands.
@@ -168,12 +169,12 @@ def _unique_lists(counts: Ints, starts: Ints, members: Members) -> tuple[Ints, I
     single, several = counts == 1, counts > 1
     rows = members[starts[:-1][single]].view(np.uint8).reshape(-1, MEMBER.itemsize)
     singles, index = _unique_rows(rows)
-    lists = np.zeros(len(counts), np.int32)
+    lists = np.zeros(len(counts), np.uint32)
     lists[single] = 1 + index
     lists[several] = 1 + len(singles) + np.arange(several.sum())
     lengths = np.concatenate([[0], np.ones(len(singles), int), counts[several]])
     kept = np.concatenate([singles.ravel().view(MEMBER), members[np.repeat(several, counts)]])
-    return lists, np.concatenate([[0], np.cumsum(lengths)]).astype(np.int32), kept
+    return lists, np.concatenate([[0], np.cumsum(lengths)]).astype(np.uint32), kept
 
 
 @compiled(inline="always")
@@ -371,12 +372,13 @@ def first_hit(grid: HeightGrid, line: Line, begin: float, end: float, bands: int
         while True:
             t_exit = min(next_x, next_y)
             place = in_tiles(ix, iy, nx)
-            present = palette[tiles[directory[place >> 6], place & 63]] & bands
+            tile, cell = np.uint64(place >> 6), np.uint64(place & 63)
+            present = palette[tiles[directory[tile], cell]] & bands
             if present != 0:
                 z_in, z_out = oz + dz * entry, oz + dz * min(t_exit, end)
                 low, high = band_at(min(z_in, z_out)), band_at(max(z_in, z_out))
                 if present & bits(low, high) != 0:
-                    number = grid.list_tiles[grid.list_directory[place >> 6], place & 63]
+                    number = grid.list_tiles[grid.list_directory[tile], cell]
                     for slot in range(starts[number], starts[number + 1]):
                         member = members[slot]
                         if member.low <= high and member.high >= low:

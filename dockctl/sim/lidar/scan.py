@@ -24,6 +24,7 @@ from dockctl.geometry import Bools, Floats, sector_index
 from dockctl.sim.lidar.height_grid import (
     SLACK_M,
     HeightGrid,
+    Indices,
     Line,
     band_at,
     bands_near,
@@ -46,7 +47,7 @@ CORE_STEP_M = 0.05
 CORE_REACH_M = CORE_CELL_M / math.sqrt(2) + CORE_STEP_M
 
 
-RUN = np.dtype([("first", np.int32), ("length", np.uint16), ("low", np.uint8), ("high", np.uint8)])
+RUN = np.dtype([("first", np.uint32), ("length", np.uint16), ("low", np.uint8), ("high", np.uint8)])
 
 
 sector_of = compiled()(sector_index)
@@ -80,7 +81,7 @@ class ShellTable(NamedTuple):
     radii: Floats
     bins: Floats
     half_diagonals: Floats
-    starts: Ints
+    starts: Indices
     runs: Runs
     core: Floats
     core_sectors: Ints
@@ -116,9 +117,9 @@ class ShellTable(NamedTuple):
         edges[half_width > 1.5] = 0, sectors - 1
         counts = np.zeros(shells * count + len(core) + 1, np.int32)
         _gather(origins, rays, channel, radii, count, side, rank, counts, np.empty(0, RUN))
-        starts = np.concatenate([[0], np.cumsum(counts[:-1])]).astype(np.int32)
+        starts = np.concatenate([[0], np.cumsum(counts[:-1])]).astype(np.uint32)
         runs = np.zeros(starts[-1], RUN)
-        _gather(origins, rays, channel, radii, count, side, rank, starts[:-1].copy(), runs)
+        _gather(origins, rays, channel, radii, count, side, rank, starts[:-1].astype(np.int32), runs)
         cell = np.repeat(np.arange(len(starts) - 1), np.diff(starts))
         runs = runs[np.lexsort([runs["low"], cell])]
         return cls(
