@@ -362,7 +362,8 @@ def _farthest(best: Floats, first: int, last: int) -> float:
     return farthest
 
 
-@compiled_bare
+# Inlined: a call would copy the fields of all tables, which takes longer than most visits.
+@compiled(_nrt=False, forceinline=True)
 def _visit(
     table: ShellTable,
     grid: HeightGrid,
