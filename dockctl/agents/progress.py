@@ -10,7 +10,7 @@ from typing import Annotated, Any
 import numpy as np
 import pydantic.dataclasses
 from numpy.typing import NDArray
-from pydantic import Field
+from pydantic import Field, NonNegativeInt
 
 from dockctl.agents.interface import Info, Metrics, Tensors
 from dockctl.runs.tables import RECENT, Value
@@ -46,17 +46,17 @@ class Progress:
         epsilon, loss: latest values, for display.
     """
 
-    env_steps: int = 0
-    updates: int = 0
-    episodes: int = 0
+    env_steps: NonNegativeInt = 0
+    updates: NonNegativeInt = 0
+    episodes: NonNegativeInt = 0
     outcomes: dict[str, int] = field(default_factory=dict)
     recent: list[Annotated[list[bool], Field(min_length=2, max_length=2)]] = field(default_factory=list)
     best: Annotated[list[float], Field(min_length=3, max_length=3)] | None = None
-    validated_at: int = 0
-    evaluated_at: int = 0
-    evaluation_docked: int = 0
-    evaluation_episodes: int = 0
-    rollbacks: int = 0
+    validated_at: NonNegativeInt = 0
+    evaluated_at: NonNegativeInt = 0
+    evaluation_docked: NonNegativeInt = 0
+    evaluation_episodes: NonNegativeInt = 0
+    rollbacks: NonNegativeInt = 0
     wall_s: float = 0.0
     epsilon: float | None = None
     loss: float | None = None

@@ -316,7 +316,7 @@ class Trainer:
             else:
                 notes.append("the unfinished episodes could not be saved; new ones start")
             tables = [(table, facts["tables"][name]) for name, table in self.tables.items()]
-        except (AttributeError, LookupError, TypeError, ValueError, RuntimeError) as error:
+        except (AttributeError, LookupError, OverflowError, TypeError, ValueError, RuntimeError) as error:
             reason = " ".join(str(error).split())
             raise CheckpointError(f"{saved.folder}: cannot be resumed: {reason}") from None
         self._drop_later_bests()

@@ -14,7 +14,16 @@ import pytest
 from gymnasium.vector import AutoresetMode, VectorEnv
 
 from dockctl.agents import training_state
-from dockctl.agents.checkpoint import CheckpointError, find_policy, save_policy, saved_steps
+from dockctl.agents.checkpoint import (
+    CheckpointError,
+    find_policy,
+    load_pair,
+    save_pair,
+    save_policy,
+    saved_steps,
+)
+from dockctl.agents.dqn import algorithm
+from dockctl.agents.dqn.replay import Batch, Replay
 from dockctl.agents.interface import Spaces
 from dockctl.agents.trainer import Trainer
 from dockctl.agents.training_state import load_state
@@ -189,6 +198,64 @@ def test_files_of_different_saves_are_no_checkpoint(tmp_path: Path, uninterrupte
         assert (copy.path / table).read_bytes() == uninterrupted[table]
 
 
+@pytest.mark.parametrize(
+    ("path", "value"),
+    [
+        (("progress", "env_steps"), -8),
+        (("algorithm", "updates"), "many"),
+        (("algorithm", "updates"), 1e300),
+        (("algorithm", "updates"), -(10**12)),
+        (("algorithm", "slowdown"), "slow"),
+        (("algorithm", "slowdown"), 0),
+        (("algorithm", "exploration", "state", "state"), -1),
+    ],
+)
+def test_numbers_that_no_save_has_written_are_refused(
+    tmp_path: Path, path: tuple[str, ...], value: object
+) -> None:
+    run = new_run(tmp_path)
+    stop_at(304, run)
+    folder = run.checkpoint("last")
+    tensors, facts = load_pair(folder / "learner.json")
+    group = facts
+    for key in path[:-1]:
+        group = group[key]
+    group[path[-1]] = value
+    save_pair(folder, "learner", tensors, facts)
+    with pytest.raises(CheckpointError, match="cannot be resumed"):
+        toy(run).restore()
+
+
+def test_the_state_of_an_optimizer_of_torch_before_its_first_step(
+    tmp_path: Path, uninterrupted: dict[str, bytes]
+) -> None:
+    """It has no moments, as of a training on a GPU that is continued on the processor."""
+    run = new_run(tmp_path)
+    stop_at(8, run)
+    folder = run.checkpoint("last")
+    tensors, facts = load_pair(folder / "learner.json")
+    kept = {name: array for name, array in tensors.items() if ".optimizer" not in name.replace("/", ".")}
+    assert len(kept) < len(tensors)
+    save_pair(folder, "learner", kept, facts)
+    assert finish(run) == uninterrupted
+
+
+def test_updates_in_parts_that_fit_into_memory_are_the_same(
+    tmp_path: Path, uninterrupted: dict[str, bytes], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    drawn: list[int] = []
+
+    def sample(self: Replay, size: int) -> Batch:
+        drawn.append(size)
+        return original(self, size)
+
+    original = Replay.sample
+    monkeypatch.setattr(Replay, "sample", sample)
+    monkeypatch.setattr(algorithm, "DRAWN_BYTES", 1)
+    assert finish(new_run(tmp_path)) == uninterrupted
+    assert max(drawn) == TRAINING.batch_size < TRAINING.boats // TRAINING.steps_per_update * max(drawn)
+
+
 def test_a_best_policy_of_steps_that_are_trained_again_is_dropped(tmp_path: Path) -> None:
     run = new_run(tmp_path)
     stop_at(304, run)
@@ -225,8 +292,8 @@ def cart_poles(run: RunDirectory, **options: Any) -> Trainer:
         "CartPole-v1", TRAINING.boats, "sync", vector_kwargs={"autoreset_mode": AutoresetMode.SAME_STEP}
     )
     spaces = Spaces.from_env(environment)
-    algorithm = TRAINING.algorithm.build(spaces, TRAINING, "cpu")
-    return Trainer(algorithm, TRAINING, environment, run, make_card(spaces, TRAINING), **options)
+    learner = TRAINING.algorithm.build(spaces, TRAINING, "cpu")
+    return Trainer(learner, TRAINING, environment, run, make_card(spaces, TRAINING), **options)
 
 
 def test_an_environment_that_cannot_be_saved_starts_new_episodes(tmp_path: Path) -> None:
@@ -252,9 +319,9 @@ def docking(scenario: str, overrides: Sequence[str]) -> Any:
     def make(run: RunDirectory, **options: Any) -> Trainer:
         environment = DockingVectorEnv(loaded, training.boats, exploring=True, worlds=rollout.worlds)
         spaces = Spaces.from_env(environment)
-        algorithm = training.algorithm.build(spaces, training, "cpu")
+        learner = training.algorithm.build(spaces, training, "cpu")
         return Trainer(
-            algorithm, training, environment, run, make_card(spaces, training), validate, **options
+            learner, training, environment, run, make_card(spaces, training), validate, **options
         )
 
     return make

@@ -4,11 +4,13 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
 from dataclasses import replace
-from typing import Any
+from typing import Annotated, Any
 
 import numpy as np
+import pydantic.dataclasses
 import torch
 from numpy.typing import NDArray
+from pydantic import Field, NonNegativeInt
 
 from dockctl.agents.checkpoint import (
     flatten,
@@ -21,6 +23,17 @@ from dockctl.agents.dqn.replay import Batch, NStep, Replay
 from dockctl.agents.dqn.update import DoubleDQN
 from dockctl.agents.interface import Metrics, Step, Tensors
 from dockctl.scenarios.training import Training
+
+DRAWN_BYTES = 2**25
+"""Most memory of the transitions that are drawn at once, if that is enough for one update."""
+
+
+@pydantic.dataclasses.dataclass
+class _Counted:
+    """Numbers of a saved state: updates made, and the factor of the learning rate after rollbacks."""
+
+    updates: NonNegativeInt
+    slowdown: Annotated[float, Field(gt=0, le=1)]
 
 
 class DQN:
@@ -65,18 +78,28 @@ class DQN:
         due = self.training.updates_due(env_steps) - self.updates if len(self.replay) else 0
         if due <= 0:
             return iter(())
-        transitions = self.replay.sample(due * self.training.batch_size)
-        return self._update(transitions, due, self.slowdown * self.training.learning_rate_at(env_steps))
+        rate = self.slowdown * self.training.learning_rate_at(env_steps)
+        return self._update(self._draw(due), due, rate)
 
-    def _update(self, transitions: Batch, steps: int, learning_rate: float) -> Iterator[Metrics]:
-        # The moments of unused units decay to denormal numbers, which are about ten times slower. The mode is
-        # the thread's, so it is set back for what the thread computes next.
-        torch.set_flush_denormal(True)
-        try:
-            metrics = self.learner.update(transitions, learning_rate, steps)
-        finally:
-            torch.set_flush_denormal(False)
-        yield from ({**row, "learning_rate": learning_rate} for row in metrics)
+    def _draw(self, due: int) -> Batch:
+        """Return the transitions for `due` updates, or for as many of them as `DRAWN_BYTES` allow."""
+        size, batch = self.policy.network.observation_size, self.training.batch_size
+        updates = min(due, max(1, DRAWN_BYTES // Replay.bytes_needed(batch, size)))
+        return self.replay.sample(updates * batch)
+
+    def _update(self, transitions: Batch, due: int, learning_rate: float) -> Iterator[Metrics]:
+        while due:
+            steps = len(transitions.action) // self.training.batch_size
+            # The moments of unused units decay to denormal numbers, which are about ten times slower. The
+            # mode is the thread's, so it is set back for what the thread computes next.
+            torch.set_flush_denormal(True)
+            try:
+                metrics = self.learner.update(transitions, learning_rate, steps)
+            finally:
+                torch.set_flush_denormal(False)
+            yield from ({**row, "learning_rate": learning_rate} for row in metrics)
+            due -= steps
+            transitions = self._draw(due)
 
     def advantages(self, observation: NDArray[Any]) -> NDArray[Any]:
         """Return the output of the advantage stream; see `Dueling`."""
@@ -119,6 +142,7 @@ class DQN:
         self.replay.load(nested["replay"], self.actions)
         if unfinished := nested["unfinished"]:
             self.n_step.load(unfinished, self.actions)
-        self.learner.updates, self.slowdown = facts["updates"], facts["slowdown"]
+        counted = _Counted(facts["updates"], facts["slowdown"])
+        self.learner.updates, self.slowdown = counted.updates, counted.slowdown
         self.exploration.bit_generator.state = facts["exploration"]
         self.replay.rng.bit_generator.state = facts["sampling"]

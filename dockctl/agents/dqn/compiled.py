@@ -181,11 +181,12 @@ class CompiledSteps:
         return {name: array.copy() for name, array in self._moments.items()}
 
     def load_moments(self, tensors: Tensors) -> None:
-        """Continue with the moments that `moments` returned.
+        """Continue with the moments that `moments` returned; an optimizer of torch has none before a step.
 
         Raises:
             ValueError: they are those of another network or of another optimizer.
         """
+        tensors = tensors or {name: np.zeros_like(array) for name, array in self._moments.items()}
         given, expected = (
             {name: (array.dtype, array.shape) for name, array in each.items()}
             for each in (tensors, self._moments)
