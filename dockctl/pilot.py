@@ -210,23 +210,12 @@ class Pilot:
             DockctlError: the file is missing, damaged, or of another kind; a pose is not three numbers.
         """
         try:
-            with np.load(file) as content:
-                arrays = {name: content[name] for name in content.files}
-        except FileNotFoundError:
-            raise DockctlError(f"{file}: no such file", code="not_found") from None
-        except (
-            OSError,
-            EOFError,
-            ValueError,
-            KeyError,
-            TypeError,
-            AttributeError,
-            zipfile.BadZipFile,
-        ) as error:
+            arrays = _arrays(read_bytes(Path(file)))
+        except (*FOREIGN, AttributeError, MemoryError, RuntimeError, zipfile.BadZipFile) as error:
             message = f"{file}: not a file of 'dockctl export --pilot', or damaged: {error}"
             raise DockctlError(message, code="not_readable") from None
         try:
-            facts = json.loads(str(arrays.pop(DESCRIPTION)))
+            facts = json.loads(str(arrays.pop(DESCRIPTION)), parse_float=finite, parse_constant=finite)
             if facts["format"] != FORMAT:
                 raise ValueError(f"format {facts['format']}, expected {FORMAT}")
             if not all(np.isfinite(array).all() for array in arrays.values()):
@@ -238,7 +227,7 @@ class Pilot:
                 raise ValueError(f"the network has sizes {sizes}, its description {described}")
             goals = np.stack([_pose(facts["goals"][name]) for name in ("intermediate", "final")])
             pilot = cls(facts, layers, goals, checks or Checks())
-        except (KeyError, TypeError, ValueError, IndexError, AttributeError) as error:
+        except (*FOREIGN, ArithmeticError, AttributeError, IndexError) as error:
             message = f"{file}: does not describe a policy: {type(error).__name__}: {error}"
             raise DockctlError(message, code="not_readable") from None
         if final is not None:

@@ -5,7 +5,6 @@ from __future__ import annotations
 import shutil
 import time
 from collections.abc import Callable, Sequence
-from concurrent.futures import wait
 from dataclasses import asdict
 from typing import Any
 
@@ -192,9 +191,8 @@ class Trainer:
             )
             self._check(self._monitor.check_step, step, last)
             rows = self.episode_recorder.add(reward, last, done)
-        finally:  # nothing is learned after an error has left the trainer
-            wait([learning])
-        self._record_updates(learning.result())
+        finally:  # nothing is learned after an error has left the trainer, and what was is recorded
+            self._record_updates(learning.result())
         self.algorithm.store(step)
         progress.env_steps += self.training.boats
         progress.epsilon = self.algorithm.epsilon
