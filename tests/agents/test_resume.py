@@ -320,9 +320,7 @@ def docking(scenario: str, overrides: Sequence[str]) -> Any:
         environment = DockingVectorEnv(loaded, training.boats, exploring=True, worlds=rollout.worlds)
         spaces = Spaces.from_env(environment)
         learner = training.algorithm.build(spaces, training, "cpu")
-        return Trainer(
-            learner, training, environment, run, make_card(spaces, training), validate, **options
-        )
+        return Trainer(learner, training, environment, run, make_card(spaces, training), validate, **options)
 
     return make
 
