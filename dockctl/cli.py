@@ -129,7 +129,8 @@ def main() -> None:
     gc.set_threshold(10_000)
     atexit.register(gc.freeze)
     for name in ("stdout", "stderr"):
-        if isinstance(stream := getattr(sys, name), io.TextIOWrapper):  # None if the shell closed it
+        stream = getattr(sys, name) or open(os.devnull, "w")  # noqa: PTH123, SIM115  # the shell closed it
+        if isinstance(stream, io.TextIOWrapper):
             setattr(sys, name, SafeStream.wrap(stream))
     logger = logging.getLogger("dockctl")
     logger.addHandler(logging.StreamHandler())  # to stderr: progress of long preparations

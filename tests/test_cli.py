@@ -162,6 +162,13 @@ def test_a_reader_may_close_the_pipe_early() -> None:
     assert (done.returncode, done.stderr) == (0, "")
 
 
+def test_the_output_may_be_closed() -> None:
+    for closed in (">&-", ">&- 2>&-"):
+        command = f"{shlex.quote(sys.executable)} -m dockctl list scenarios {closed}"
+        done = subprocess.run(["bash", "-c", command], capture_output=True, text=True, timeout=60)
+        assert (done.returncode, done.stderr) == (0, "")
+
+
 def test_a_command_can_be_pasted_into_a_shell() -> None:
     words = ("plot", Path("my runs/it's"))
     assert shlex.split(command_line(*words)) == ["dockctl", *map(str, words)]
