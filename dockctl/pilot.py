@@ -15,7 +15,7 @@ good inputs continues.
 
 from __future__ import annotations
 
-import json
+import io
 import math
 import zipfile
 from collections.abc import Mapping, Sequence
@@ -29,9 +29,11 @@ from numpy.typing import ArrayLike, NDArray
 
 from dockctl.errors import DockctlError
 from dockctl.geometry import Floats, nearest_in_sectors
+from dockctl.reading import FOREIGN, parse_json, read_bytes
 from dockctl.sim.goal import TO_FINAL, TO_INTERMEDIATE, bearing, measure, reached
 
 FORMAT = 1
+MAX_FILE_BYTES = 2**31
 DESCRIPTION = "description"
 """Name of the JSON text among the arrays of a pilot file."""
 PARTS = frozenset({"phase", "distance", "heading_error", "velocity", "command", "lidar", "bearing"})
@@ -183,6 +185,9 @@ class Pilot:
         self._sectors, self._range_m = int(facts["lidar"]["sectors"]), float(facts["lidar"]["range_m"])
         self._max_steps = int(facts["max_steps"])
         self.control_period_s = float(facts["control_period_s"])
+        positive = (self._sectors, self._range_m, self._max_steps, self.control_period_s, *self._scale)
+        if self._commands.shape[1:] != (2,) or min(positive) <= 0:
+            raise ValueError("expected commands of two numbers, and sizes and limits above 0")
         self.final_tolerance, self.intermediate_tolerance = (
             Tolerance(
                 *(float(facts["tolerances"][pose][key]) for key in ("distance_m", "heading_rad", "speed_mps"))
@@ -210,12 +215,12 @@ class Pilot:
             DockctlError: the file is missing, damaged, or of another kind; a pose is not three numbers.
         """
         try:
-            arrays = _arrays(read_bytes(Path(file)))
+            arrays = _arrays(read_bytes(Path(file), MAX_FILE_BYTES))
         except (*FOREIGN, AttributeError, MemoryError, RuntimeError, zipfile.BadZipFile) as error:
             message = f"{file}: not a file of 'dockctl export --pilot', or damaged: {error}"
             raise DockctlError(message, code="not_readable") from None
         try:
-            facts = json.loads(str(arrays.pop(DESCRIPTION)), parse_float=finite, parse_constant=finite)
+            facts = parse_json(str(arrays.pop(DESCRIPTION)))
             if facts["format"] != FORMAT:
                 raise ValueError(f"format {facts['format']}, expected {FORMAT}")
             if not all(np.isfinite(array).all() for array in arrays.values()):
@@ -393,6 +398,15 @@ class Pilot:
             "bearing_sin": np.sin(direction),
             "bearing_cos": np.cos(direction),
         }
+
+
+def _arrays(content: bytes) -> dict[str, NDArray[Any]]:
+    """Return the arrays of an uncompressed .npz file, which takes no more memory than its bytes."""
+    with zipfile.ZipFile(io.BytesIO(content)) as archive:
+        if sum(member.file_size for member in archive.infolist()) > len(content):
+            raise ValueError("it is compressed")
+    with np.load(io.BytesIO(content)) as file:
+        return {name: file[name] for name in file.files}
 
 
 def _pose(given: ArrayLike | None) -> Floats:

@@ -96,14 +96,23 @@ def read_json(path: Path, limit: int = MAX_BYTES) -> Any:
     """
     content = read_bytes(path, limit)
     with reading(path):
-        if sum(map(content.count, (b",", b"[", b"{"))) > MAX_VALUES:
-            raise ValueError(f"contains more than {MAX_VALUES:,} values")
-        value = json.loads(content.decode("utf-8"), parse_float=_finite, parse_constant=_finite)
-        level: list[Any] = [value]
-        for _ in range(MAX_DEPTH):
-            level = [child for item in level for child in _children(item) if isinstance(child, dict | list)]
-        if level:
-            raise ValueError(f"nested more than {MAX_DEPTH} levels deep")
+        return parse_json(content.decode("utf-8"))
+
+
+def parse_json(text: str) -> Any:
+    """Parse JSON of limited size and depth, without NaN and infinity.
+
+    Raises:
+        ValueError, RecursionError: it is something else.
+    """
+    if sum(map(text.count, ",[{")) > MAX_VALUES:
+        raise ValueError(f"contains more than {MAX_VALUES:,} values")
+    value = json.loads(text, parse_float=_finite, parse_constant=_finite)
+    level: list[Any] = [value]
+    for _ in range(MAX_DEPTH):
+        level = [child for item in level for child in _children(item) if isinstance(child, dict | list)]
+    if level:
+        raise ValueError(f"nested more than {MAX_DEPTH} levels deep")
     return value
 
 

@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
+import io
 import json
 import math
 import subprocess
 import sys
+import zipfile
 from pathlib import Path
 from typing import Any
 
@@ -212,6 +214,17 @@ def test_several_clouds_are_one(pilot: Pilot, file: Path) -> None:
     assert split.sector_ranges_m.tolist() == whole.sector_ranges_m.tolist()
 
 
+def zip_of(member: bytes, flags: int) -> bytes:
+    """Return an archive of one array, whose headers have these flags."""
+    content = io.BytesIO()
+    with zipfile.ZipFile(content, "w") as archive:
+        archive.writestr("x.npy", member)
+    archived = bytearray(content.getvalue())
+    for signature, offset in ((b"PK\x03\x04", 6), (b"PK\x01\x02", 8)):
+        archived[archived.index(signature) + offset] |= flags
+    return bytes(archived)
+
+
 def test_files_that_are_no_policy(file: Path, tmp_path: Path) -> None:
     def code_of(path: Path, **given: Any) -> str:
         with pytest.raises(DockctlError) as caught:
@@ -222,7 +235,16 @@ def test_files_that_are_no_policy(file: Path, tmp_path: Path) -> None:
     assert code_of(tmp_path) == "not_readable"
     content = file.read_bytes()
     damaged = tmp_path / "damaged.npz"
-    for flawed in (b"", b"text", content[:-100], content[:5000] + b"\xff" + content[5001:]):
+    header = io.BytesIO()
+    description = {"descr": "<f4", "fortran_order": False, "shape": (10**13,)}
+    np.lib.format.write_array_header_1_0(header, description)
+    huge, encrypted = (zip_of(header.getvalue(), flags) for flags in (0, 1))
+    compressed = io.BytesIO()
+    np.savez_compressed(compressed, zeros=np.zeros(10**6))
+    for flawed in (
+        b"", b"text", content[:-100], content[:5000] + b"\xff" + content[5001:],
+        huge, encrypted, compressed.getvalue(),
+    ):  # fmt: skip
         damaged.write_bytes(flawed)
         assert code_of(damaged) == "not_readable"
     with np.load(file) as arrays:
@@ -230,7 +252,13 @@ def test_files_that_are_no_policy(file: Path, tmp_path: Path) -> None:
     facts = json.loads(str(tensors["description"]))
     changes: list[dict[str, Any]] = [
         {"description": np.array("{}")},
+        {"description": np.array("[" * 100_000)},
         {"description": np.array(json.dumps({**facts, "format": 2}))},
+        {"description": np.array(json.dumps({**facts, "max_steps": math.inf}))},
+        {"description": np.array(json.dumps({**facts, "control_period_s": -0.5}))},
+        {"description": np.array(json.dumps({**facts, "commands": [[math.nan, 0]] * 77}))},
+        {"description": np.array(json.dumps({**facts, "commands": [[0]] * 77}))},
+        {"description": np.array(json.dumps({**facts, "lidar": {"sectors": 0, "range_m": 100}}))},
         {"description": np.array(json.dumps({**facts, "commands": facts["commands"][:-1]}))},
         {"shared.0.weight": np.full_like(tensors["shared.0.weight"], np.nan)},
         {"shared.2.weight": tensors["shared.2.weight"][:, 1:]},
