@@ -1,6 +1,17 @@
-"""``python -m dockctl``: the command line, also where its script is not on the path."""
+"""The entry point of ``dockctl``, and ``python -m dockctl``, where its script is not on the path."""
 
-from dockctl.cli import main
+import sys
+
+
+def main() -> None:
+    """Run the command line. Ctrl-C while it is imported ends it like Ctrl-C later."""
+    try:
+        from dockctl import cli
+
+        cli.main()
+    except KeyboardInterrupt:
+        sys.exit(130)  # as `dockctl.experiments.interrupt.INTERRUPTED`, which may not be imported yet
+
 
 if __name__ == "__main__":
     main()

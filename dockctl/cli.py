@@ -121,7 +121,7 @@ for _name, _function in COMMANDS.items():
 
 
 def main() -> None:
-    """Run the command line; the entry point of ``dockctl``."""
+    """Run the command line."""
     # The threads that BLAS starts when numpy is imported wait in busy loops; nothing here uses them.
     os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
     # Imported modules, a million objects with torch, live until the end. Searching them for garbage, most of

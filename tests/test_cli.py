@@ -209,3 +209,19 @@ def test_a_policy_that_cannot_be_imported_names_no_file_of_dockctl(policy: str, 
     error = error_of("evaluate", "--policy", policy, "--scenario", "s1")
     assert error.code == code
     assert not re.search(r"\.py:\d", str(error))
+
+
+@pytest.mark.parametrize("module", ["typer", "dockctl.cli"])
+def test_ctrl_c_during_the_imports_ends_quietly(module: str) -> None:
+    script = (
+        "import signal, sys\n"
+        "from dockctl.__main__ import main\n"
+        "class Finder:\n"
+        "    @staticmethod\n"
+        "    def find_spec(name, *_):\n"
+        f"        if name == {module!r}: signal.raise_signal(signal.SIGINT)\n"
+        "sys.meta_path.insert(0, Finder)\n"
+        "main()\n"
+    )
+    done = subprocess.run([sys.executable, "-c", script], capture_output=True, text=True)
+    assert (done.returncode, done.stdout, done.stderr) == (130, "", "")
