@@ -120,6 +120,12 @@ class PluginError(DockctlError):
     code = "plugin"
 
 
+def one_line(error: BaseException) -> str:
+    """Return type and message of an exception of other code; two lines would be printed as two errors."""
+    message = " ".join(str(getattr(error, "msg", error)).split())
+    return f"{type(error).__name__}: {message}"
+
+
 @contextmanager
 def plugin_errors(what: str, path: Path | None = None) -> Iterator[None]:
     """Convert any exception in the block but a `DockctlError` to a `PluginError` with its location.
@@ -133,8 +139,7 @@ def plugin_errors(what: str, path: Path | None = None) -> Iterator[None]:
     except DockctlError:
         raise
     except (Exception, SystemExit) as error:
-        reason = f"{type(error).__name__}: {getattr(error, 'msg', error)}"
-        raise PluginError(f"{what}: {reason}{_place(error, path)}") from error
+        raise PluginError(f"{what}: {one_line(error)}{_place(error, path)}") from error
 
 
 def require_shape(who: str, shape: tuple[int, ...], expected: tuple[int, ...]) -> None:

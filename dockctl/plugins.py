@@ -32,6 +32,7 @@ from dockctl.errors import (
     PluginError,
     UnknownNameError,
     nearest,
+    one_line,
     plugin_errors,
 )
 from dockctl.reading import read_bytes
@@ -367,7 +368,7 @@ def runtime_error(error: Exception) -> PluginError | None:
     origins = {entry.value.__module__: entry.origin for entry in entries}
     for frame, line in reversed([*traceback.walk_tb(error.__traceback__)]):
         if origin := origins.get(frame.f_globals.get("__name__", "")):
-            what = f"{origin}: {frame.f_code.co_name} fails: {type(error).__name__}: {error}"
+            what = f"{origin}: {frame.f_code.co_name} fails: {one_line(error)}"
             return PluginError(f"{what} ({frame.f_code.co_filename}:{line})")
     return None
 

@@ -79,6 +79,7 @@ def test_a_local_file_may_not_take_a_known_name(write: Write) -> None:
         ("mine.py", "import nothing_of_this_name\n", r"mine\.py:1"),
         ("mine.py", "x = 1\ny = 1 / 0\n", r"mine\.py:2"),
         ("mine.py", "def f(:\n", r"mine\.py:1"),
+        ("mine.py", "raise ValueError('one\\n two')\n", r"one two \(.*mine\.py:1"),
         ("mine.py", "x = 1\nraise SystemExit(3)\n", r"mine\.py:2"),
         ("mine.txt", "x = 1\n", r"mine\.txt"),
     ],
