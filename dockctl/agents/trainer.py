@@ -166,6 +166,7 @@ class Trainer:
         try:
             self.restore()
         except CheckpointError:
+            error.message += "; there is no checkpoint yet to go back to"
             raise error from None
         self.progress.rollbacks, self._observation = attempt, None
         self.episode_recorder = EpisodeRecorder(self.training.boats)

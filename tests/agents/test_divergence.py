@@ -165,6 +165,13 @@ def test_a_rollback_continues_with_other_random_numbers_and_a_lower_rate(tmp_pat
     assert [int(row["episode"]) for row in episodes[0]] == list(range(1, len(episodes[0]) + 1))
 
 
+def test_a_rollback_before_the_first_checkpoint_says_that_there_is_none(tmp_path: Path) -> None:
+    made = trainer(tmp_path, nan_weight, on_divergence="rollback", evaluate_every_steps=10_000)
+    with pytest.raises(DivergenceError) as caught:
+        made.run()
+    assert "no checkpoint yet" in str(caught.value)
+
+
 def test_a_fault_that_returns_stops_the_training_in_the_end(tmp_path: Path) -> None:
     made = trainer(tmp_path, nan_loss, times=100, on_divergence="rollback", total_steps=1_000)
     with pytest.raises(DivergenceError):
