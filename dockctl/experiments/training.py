@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import sys
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
@@ -158,7 +159,7 @@ def resume(
     torch_device(device)
     run = RunDirectory.open(path)
     with exclusive_lock(run.path):
-        facts = run.read_json(PROVENANCE)
+        facts = _facts(run)
         own = facts.get("log", [])
         logs = [*dict.fromkeys([*(map(str, own) if isinstance(own, list) else ()), *log])]
         require_logs(logs)
@@ -199,6 +200,20 @@ def replay(
     repeated.write_json(PROVENANCE, provenance.collect(loaded.scenario.training.seed, sys.argv))
     _run(session, repeated, Console(quiet=True), resumed=False, until=steps)
     return repeated
+
+
+def _facts(run: RunDirectory) -> dict[str, Any]:
+    """Return the provenance.
+
+    Raises:
+        DockctlError: it is missing or damaged.
+    """
+    try:
+        return run.read_json(PROVENANCE)
+    except DockctlError as error:
+        least = json.dumps({"finished": None, "stop_reason": None})
+        message = f"{error.message}; to resume from the checkpoint, restore it or let it be {least}"
+        raise DockctlError(message, code=error.code) from None
 
 
 def _extension(run: RunDirectory, facts: Mapping[str, Any], env_steps: int, steps: int | None) -> list[str]:

@@ -101,3 +101,19 @@ def test_resume_without_a_run_continues_the_latest_that_is_interrupted(
         assert f"run folder: {run}\n" in outcome.out
     outcome = dockctl("train", "--resume", "--device", "cpu")
     assert (outcome.code, outcome.error_code) == (2, "not_found")
+
+
+@pytest.mark.parametrize("content", ["", None])
+def test_a_run_without_provenance_resumes_as_its_error_says(tmp_path: Path, content: str | None) -> None:
+    assert quick_train(tmp_path, "s1", "--steps", 120).code == 0
+    run = only_run(tmp_path)
+    path = run / "provenance.json"
+    path.unlink()
+    if content is not None:
+        path.write_text(content)
+    refused = dockctl("train", "--resume", run, "--steps", 240)
+    assert (refused.code, refused.error_code) == (2, "not_readable" if content == "" else "not_found")
+    assert str(path) in refused.err
+    path.write_text(refused.err[refused.err.index("{") :])
+    assert dockctl("train", "--resume", run, "--steps", 240).code == 0
+    assert json.loads(path.read_text())["finished"]
