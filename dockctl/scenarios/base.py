@@ -31,6 +31,8 @@ def _not_tiny(value: float) -> float:
 Number = Annotated[float, Strict(), Field(allow_inf_nan=False), AfterValidator(_bounded)]
 Positive = Annotated[Number, Field(gt=0), AfterValidator(_not_tiny)]
 NonNegative = Annotated[Number, Field(ge=0)]
+Speed = Annotated[NonNegative, Field(le=10)]
+"""Of a boat or of the water [m/s]: the strongest tidal streams have 10 m/s."""
 Coordinate = Annotated[Number, Field(ge=-MAX_COORDINATE_M, le=MAX_COORDINATE_M)]
 Length = Annotated[Positive, Field(le=MAX_COORDINATE_M)]
 Fraction = Annotated[float, Strict(), Field(allow_inf_nan=False, ge=0, le=1)]

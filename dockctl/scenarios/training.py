@@ -8,7 +8,7 @@ from typing import Annotated, Any, Literal, Self
 from pydantic import Field, model_validator
 
 from dockctl.plugins import ALGORITHMS
-from dockctl.scenarios.base import Count, FieldError, Fraction, Model, NonNegative, Pose, Positive
+from dockctl.scenarios.base import Count, FieldError, Fraction, Model, NonNegative, Pose, Positive, Speed
 from dockctl.scenarios.extensions import Kind
 from dockctl.scenarios.kinds import Kinds
 
@@ -39,7 +39,7 @@ class ExploringStarts(Model):
     fraction: Fraction = 0.5
     position_noise_m: tuple[NonNegative, NonNegative] = (0.3, 2.3)
     heading_noise_deg: tuple[NonNegative, NonNegative] = (6.0, 26.0)
-    max_surge_mps: NonNegative = 0.35
+    max_surge_mps: Speed = 0.35
     steps: Count = 200
 
 

@@ -323,3 +323,22 @@ def test_a_file_name_that_is_not_a_scenario_name_requires_a_name(tmp_path: Path)
     assert (problem.file, problem.field, problem.code) == (str(path), "name", "invalid")
     path.write_text("extends: s1\nname: my-berth\n")
     assert loader.load(path).scenario.name == "my-berth"
+
+
+@pytest.mark.parametrize(
+    ("setting", "largest"),
+    [
+        ("conditions.current={{speed_mps: {}, direction_deg: 90}}", 10),
+        ("conditions.current={{speed_mps: [0, {}], direction_deg: 90}}", 10),
+        ("conditions.current={{speed_mps: 0, direction_deg: 90, variation_mps: {}}}", 3),
+        ("conditions.wind={{speed_mps: {}, direction_deg: 90}}", 100),
+        ("training.exploring_starts.max_surge_mps={}", 10),
+    ],
+)
+def test_speeds_for_which_no_boat_is_made_are_refused(setting: str, largest: float) -> None:
+    loader.load("s1", overrides=[setting.format(largest)])
+    with pytest.raises(InputError) as caught:
+        loader.load("s1", overrides=[setting.format(largest + 0.1)])
+    (problem,) = caught.value.problems
+    assert problem.code == "out_of_range"
+    assert "_mps" in str(problem)

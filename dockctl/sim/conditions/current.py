@@ -4,13 +4,14 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from typing import Literal
+from typing import Annotated, Literal
 
 import numpy as np
+from pydantic import Field
 
 from dockctl.geometry import Floats, Ints
 from dockctl.plugins import CONDITIONS
-from dockctl.scenarios.base import NonNegative, Number, Positive
+from dockctl.scenarios.base import Number, Positive, Speed
 from dockctl.scenarios.extensions import OFF, Condition, Disturbance, Drawn, draw, register
 from dockctl.scenarios.vessel import Vessel
 from dockctl.sim.conditions.authority import ControlAuthority
@@ -25,9 +26,9 @@ class Current(Condition):
     """
 
     kind: Literal["current"] = "current"
-    speed_mps: Drawn[NonNegative]
+    speed_mps: Drawn[Speed]
     direction_deg: Drawn[Number]
-    variation_mps: Drawn[NonNegative] = OFF
+    variation_mps: Drawn[Annotated[Speed, Field(le=3)]] = OFF
     variation_time_s: Positive = 100.0
 
     def build(self, num_boats: int) -> Disturbance:

@@ -4,9 +4,10 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from typing import Literal
+from typing import Annotated, Literal
 
 import numpy as np
+from pydantic import Field
 
 from dockctl.geometry import Floats, Ints, rotate
 from dockctl.plugins import CONDITIONS
@@ -30,7 +31,7 @@ class Wind(Condition):
     """
 
     kind: Literal["wind"] = "wind"
-    speed_mps: Drawn[NonNegative]
+    speed_mps: Drawn[Annotated[NonNegative, Field(le=100)]]  # a tropical cyclone has up to 95 m/s
     direction_deg: Drawn[Number]
     gust_mps: Drawn[NonNegative] = OFF
     gust_time_s: Positive = 2.0
