@@ -347,7 +347,9 @@ def _search_core(
                 if not leaves >= 0.0:  # a ray from outside of `farthest` that does not enter it
                     continue
                 end = min(leaves + 1e-7, ray[3])
-                t = first_hit(grid, _in_world(origin, ray, pose), 0.0, end, -1)
+                z, z_end = origin[2], origin[2] + end * ray[2]
+                bands = bits(band_at(min(z, z_end)), band_at(max(z, z_end)))
+                t = first_hit(grid, _in_world(origin, ray, pose), 0.0, end, bands)
                 if t <= end:
                     rho, sector = _polar(origin, ray, t, len(best))
                     best[sector] = min(best[sector], rho)
