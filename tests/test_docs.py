@@ -22,7 +22,7 @@ ROOT = Path(__file__).parent.parent
 RUN = Path("runs/s3/20260101-120000-seed0")
 QUICK = (
     "training.boats=2", "training.warmup_steps=10", "training.batch_size=8", "training.steps_per_update=2",
-    "training.replay_capacity=1000", "training.validation.starts=2",
+    "training.replay_capacity=1000", "training.validation.starts=2", "training.hidden_sizes=[16, 8]",
 )  # fmt: skip
 SHORTER = {
     "train": ("--steps", "40", *(word for setting in QUICK for word in ("--set", setting))),
