@@ -322,7 +322,8 @@ def test_without_a_terminal_there_are_plain_lines(monkeypatch: pytest.MonkeyPatc
 
 
 @pytest.mark.parametrize(
-    ("model", "actions"), [("DQN", "grid"), ("SAC", "continuous"), ("TD3", "continuous")]
+    ("model", "actions"),
+    [("DQN", "grid"), ("SAC", "continuous"), pytest.param("TD3", "continuous", marks=pytest.mark.thorough)],
 )
 def test_stable_baselines_leaves_a_normal_run_folder(model: str, actions: str, tmp_path: Path) -> None:
     pytest.importorskip("stable_baselines3")

@@ -220,7 +220,9 @@ def test_in_a_browser(tmp_path: Path) -> None:
             ActionChains(browser).move_to_element_with_offset(
                 svg, int((across - 0.5) * svg.size["width"]), 0
             ).perform()
-            text = wait(browser, "return document.getElementById('tip').innerText")
+            # The inner text of an element that is not laid out yet has no lines.
+            tip = "const tip = document.getElementById('tip');"
+            text = wait(browser, f"{tip} return tip.getClientRects().length && tip.innerText")
             found = re.search(
                 r"Environment steps ([\d,]+).*^loss\s+([\d.,]+)", text, re.MULTILINE | re.DOTALL
             )
