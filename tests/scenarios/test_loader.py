@@ -332,6 +332,7 @@ def test_a_file_name_that_is_not_a_scenario_name_requires_a_name(tmp_path: Path)
         ("conditions.current={{speed_mps: [0, {}], direction_deg: 90}}", 10),
         ("conditions.current={{speed_mps: 0, direction_deg: 90, variation_mps: {}}}", 3),
         ("conditions.wind={{speed_mps: {}, direction_deg: 90}}", 100),
+        ("conditions.wind={{speed_mps: 0, direction_deg: 90, gust_mps: {}}}", 30),
         ("training.exploring_starts.max_surge_mps={}", 10),
     ],
 )

@@ -33,7 +33,7 @@ class Wind(Condition):
     kind: Literal["wind"] = "wind"
     speed_mps: Drawn[Annotated[NonNegative, Field(le=100)]]  # a tropical cyclone has up to 95 m/s
     direction_deg: Drawn[Number]
-    gust_mps: Drawn[NonNegative] = OFF
+    gust_mps: Drawn[Annotated[NonNegative, Field(le=30)]] = OFF
     gust_time_s: Positive = 2.0
     lateral_area_m2: Positive | None = None
     frontal_area_m2: Positive | None = None
