@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import gc
 import re
 from collections.abc import Iterator
 from contextlib import contextmanager
@@ -19,6 +20,7 @@ def _kilobytes(name: str) -> int:
 @contextmanager
 def at_most_mb(limit: float) -> Iterator[None]:
     """Assert that the resident memory grows by at most `limit` [MB] at any time during the block."""
+    gc.collect()  # garbage of earlier tests, freed during the block, would hide what the block takes
     CLEAR.write_text("5")  # the peak restarts at the present value
     before = _kilobytes("VmRSS")
     yield
