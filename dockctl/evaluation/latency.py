@@ -12,7 +12,7 @@ import numpy as np
 import pandas as pd
 
 from dockctl.agents.interface import Policy
-from dockctl.analysis.latency import PARTS, THESIS_FORWARD_MS, summarize
+from dockctl.analysis.latency import PARTS, summarize
 from dockctl.envs.observation import ObservationEncoder, View
 from dockctl.envs.vector import DockingVectorEnv
 from dockctl.evaluation.policies import LoadedPolicy, load_policy
@@ -58,7 +58,6 @@ class Latency:
             "policy": self.policy.facts(),
             "decisions": len(self.samples),
             "milliseconds": {name: summary[part] for part, name in PARTS.items()},
-            "thesis_forward_ms": THESIS_FORWARD_MS,
             "control_period_ms": self.control_period_ms,
             "hardware": hardware(),
         }

@@ -14,7 +14,7 @@ from dockctl.analysis.episodes import (
     smoothing_window,
     term_columns,
 )
-from dockctl.analysis.latency import PARTS, THESIS_FORWARD_MS
+from dockctl.analysis.latency import PARTS
 from dockctl.drawing import palette
 from dockctl.drawing.scene import Scene, Stroke, strokes
 from dockctl.geometry import Floats, pose_array
@@ -333,9 +333,7 @@ def latency_charts(samples: pd.DataFrame, control_period_ms: float) -> list[Char
         edges = np.geomspace(low * 0.98, high * 1.02, BINS)
         counts, _ = np.histogram(values, edges)
         bars = series("decisions", "mean", edges[:-1], counts, "bars", until=numbers(edges[1:]))
-        lines = [{"x": THESIS_FORWARD_MS, "label": "thesis"}] if part == "forward_ms" else []
-        if part == "decision_ms":
-            lines = [{"x": control_period_ms, "label": "control period"}]
+        lines = [{"x": control_period_ms, "label": "control period"}] if part == "decision_ms" else []
         charts.append(chart(name, "Time [ms]", "Decisions", [bars], logx=True, min=0, lines=lines))
     return charts
 

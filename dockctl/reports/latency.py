@@ -8,7 +8,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.ticker import FuncFormatter, NullFormatter
 
-from dockctl.analysis.latency import PARTS, STATISTICS, THESIS_FORWARD_MS, summarize
+from dockctl.analysis.latency import PARTS, STATISTICS, summarize
 from dockctl.drawing import palette
 from dockctl.reports.style import label, make_figure, panel_title
 
@@ -21,7 +21,7 @@ COLORS = {
 
 
 def latency_figure(samples: pd.DataFrame, subtitle: str, control_period_ms: float) -> Figure:
-    """One histogram per part of a decision, with the thesis' forward pass and the control period marked.
+    """One histogram per part of a decision, with the control period marked.
 
     Args:
         samples: one row per decision, columns `dockctl.analysis.latency.PARTS` [ms].
@@ -36,10 +36,7 @@ def latency_figure(samples: pd.DataFrame, subtitle: str, control_period_ms: floa
     for ax, (part, name) in zip(axes, PARTS.items(), strict=True):
         _draw_part(ax, samples[part], edges, name, COLORS[part], summary[part])
         ax.axvline(control_period_ms, color=palette.GOAL, lw=1.3, ls=(0, (4, 2)))
-        if part == "forward_ms":
-            ax.axvline(THESIS_FORWARD_MS, color=palette.YELLOW, lw=1.6)
-            _label_line(ax, THESIS_FORWARD_MS, f"thesis {THESIS_FORWARD_MS:g} ms", palette.YELLOW)
-    _label_line(axes[0], control_period_ms, f"control period {control_period_ms:g} ms", palette.GOAL)
+    label_line(axes[0], control_period_ms, f"control period {control_period_ms:g} ms", palette.GOAL)
     axes[-1].set(xscale="log", xlim=(edges[0], edges[-1]))
     axes[-1].xaxis.set_major_formatter(FuncFormatter(lambda value, _: f"{value:g}"))
     axes[-1].xaxis.set_minor_formatter(NullFormatter())
@@ -59,5 +56,5 @@ def _draw_part(
     ax.spines["left"].set_visible(False)
 
 
-def _label_line(ax: Axes, value: float, text: str, color: str) -> None:
+def label_line(ax: Axes, value: float, text: str, color: str) -> None:
     label(ax, text, (value, 0.62), (-5, 0), xycoords=ax.get_xaxis_transform(), ha="right", color=color)

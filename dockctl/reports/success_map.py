@@ -32,14 +32,12 @@ from dockctl.drawing.scene import Scene
 from dockctl.geometry import Floats
 from dockctl.reports import plan_view
 from dockctl.reports.plan_view import pose_label
-from dockctl.reports.style import HALO, label, legend_above, make_figure, panel_title, panels, percent
+from dockctl.reports.style import HALO, legend_above, make_figure, panel_title, panels, percent
 from dockctl.scenarios.schema import Task
 
 HEADING_LIMITS_DEG = (SMALL_OFFSET_DEG, 45.0, 180.0)
 DISTANCE_LIMITS_M = (3.0, 6.0, 10.0)
 """Largest offsets of the groups for which success is drawn."""
-THESIS_M = {3.0: "§4.4", 5.0: "§5.2"}
-"""Distances beyond which the thesis' policies fail, with the section."""
 COLORS = (palette.MEAN, palette.SECOND_MEAN, palette.PURPLE)
 BLOCKED_COLOR, BLOCKED_HATCH = "#8C99A3", "//////"
 MOST_COLUMNS = 4
@@ -128,13 +126,8 @@ def draw_by_distance(ax: Axes, free: pd.DataFrame, limit_m: float) -> None:
         for limit in _limits(near["dheading_deg"].abs(), HEADING_LIMITS_DEG, largest)
     ]
     _draw_success(ax, groups, "offset")
-    shown = {distance: section for distance, section in THESIS_M.items() if distance <= limit_m}
-    for distance, section in shown.items():
-        ax.axvline(distance, color=palette.INK_SOFT, lw=1.0, ls=(0, (1, 2)), zorder=1)
-        label(ax, section, (distance, 0.02), (3, 0), fontsize=7.5, color=palette.INK_SOFT)
     ax.set_xlim(0, 1.01 * limit_m or 1.0)
-    dotted = "   (dotted: beyond it the thesis' policies fail)" if shown else ""
-    ax.set_xlabel(f"Distance of the start from the pose [m]{dotted}")
+    ax.set_xlabel("Distance of the start from the pose [m]")
 
 
 def draw_by_heading(ax: Axes, free: pd.DataFrame) -> None:

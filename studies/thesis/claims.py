@@ -7,7 +7,6 @@ from typing import Literal
 
 import numpy as np
 
-from dockctl.analysis.latency import THESIS_FORWARD_MS
 from dockctl.analysis.returns import break_even, format_unit
 from dockctl.analysis.success_map import (
     SMALL_OFFSET_DEG,
@@ -17,7 +16,6 @@ from dockctl.analysis.success_map import (
     within_heading,
 )
 from dockctl.geometry import Floats
-from dockctl.reports.success_map import THESIS_M
 from dockctl.runs.tables import RECENT
 from studies.thesis.data import SELECTION, TEST, Archive, ArchivedRun, Facts
 from studies.thesis.measures import Row, change_share, slowing_m
@@ -148,10 +146,10 @@ def distance_from_start(facts: Facts, archive: Archive) -> Measured:
     parts = []
     for who, title in POLICIES.items():
         radii = ", ".join(format_radius(run.success_radius()) for run in archive[who])
-        rates = {limit: [100 * _within(run, limit) for run in archive[who]] for limit in THESIS_M}
+        rates = {limit: [100 * _within(run, limit) for run in archive[who]] for limit in facts.fails_beyond_m}
         shares = ", ".join(f"{spread(found, '{:.0f}', ' %')} within {m:g} m" for m, found in rates.items())
         parts.append(f"{title}: {shares}, success radius by seed {radii}")
-    reliable = min(_within(run, min(THESIS_M)) for run in archive["s3"]) >= RELIABLE
+    reliable = min(_within(run, min(facts.fails_beyond_m)) for run in archive["s3"]) >= RELIABLE
     near = min(run.success_radius() or 0.0 for run in archive["s3"]) >= 1
     return "; ".join(parts), _graded(reliable, near)
 
@@ -191,9 +189,8 @@ def intermediate_reward(facts: Facts, archive: Archive) -> Measured:
 
 def forward_pass(facts: Facts, archive: Archive) -> Measured:
     means = [float(run.latency_samples["forward_ms"].mean()) for run in archive["s3"]]
-    return f"{spread(means, '{:.2f}', ' ms')} on average, on another machine", _faster(
-        max(means), THESIS_FORWARD_MS
-    )
+    text = f"{spread(means, '{:.2f}', ' ms')} on average, on another machine"
+    return text, _faster(max(means), facts.forward_pass_ms)
 
 
 def training_time(facts: Facts, archive: Archive) -> Measured:

@@ -126,6 +126,8 @@ class Facts(Strict):
 
     seconds_per_step: float
     hours_per_scenario: float
+    forward_pass_ms: float
+    fails_beyond_m: dict[float, str]
     episodes: dict[str, int]
     mostly_colliding: tuple[int, int]
     scenarios: tuple[ScenarioFact, ...]

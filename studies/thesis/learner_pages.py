@@ -6,11 +6,13 @@ from collections.abc import Iterator, Mapping, Sequence
 from functools import partial
 
 import pandas as pd
+from matplotlib.figure import Figure
 
-from dockctl.analysis.latency import PARTS, THESIS_FORWARD_MS
+from dockctl.analysis.latency import PARTS
 from dockctl.analysis.returns import AT_START, DOCKING, format_unit, value, verdicts
+from dockctl.drawing import palette
 from dockctl.experiments.study import Experiment
-from dockctl.reports.latency import latency_figure
+from dockctl.reports.latency import label_line, latency_figure
 from dockctl.reports.returns import returns_figure
 from dockctl.runs.tables import RECENT
 from studies.thesis import curves
@@ -264,22 +266,26 @@ def _settings(experiment: Experiment, base: Experiment | None = None) -> str:
 def time_page(facts: Facts, archive: Archive) -> Page:
     """Fig. 4.38 and the time of a training."""
     first = archive["s3"][0]
-    samples, latency = first.latency_samples, first.latency
-    figures: dict[str, Draw] = {
-        "latency": lambda: latency_figure(
-            samples,
-            f"{latency['subject']}; {len(samples):,} decisions",
-            float(latency["control_period_ms"]),
-        )
-    }
+    figures: dict[str, Draw] = {"latency": partial(_latency_figure, first, facts.forward_pass_ms)}
     values = {
-        "forward_ms": f"{THESIS_FORWARD_MS:g}",
+        "forward_ms": f"{facts.forward_pass_ms:g}",
         "decisions": [_decision_row(run, part) for run in archive["s3"] for part in PARTS],
         "seconds_per_step": f"{facts.seconds_per_step:g}",
         "hours": f"{facts.hours_per_scenario:g}",
         "trainings": [_time_row(scenario, archive[scenario.name]) for scenario in facts.scenarios],
     }
     return Page("results/time.md", "time.md", values, figures)
+
+
+def _latency_figure(run: ArchivedRun, forward_pass_ms: float) -> Figure:
+    """Histograms of the parts of a decision, with the thesis' forward pass."""
+    samples, latency = run.latency_samples, run.latency
+    subtitle = f"{latency['subject']}; {len(samples):,} decisions"
+    figure = latency_figure(samples, subtitle, float(latency["control_period_ms"]))
+    ax = figure.axes[[*PARTS].index("forward_ms")]
+    ax.axvline(forward_pass_ms, color=palette.YELLOW, lw=1.6)
+    label_line(ax, forward_pass_ms, f"thesis {forward_pass_ms:g} ms", palette.YELLOW)
+    return figure
 
 
 def _decision_row(run: ArchivedRun, part: str) -> Row:

@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from functools import partial
 from typing import Any
 
 import pandas as pd
+from matplotlib.figure import Figure
 
 from dockctl.analysis.statistics import describe_share
 from dockctl.analysis.success_map import (
@@ -16,10 +17,12 @@ from dockctl.analysis.success_map import (
     within_distance,
     within_heading,
 )
+from dockctl.drawing import palette
 from dockctl.experiments.study import Experiment
 from dockctl.reports.figures import overview
 from dockctl.reports.plan_view import pose_names
-from dockctl.reports.success_map import THESIS_M, map_figure
+from dockctl.reports.style import label
+from dockctl.reports.success_map import map_figure
 from dockctl.runs.directory import FAILURES
 from dockctl.runs.tables import START_KINDS
 from dockctl.scenarios.base import Pose
@@ -144,7 +147,7 @@ def generalization_page(facts: Facts, archive: Archive) -> Page:
         first = archive[who][0]
         sets.append({"name": who, "title": title, "seed": first.seed})
         figures[f"{who}-map"] = partial(
-            map_figure, first.map, first.run.scene, first.run.task, f"{title}, seed {first.seed}"
+            _map_figure, first, f"{title}, seed {first.seed}", facts.fails_beyond_m
         )
         figures[f"{who}-failures"] = partial(
             maneuvers.trajectories_figure,
@@ -155,13 +158,25 @@ def generalization_page(facts: Facts, archive: Archive) -> Page:
     mapped = [(title, run) for who, title in POLICIES.items() for run in archive[who]]
     values = {
         "berths": [_berth_section(berth, facts, archive, figures) for berth in facts.berths],
-        "limits": listed(f"{radius:g} m ({section})" for radius, section in THESIS_M.items()),
+        "limits": listed(f"{radius:g} m ({section})" for radius, section in facts.fails_beyond_m.items()),
         "heading_limit": f"{SMALL_OFFSET_DEG:g}",
         "reach": [_reach_row(title, run) for title, run in mapped],
         "outcomes": [_map_row(title, run) for title, run in mapped],
         "sets": sets,
     }
     return Page("results/generalization.md", "generalization.md", values, figures)
+
+
+def _map_figure(run: ArchivedRun, caption: str, fails_beyond_m: Mapping[float, str]) -> Figure:
+    """The success map, with the distances beyond which the thesis' policies fail."""
+    figure = map_figure(run.map, run.run.scene, run.run.task, caption)
+    by_distance = figure.subfigs[-1].axes[0]
+    for distance, section in fails_beyond_m.items():
+        by_distance.axvline(distance, color=palette.INK_SOFT, lw=1.0, ls=(0, (1, 2)), zorder=1)
+        label(by_distance, section, (distance, 0.02), (3, 0), fontsize=7.5, color=palette.INK_SOFT)
+    dotted = "dotted: beyond it the thesis' policies fail"
+    by_distance.set_xlabel(f"{by_distance.get_xlabel()}   ({dotted})")
+    return figure
 
 
 def _berth_section(berth: Berth, facts: Facts, archive: Archive, figures: dict[str, Draw]) -> dict[str, Any]:

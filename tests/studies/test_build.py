@@ -201,6 +201,16 @@ def test_missing_runs_are_reported(tmp_path: Path) -> None:
     assert str(tmp_path / "s1") in str(caught.value)
 
 
+def test_the_numbers_of_the_thesis_are_marked_in_the_figures(pages: Pages) -> None:
+    with figure_style():
+        by_distance = pages["results/generalization.md"][0].figures["s3-map"]().subfigs[-1].axes[0]
+        forward = pages["results/time.md"][0].figures["latency"]().axes[2]
+    assert [line.get_xdata()[0] for line in by_distance.lines if line.get_linestyle() != "-"] == [3, 5]
+    assert {text.get_text() for text in by_distance.texts} == {"§4.4", "§5.2"}
+    assert [line.get_xdata()[0] for line in forward.lines] == [500, 2]
+    assert {text.get_text() for text in forward.texts} == {"thesis 2 ms"}
+
+
 def test_figures_repeat_byte_for_byte(pages: Pages) -> None:
     draw = pages["results/scenarios.md"][0].figures["surge"]
     with figure_style():
