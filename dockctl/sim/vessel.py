@@ -170,6 +170,13 @@ def _rate(psi: float, u: float, v: float, r: float, tau: Any, coefficients: Any)
     return c * u - s * v, s * u + c * v, r, i00 * X, i11 * Y + i12 * N, i21 * Y + i22 * N
 
 
+@compiled(inline="always")
+def _write(row: Any, values: Any) -> None:
+    """Assign each value; for `row[:] = values`, numba would compile the message of an error, for seconds."""
+    for i, value in enumerate(values):
+        row[i] = value
+
+
 @compiled()
 def _integrate(
     eta: Any, nu: Any, tau: Any, coefficients: Any, h: float, substeps: int, reach: float, states: Any
@@ -190,7 +197,7 @@ def _integrate(
             part = j * tau.shape[1] // substeps
             f = (tau[i, part, 0], tau[i, part, 1], tau[i, part, 2])
             if len(states):
-                states[i, j] = x, y, p, u, v, r
+                _write(states[i, j], (x, y, p, u, v, r))
             x0, y0, p0 = x, y, p
             x1, y1, p1, u1, v1, r1 = _rate(p, u, v, r, f, c)
             x2, y2, p2, u2, v2, r2 = _rate(p + a * p1, u + a * u1, v + a * v1, r + a * r1, f, c)
@@ -206,5 +213,5 @@ def _integrate(
         eta[i, 0], eta[i, 1], eta[i, 2] = x, y, p
         nu[i, 0], nu[i, 1], nu[i, 2] = u, v, r
         if len(states):
-            states[i, substeps] = x, y, p, u, v, r
+            _write(states[i, substeps], (x, y, p, u, v, r))
     return eta, nu, travel

@@ -31,7 +31,8 @@ Floats32 = NDArray[np.float32]
 DECAYS = {"adam": (0.9, 0.999, 1e-8), "rmsprop": (0.0, 0.9, 1e-7)}
 """Decays of the two moments, and epsilon; for RMSprop the defaults of Keras, which the thesis used."""
 
-# Sums may be taken in any order, so that one instruction adds several terms.
+# Sums may be taken in any order, so that one instruction adds several terms. No array is assigned to a slice:
+# for each, numba compiles the message of an error, which takes longer than the rest of the function.
 _compiled = compiled(error_model="numpy", fastmath={"arcp", "contract", "nsz", "reassoc"})
 
 
@@ -250,7 +251,8 @@ def _steps(
         norm = metrics[step, 3] = math.sqrt(squares)
         for parameter in parameters:
             if norm > loss.largest_gradient:
-                parameter.gradient[:] *= np.float32(loss.largest_gradient / norm)
+                scale = np.float32(loss.largest_gradient / norm)
+                np.multiply(parameter.gradient, scale, parameter.gradient)
             _optimize(parameter, rates[step])
     return metrics
 
@@ -342,9 +344,9 @@ def _greedy(layer: Layer, hidden: Floats32) -> NDArray[np.int64]:
 @_compiled
 def _centered(layer: Layer) -> Layer:
     """Return the layer without the mean of its rows, A - mean A; this is also the adjoint of itself."""
-    return Layer(
-        layer.weight - _sum_rows(layer.weight) / np.float32(len(layer.bias)), layer.bias - layer.bias.mean()
-    )
+    mean = np.empty(layer.weight.shape[1], np.float32)
+    _sum_rows(layer.weight, mean)
+    return Layer(layer.weight - mean / np.float32(len(layer.bias)), layer.bias - layer.bias.mean())
 
 
 @_compiled
@@ -373,7 +375,7 @@ def _backward_output(
 ) -> None:
     """Write the gradients of the last layers and the derivatives by their inputs."""
     to_weight, to_bias = np.zeros_like(advantage.weight), np.zeros_like(advantage.bias)
-    gradient.value.weight[0] = np.dot(slope, outputs.value)
+    np.dot(slope, outputs.value, gradient.value.weight[0])
     gradient.value.bias[0] = slope.sum()
     for row in range(len(action)):
         chosen = action[row]
@@ -384,8 +386,10 @@ def _backward_output(
         for column in range(outputs.value.shape[1]):
             derivatives.value[row, column] = slope[row] * layers.value.weight[0, column]
     centered = _centered(Layer(to_weight, to_bias))
-    gradient.advantage.weight[:] = centered.weight
-    gradient.advantage.bias[:] = centered.bias
+    for row in range(len(to_bias)):
+        gradient.advantage.bias[row] = centered.bias[row]
+        for column in range(outputs.advantage.shape[1]):
+            gradient.advantage.weight[row, column] = centered.weight[row, column]
 
 
 @_compiled
@@ -397,7 +401,8 @@ def _backward_streams(
     _backward_layer(gradient.value_hidden, outputs.shared[last], outputs.value, derivatives.value)
     _backward_layer(gradient.advantage_hidden, outputs.shared[last], outputs.advantage, derivatives.advantage)
     np.dot(derivatives.value, layers.value_hidden.weight, derivatives.shared[last])
-    derivatives.shared[last][:] += np.dot(derivatives.advantage, layers.advantage_hidden.weight)
+    by_advantage = np.dot(derivatives.advantage, layers.advantage_hidden.weight)
+    np.add(derivatives.shared[last], by_advantage, derivatives.shared[last])
     for depth in range(last, -1, -1):
         below = outputs.shared[depth - 1] if depth else observation
         _backward_layer(gradient.shared[depth], below, outputs.shared[depth], derivatives.shared[depth])
@@ -413,13 +418,13 @@ def _backward_layer(gradient: Layer, inputs: Floats32, outputs: Floats32, deriva
             if outputs[row, column] <= 0:
                 derivatives[row, column] = 0
     np.dot(derivatives.T, inputs, gradient.weight)
-    gradient.bias[:] = _sum_rows(derivatives)
+    _sum_rows(derivatives, gradient.bias)
 
 
 @_compiled
-def _sum_rows(matrix: Floats32) -> Floats32:
-    total = np.zeros(matrix.shape[1], np.float32)
+def _sum_rows(matrix: Floats32, total: Floats32) -> None:
+    """Write the sum of the rows into `total`."""
+    total.fill(0)
     for row in range(len(matrix)):
         for column in range(len(total)):
             total[column] += matrix[row, column]
-    return total
