@@ -260,16 +260,16 @@ class Trainer:
         return self.card.model_copy(update={"env_steps": self.progress.env_steps})
 
     def _save_last(self, *, unfinished: bool = True) -> None:
-        """Save the policy and everything else that `restore` needs, unless a parameter is not finite.
+        """Save the policy and everything else that `restore` needs, unless a number in it is not finite.
 
         Args:
             unfinished: also the unfinished episodes; False in the middle of a step.
         """
-        policy = self.algorithm.policy_tensors()
-        if not self._check(self._monitor.check_parameters, policy):
+        policy, (tensors, facts) = self.algorithm.policy_tensors(), self.algorithm.state()
+        numbers = {name: values for name, values in tensors.items() if values.dtype.kind == "f"}
+        if not self._check(self._monitor.check_parameters, {**policy, **numbers}):
             return
         tables = {name: table.save() for name, table in self.tables.items()}
-        tensors, facts = self.algorithm.state()
         sums, terms = self.episode_recorder.state()
         groups = {"algorithm": tensors}
         environment = None

@@ -8,7 +8,17 @@ from typing import Annotated, Any, Literal, Self
 from pydantic import Field, model_validator
 
 from dockctl.plugins import ALGORITHMS
-from dockctl.scenarios.base import Count, FieldError, Fraction, Model, NonNegative, Pose, Positive, Speed
+from dockctl.scenarios.base import (
+    Count,
+    FieldError,
+    Flag,
+    Fraction,
+    Model,
+    NonNegative,
+    Pose,
+    Positive,
+    Speed,
+)
 from dockctl.scenarios.extensions import Kind
 from dockctl.scenarios.kinds import Kinds
 
@@ -84,6 +94,7 @@ THESIS: dict[str, Any] = {
     "huber_delta": None,
     "gradient_clip": None,
     "target_update_interval": 500,
+    "averaged_copies": None,
     "epsilon": {"start": 1.0, "end": 0.01, "decay_steps": 500_000},
     "warmup_steps": 32,
     "reward_scale": 1.0,
@@ -110,6 +121,9 @@ class Training(Model):
     batch_size: Count = Field(default=128, le=65_536)
     steps_per_update: Count = Field(default=4, description="environment steps per update")
     target_update_interval: Count = Field(default=100, description="updates between target copies")
+    averaged_copies: Count | None = Field(
+        default=20, description="target copies that the saved policy averages; null for the online network"
+    )
     optimizer: Literal["adam", "rmsprop"] = "adam"
     learning_rate: Positive = 5e-4
     final_learning_rate: Positive = Field(default=5e-5, description="reached linearly at total_steps")

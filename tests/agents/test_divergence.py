@@ -70,7 +70,7 @@ def nan_observation(made: Trainer) -> None:
 
 def nan_weight(made: Trainer) -> None:
     with torch.no_grad():
-        dqn(made).policy.network.value[0].bias[2] = torch.nan
+        dqn(made).learner.online.value[0].bias[2] = torch.nan
 
 
 def nan_loss(made: Trainer) -> None:
@@ -81,13 +81,13 @@ def nan_loss(made: Trainer) -> None:
 
 def exploding_values(made: Trainer) -> None:
     with torch.no_grad():
-        dqn(made).policy.network.value[2].bias += 1e6
+        dqn(made).learner.online.value[2].bias += 1e6
 
 
 def dead_advantages(made: Trainer) -> None:
     with torch.no_grad():
-        dqn(made).policy.network.advantage[0].weight.zero_()
-        dqn(made).policy.network.advantage[0].bias.fill_(-1.0)
+        dqn(made).learner.online.advantage[0].weight.zero_()
+        dqn(made).learner.online.advantage[0].bias.fill_(-1.0)
 
 
 def no_end(made: Trainer) -> None:

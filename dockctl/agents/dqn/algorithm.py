@@ -50,7 +50,8 @@ class DQN:
         self.training, self.actions, self.device = training, actions, device
         generator = torch.Generator().manual_seed(training.seed)
         network = DuelingQNetwork(observation_size, actions, training.hidden_sizes, generator).to(device)
-        self.policy, self.learner = GreedyPolicy(network), DoubleDQN(network, training)
+        self.learner = DoubleDQN(network, training)
+        self.policy = GreedyPolicy(self.learner.evaluated)
         self.exploration = np.random.default_rng((training.seed, 1))
         self.n_step = NStep(training.boats, training.n_step, training.gamma, observation_size)
         sampling = np.random.default_rng((training.seed, 2))
@@ -102,8 +103,8 @@ class DQN:
             transitions = self._draw(due)
 
     def advantages(self, observation: NDArray[Any]) -> NDArray[Any]:
-        """Return the output of the advantage stream; see `Dueling`."""
-        network = self.policy.network
+        """Return the output of the online network's advantage stream; see `Dueling`."""
+        network = self.learner.online
         with torch.inference_mode():
             features = network.shared(torch.as_tensor(observation, dtype=torch.float32, device=self.device))
             values: NDArray[Any] = network.advantage(features).cpu().numpy()
@@ -118,12 +119,13 @@ class DQN:
         self.replay.rng = np.random.default_rng((training.seed, 2, attempt))
 
     def policy_tensors(self) -> Tensors:
-        """Return the parameters of the online network; see `Algorithm`."""
+        """Return the parameters of the evaluated network; see `Algorithm`."""
         return numpy_tensors(self.policy.network.state_dict())
 
     def state(self) -> tuple[Tensors, dict[str, Any]]:
-        """Return target network, optimizer, replay, n-step windows and generators; see `Algorithm`."""
+        """Return the other networks, optimizer, replay, n-step windows and generators; see `Algorithm`."""
         tensors = {
+            "online": numpy_tensors(self.learner.online.state_dict()),
             "target": numpy_tensors(self.learner.target.state_dict()),
             "optimizer": self.learner.steps.moments(),
             "replay": self.replay.state(),
@@ -135,9 +137,10 @@ class DQN:
 
     def restore(self, policy: Tensors, tensors: Tensors, facts: Mapping[str, Any]) -> None:
         """Continue from a saved state; see `Algorithm`."""
-        load_parameters(self.learner.online, policy)
         nested = nest(tensors)
+        load_parameters(self.learner.online, nested["online"])
         load_parameters(self.learner.target, nested["target"])
+        load_parameters(self.learner.evaluated, policy)
         self.learner.steps.load_moments(nested["optimizer"])
         self.replay.load(nested["replay"], self.actions)
         if unfinished := nested["unfinished"]:

@@ -105,15 +105,20 @@ class AutogradSteps:
 
 
 class DoubleDQN:
-    """An online network, its optimizer, and a target network.
+    """An online network, its optimizer, a target network, and the network that is evaluated.
+
+    The evaluated network is the exponential moving average of the copies to the target network: the greedy
+    policy of the online network changes with every update, and docks from more starts at one time than at the
+    next. Without averaging it is the online network itself.
 
     Args:
         online: trained in place, on the device where it is.
-        training: loss, clipping, optimizer and target copies.
+        training: loss, clipping, optimizer, target copies and their average.
     """
 
     def __init__(self, online: DuelingQNetwork, training: Training) -> None:
         self.online, self.target, self.training, self.updates = online, copy.deepcopy(online), training, 0
+        self.evaluated = online if training.averaged_copies is None else copy.deepcopy(online)
         on_processor = next(online.parameters()).device.type == "cpu"
         steps = CompiledSteps if on_processor else AutogradSteps
         self.steps = steps(online, self.target, training)
@@ -141,5 +146,15 @@ class DoubleDQN:
             metrics += self.steps(part, learning_rate, last - first)
             self.updates += last - first
             if self.updates % interval == 0:
-                self.target.load_state_dict(self.online.state_dict())
+                self._copy()
         return metrics
+
+    @torch.no_grad()
+    def _copy(self) -> None:
+        """Copy the online network to the target network, and average the copies: the first ones equally."""
+        self.target.load_state_dict(self.online.state_dict())
+        if self.training.averaged_copies is not None:
+            copies = self.updates // self.training.target_update_interval
+            weight = 1 / min(copies, self.training.averaged_copies)
+            for average, copied in zip(self.evaluated.parameters(), self.target.parameters(), strict=True):
+                average.lerp_(copied, weight)

@@ -164,6 +164,24 @@ def test_no_target_is_above_the_largest_return() -> None:
     assert td_target(steps, high, high, 60.0).tolist() == pytest.approx([60, -50 + 90])
 
 
+def test_the_evaluated_network_is_the_average_of_the_copies() -> None:
+    """The first four copies weigh the same, later ones 1/4 when they are made."""
+    dqn, copies = learner(averaged_copies=4), list[Tensor]()
+    for seed in range(21):
+        dqn.update(batch(seed), 1e-2)
+        if dqn.updates % 3 == 0:
+            copies.append(flat(dqn.online))
+    weights = [*[0.25 * 0.75**3] * 4, 0.25 * 0.75**2, 0.25 * 0.75, 0.25]
+    expected = sum(weight * copied for weight, copied in zip(weights, copies, strict=True))
+    assert flat(dqn.evaluated).numpy() == pytest.approx(expected.numpy(), rel=1e-5, abs=1e-7)
+
+
+def test_the_evaluated_network_without_averaging() -> None:
+    dqn = learner(averaged_copies=None)
+    dqn.update(batch(), 1e-2)
+    assert dqn.evaluated is dqn.online
+
+
 def test_losses_by_hand() -> None:
     q, target = torch.tensor([0.0, 0.0]), torch.tensor([1.0, 4.0])
     assert td_loss(q, target, None).item() == pytest.approx((1 + 16) / 2)
