@@ -34,6 +34,20 @@ class Spaces(NamedTuple):
         return cls(env.single_observation_space, env.single_action_space)
 
 
+class Mirror(NamedTuple):
+    """Mirror images of observations and actions, in which port and starboard change places.
+
+    Attributes:
+        columns, signs: (observation_size,) the images of observations (n, observation_size) are
+            ``observation[:, columns] * signs``.
+        actions: (actions,) index of the image of each action.
+    """
+
+    columns: NDArray[np.int64]
+    signs: NDArray[np.float32]
+    actions: NDArray[np.int64]
+
+
 class Policy(Protocol):
     """Chooses the actions of n boats; it may be stateful. A subclass without state needs no `reset`."""
 
@@ -138,6 +152,15 @@ class Dueling(Protocol):
 
     def advantages(self, observation: NDArray[Any]) -> NDArray[Any]:
         """Return the output of the stream, (n, actions), for observations (n, observation_size)."""
+        ...
+
+
+@runtime_checkable
+class Mirrorable(Protocol):
+    """An algorithm that can also learn from the mirror images of its transitions."""
+
+    def learn_mirrored(self, mirror: Mirror) -> None:
+        """Learn from mirror images, too, from now on."""
         ...
 
 

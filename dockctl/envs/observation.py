@@ -79,6 +79,21 @@ class View:
             past=past,
         )
 
+    def mirrored(self) -> View:
+        """Return the view of the mirror image in the x axis, where port and starboard change places."""
+        pose, vector = np.array([1, -1, -1]), np.array([1, -1])
+        return replace(
+            self,
+            heading_error_rad=-self.heading_error_rad,
+            eta=self.eta * pose,
+            goal=self.goal * pose,
+            nu=self.nu * pose,
+            command=self.command * vector,
+            sector_ranges_m=self.sector_ranges_m[:, ::-1],
+            apparent_wind=self.apparent_wind * vector,
+            past=tuple(view.mirrored() for view in self.past),
+        )
+
     def copy(self) -> View:
         """Return a view with arrays of its own, without earlier views."""
         return replace(self, past=(), **{name: getattr(self, name).copy() for name in BY_BOAT})

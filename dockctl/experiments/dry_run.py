@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
+from contextlib import contextmanager
 from dataclasses import replace
 from typing import Any
 
@@ -9,7 +11,8 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from dockctl.agents.algorithms import AlgorithmSpec
-from dockctl.agents.interface import Algorithm, Spaces
+from dockctl.agents.interface import Algorithm, Mirror, Mirrorable, Spaces
+from dockctl.envs.mirror import mirror_images
 from dockctl.envs.vector import DockingVectorEnv
 from dockctl.errors import InputError, PluginError
 from dockctl.plugins import (
@@ -82,6 +85,9 @@ def dry_run(loaded: LoadedScenario) -> None:
         replace(status, collided=collided, reached_intermediate=intermediate, reached_final=final)
     )
     _require_finite_terms(by_term)
+    if scenario.training.mirrored:
+        with _located(loaded):
+            mirror_images(scenario)
     if ALGORITHMS.origin(scenario.training.algorithm.kind) != PACKAGE_ORIGIN:
         algorithm = build_algorithm(loaded, Spaces.from_env(env), BOATS, "cpu")
         with Guard(ALGORITHMS, scenario.training.algorithm.kind):
@@ -98,12 +104,24 @@ def build_algorithm(loaded: LoadedScenario, spaces: Spaces, boats: int, device: 
     training = loaded.scenario.training.model_copy(update={"boats": boats})
     spec = training.algorithm
     assert isinstance(spec, AlgorithmSpec)
-    with Guard(ALGORITHMS, spec.kind):
-        try:
-            return spec.build(spaces, training, device)
-        except FieldError as error:
-            problem = loaded.problem(error.field, error.message, error.code, error.suggestion)
-            raise InputError([problem]) from None
+    with Guard(ALGORITHMS, spec.kind), _located(loaded):
+        algorithm = spec.build(spaces, training, device)
+        if training.mirrored:
+            if not isinstance(algorithm, Mirrorable):
+                message = f"the algorithm '{spec.kind}' cannot learn from mirror images"
+                raise FieldError("training.mirrored", message, "mismatch")
+            algorithm.learn_mirrored(Mirror(*mirror_images(loaded.scenario)))
+    return algorithm
+
+
+@contextmanager
+def _located(loaded: LoadedScenario) -> Iterator[None]:
+    """Convert a `FieldError` in the block to an `InputError` at the place of the field."""
+    try:
+        yield
+    except FieldError as error:
+        problem = loaded.problem(error.field, error.message, error.code, error.suggestion)
+        raise InputError([problem]) from None
 
 
 def _require_finite_terms(by_term: dict[str, Any]) -> None:

@@ -174,6 +174,11 @@ class RangeSensorSpec(Kind, ABC):
     range_m: Length = 100.0
     sectors: Sectors = 8
 
+    @property
+    def is_symmetric(self) -> bool:
+        """Whether the sensor is its own mirror image, port and starboard; ``training.mirrored`` needs it."""
+        return False
+
     @abstractmethod
     def build(self, triangles: Floats) -> RangeSensor:
         """Return the sensor in a harbor with this surface (m, 3, 3) [m], in the world frame."""

@@ -136,6 +136,7 @@ class Training(Model):
     epsilon: Epsilon = Epsilon()
     exploring_starts: ExploringStarts | None = ExploringStarts()
     stop: StopRule | None = StopRule()
+    mirrored: Flag = Field(default=False, description="half of each batch are mirror images of transitions")
     on_divergence: Literal["stop", "rollback", "continue"] = "stop"
     evaluate_every_steps: Count = 10_000
     validation: ValidationStarts = ValidationStarts()

@@ -5,9 +5,11 @@ from __future__ import annotations
 from pathlib import Path
 
 import pytest
+from gymnasium.spaces import Box, Discrete
 
-from dockctl.errors import PluginError
-from dockctl.experiments.dry_run import dry_run
+from dockctl.agents.interface import Spaces
+from dockctl.errors import InputError, PluginError
+from dockctl.experiments.dry_run import build_algorithm, dry_run
 from dockctl.scenarios.loader import load
 from tests.commands.conftest import dockctl, quick_train
 
@@ -154,3 +156,12 @@ def test_validate_and_train_report_the_fault_and_leave_no_run_folder(tmp_path: P
         assert f"({path}:5)" in outcome.err
         assert len(outcome.err.splitlines()) == 1
     assert not runs.exists()
+
+
+def test_an_algorithm_that_cannot_learn_from_mirror_images() -> None:
+    changes = ["training.algorithm.kind=sb3", "training.mirrored=true", "training.replay_capacity=1000"]
+    loaded = load("s1", overrides=changes)
+    spaces = Spaces(Box(-1, 1, (15,)), Discrete(77))
+    with pytest.raises(InputError) as caught:
+        build_algorithm(loaded, spaces, 1, "cpu")
+    assert caught.value.problems[0].file == "--set training.mirrored"

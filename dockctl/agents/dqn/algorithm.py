@@ -19,9 +19,9 @@ from dockctl.agents.checkpoint import (
     numpy_tensors,
 )
 from dockctl.agents.dqn.network import DuelingQNetwork, GreedyPolicy
-from dockctl.agents.dqn.replay import Batch, NStep, Replay
+from dockctl.agents.dqn.replay import Batch, NStep, Replay, mirror_every_second
 from dockctl.agents.dqn.update import DoubleDQN
-from dockctl.agents.interface import Metrics, Step, Tensors
+from dockctl.agents.interface import Metrics, Mirror, Step, Tensors
 from dockctl.scenarios.training import Training
 
 DRAWN_BYTES = 2**25
@@ -58,6 +58,7 @@ class DQN:
         self.replay = Replay(training.replay_capacity, observation_size, sampling)
         self.epsilon: float | None = training.epsilon.start
         self.slowdown = 1.0
+        self.mirror: Mirror | None = None
 
     @property
     def updates(self) -> int:
@@ -86,7 +87,14 @@ class DQN:
         """Return the transitions for `due` updates, or for as many of them as `DRAWN_BYTES` allow."""
         size, batch = self.policy.network.observation_size, self.training.batch_size
         updates = min(due, max(1, DRAWN_BYTES // Replay.bytes_needed(batch, size)))
-        return self.replay.sample(updates * batch)
+        drawn = self.replay.sample(updates * batch)
+        if self.mirror:
+            mirror_every_second(drawn, self.mirror)
+        return drawn
+
+    def learn_mirrored(self, mirror: Mirror) -> None:
+        """Replace half of the transitions by their mirror images; see `Mirrorable`."""
+        self.mirror = mirror
 
     def _update(self, transitions: Batch, due: int, learning_rate: float) -> Iterator[Metrics]:
         while due:

@@ -7,7 +7,7 @@ from typing import Any, Generic, NamedTuple, TypeVar
 import numpy as np
 from numpy.typing import NDArray
 
-from dockctl.agents.interface import Step, Tensors
+from dockctl.agents.interface import Mirror, Step, Tensors
 
 Array = TypeVar("Array")  # of numpy or torch
 
@@ -30,6 +30,13 @@ class Transitions(NamedTuple, Generic[Array]):
 
 
 Batch = Transitions[NDArray[Any]]
+
+
+def mirror_every_second(batch: Batch, mirror: Mirror) -> None:
+    """Replace every second transition by its mirror image, in place."""
+    for observation in (batch.observation, batch.next_observation):
+        observation[::2] = observation[::2, mirror.columns] * mirror.signs
+    batch.action[::2] = mirror.actions[batch.action[::2]]
 
 
 class NStep:

@@ -61,6 +61,10 @@ class SpinningLidars(RangeSensorSpec):
         return self
 
     @property
+    def is_symmetric(self) -> bool:
+        return {_key(m, 1) for m in self.mounts} == {_key(m, -1) for m in self.mounts}
+
+    @property
     def rays(self) -> int:
         """Rays of a scan."""
         return len(self.mounts) * self.channels * self.azimuth_steps
@@ -71,3 +75,11 @@ class SpinningLidars(RangeSensorSpec):
         )
 
         return SpinningSensor(self, triangles)
+
+
+def _key(mount: LidarMount, side: int) -> tuple[float, ...]:
+    """Return the numbers of a mount, or with `side` -1 those of its mirror image."""
+    roll, pitch, yaw = (
+        angle % 360 for angle in (side * mount.roll_deg, mount.pitch_deg, side * mount.yaw_deg)
+    )
+    return roll, pitch, yaw, mount.x_m, side * mount.y_m, mount.z_m

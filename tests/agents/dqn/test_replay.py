@@ -9,8 +9,8 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from dockctl.agents.dqn.replay import Batch, NStep, Replay, Transitions
-from dockctl.agents.interface import Step
+from dockctl.agents.dqn.replay import Batch, NStep, Replay, Transitions, mirror_every_second
+from dockctl.agents.interface import Mirror, Step
 
 GAMMA = 0.5
 """Powers of one half are exact, so that returns compare exactly."""
@@ -126,3 +126,16 @@ def test_state_round_trip() -> None:
         copy.load(replay.state(), 1)
     with pytest.raises(ValueError, match="replay"):
         Replay(5, 2, np.random.default_rng(0)).load(replay.state(), 100)
+
+
+def test_every_second_transition_is_mirrored() -> None:
+    observation = np.array([[1, 2, 3], [4, 5, 6], [7, 8, 9]], np.float32)
+    batch = Transitions(
+        observation, np.array([0, 1, 2]), np.ones(3), np.ones(3), (observation + 10).astype(np.float32)
+    )
+    mirror = Mirror(np.array([0, 2, 1]), np.array([-1, 1, 1], np.float32), np.array([2, 1, 0]))
+    mirror_every_second(batch, mirror)
+    assert batch.observation.tolist() == [[-1, 3, 2], [4, 5, 6], [-7, 9, 8]]
+    assert batch.next_observation.tolist() == [[-11, 13, 12], [14, 15, 16], [-17, 19, 18]]
+    assert batch.action.tolist() == [2, 1, 0]
+    assert (batch.reward == 1).all()
