@@ -36,6 +36,11 @@ def test_images_of_observations(name: str) -> None:
     assert [sign < 0 for sign in signs] == [name in CHANGING_SIGN for name in names]
 
 
+def test_a_planar_scanner_is_symmetric() -> None:
+    images = mirror_images(load("s3", overrides=["sensors.lidar={kind: planar}"]).scenario)
+    assert images[0].tolist() == [*range(8), *range(15, 7, -1)]
+
+
 @pytest.mark.parametrize("actions", ["grid", "incremental"])
 def test_images_of_actions(actions: str) -> None:
     scenario = load("s3", overrides=[f"actions.kind={actions}"]).scenario

@@ -30,6 +30,10 @@ class PlanarScanner(RangeSensorSpec):
     z_m: Annotated[NonNegative, Field(le=MAX_ARM_M)] = 1.0
     rays: Count = Field(default=720, le=50_000)
 
+    @property
+    def is_symmetric(self) -> bool:
+        return True
+
     def build(self, triangles: Floats) -> RangeSensor:
         return PlanarSensor(self, triangles)
 
