@@ -55,7 +55,7 @@ clean:
 
 # Stamp files in the environment: it is rebuilt when the dependencies change.
 $(VENV)/.run: pyproject.toml constraints.txt
-	$(PYTHON) -m venv --clear $(VENV)
+	$(PYTHON) -m venv $(VENV)
 	@echo "installing dockctl into $(VENV) (a few minutes the first time)"
 	$(PIP) --editable .
 	@touch $@
