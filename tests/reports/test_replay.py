@@ -20,7 +20,7 @@ from dockctl.evaluation.rollout import Rollout
 from dockctl.reports.replay import page
 from dockctl.scenarios.base import Pose
 from dockctl.scenarios.loader import load
-from tests.reports.browser import opened
+from tests.reports.browser import opened, wait
 
 POSES = [Pose(x_m=24.0, y_m=0.5, heading_deg=178.0), Pose(x_m=26.0, y_m=1.0, heading_deg=170.0)]
 CONTROLLER = "examples/controller/reverse.py:Reverse"
@@ -174,3 +174,14 @@ def test_in_a_browser(browser: Any, played: Replay, tmp_path: Path) -> None:
     browser.execute_script("replay.choose('layouts', 'layout', 'side by side')")
     assert len(browser.find_elements("css selector", "#tiles span")) == len(played.tracks)
     assert browser.get_log("browser") == []
+
+
+@pytest.mark.slow
+def test_a_narrow_window_shows_start_and_goal(browser: Any, played: Replay) -> None:
+    browser.set_window_size(500, 1300)
+    browser.refresh()
+    wait(browser, "return document.documentElement.dataset.ready")
+    goal = played.scenario.task.final
+    points = [played.tracks[0].episode.trajectory["pose"][0][:2].tolist(), [goal.x_m, goal.y_m]]
+    seen = browser.execute_script("return arguments[0].map(([x, y]) => replay.screen(x, y))", points)
+    assert (np.abs(np.array(seen)) < 1).all()

@@ -274,7 +274,7 @@ function resetFreeCamera() {
   const path = episodes.flatMap((e) => [e.pose.row(0), e.pose.row(e.last), ...e.goals]);
   const [a, b] = [0, 1].map((axis) => path.map((pose) => pose[axis]));
   const middle = new THREE.Vector3((Math.min(...a) + Math.max(...a)) / 2, (Math.min(...b) + Math.max(...b)) / 2, 0);
-  const span = Math.max(22, Math.max(...a) - Math.min(...a), Math.max(...b) - Math.min(...b));
+  const span = Math.max(22, Math.max(...a) - Math.min(...a), Math.max(...b) - Math.min(...b)) * Math.max(1, innerHeight / innerWidth);
   controls.target.copy(middle);
   free.position.set(middle.x - 0.75 * span, middle.y - 1.15 * span, 0.85 * span);
   controls.update();
@@ -666,6 +666,6 @@ function frame(time) {
 requestAnimationFrame(frame);
 
 /** For scripts and tests: go to a step, and read where the boat is drawn. */
-window.replay = { seek, choose, theme, pose: () => { const { position, rotation } = groups[now.selected].boat; return [position.x, position.y, rotation.z]; }, now, episodes: episodes.length };
+window.replay = { seek, choose, theme, pose: () => { const { position, rotation } = groups[now.selected].boat; return [position.x, position.y, rotation.z]; }, screen: (x, y) => new THREE.Vector3(x, y, 0).project(free).toArray(), now, episodes: episodes.length };
 document.documentElement.dataset.ready = "true";
 })();
