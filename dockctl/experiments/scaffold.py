@@ -91,7 +91,7 @@ STARTERS: dict[str, Starter] = {
             "plugin/test_contracts.py.j2": "{name}/tests/test_contracts.py",
         },
         (
-            ("pip", "install", "--editable", "{out}{name}"),
+            ("pip", "install", "--editable", "{out}{name}[test]"),
             ("dockctl", "list", "rewards"),
             ("dockctl", "validate", "s1-{name}"),
             ("pytest", "{out}{name}/tests"),

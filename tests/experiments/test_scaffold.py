@@ -102,7 +102,7 @@ def test_a_plugin_is_a_package_that_installs(folder: Path) -> None:
     outcome = dockctl("init", "plugin", "dockctl-mine", "--out", "work")
     assert outcome.code == 0
     pip, *others = (shlex.split(line) for line in outcome.out.split("Next:\n")[1].splitlines())
-    assert pip == ["pip", "install", "--editable", "work/dockctl-mine"]
+    assert pip == ["pip", "install", "--editable", "work/dockctl-mine[test]"]
     quiet = ("--quiet", "--disable-pip-version-check", "--no-index", "--no-deps", "--no-build-isolation")
     site = folder / "site"
     install = [sys.executable, "-m", "pip", "install", *quiet, "--target", str(site), pip[-1]]
