@@ -65,7 +65,9 @@ def factory_of(module: ModuleType, name: str, given: str) -> Callable[[Scenario]
     ]
     what = "is not callable" if hasattr(module, name) else "does not exist"
     raise DockctlError(
-        f"{given}: the factory '{name}' {what}", code="unknown_name", suggestion=nearest(name, known)
+        f"{given}: the factory '{name}' {what} (known: {', '.join(known) or 'none'})",
+        code="unknown_name",
+        suggestion=nearest(name, known),
     )
 
 
