@@ -21,8 +21,8 @@ if TYPE_CHECKING:
     from dockctl.scenarios.training import Training
 
 LIVE_SECONDS, PLAIN_SECONDS = 0.25, 8.0
-WINDOW_SECONDS = 15.0
-"""Window of the speed measurement."""
+WINDOW_SECONDS = 60.0
+"""Window of the speed measurement: evaluations interrupt the training for seconds."""
 
 
 class TrainingDisplay:
@@ -60,7 +60,7 @@ class TrainingDisplay:
             return
         self._shown_at = now
         self._marks.append((now, progress.env_steps))
-        while now - self._marks[0][0] > max(WINDOW_SECONDS, 2 * self._every):
+        while now - self._marks[0][0] > WINDOW_SECONDS:
             self._marks.popleft()
         if self._live:
             self._live.update(self._panel(progress), refresh=True)
@@ -87,7 +87,7 @@ class TrainingDisplay:
         facts = {
             "steps": f"{progress.env_steps:,} of {total:,} steps",
             "speed": f"{speed:,.0f} steps/s",
-            "time": f"{clock(progress.wall_s)}, at most {left} remaining",
+            "time": f"{clock(progress.wall_s)}, about {left} to the step limit",
             "docked": f"{progress.recent_docked} of the last {min(RECENT, progress.episodes)} docked",
             "episodes": count(progress.episodes, "episode") + (f": {outcomes}" if outcomes else ""),
         }
@@ -116,7 +116,7 @@ def best(progress: Progress) -> str:
     if progress.best is None:
         return "none yet"
     docked, episodes, mean_return = progress.best
-    return f"{docked:.0f} of {episodes:.0f} random starts docked, return {mean_return:,.0f}"
+    return f"{docked:.0f} of {episodes:.0f} random starts docked, mean return {mean_return:,.0f}"
 
 
 def clock(seconds: float) -> str:

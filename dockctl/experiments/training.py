@@ -348,7 +348,7 @@ def _report(console: Console, run: TrainedRun) -> None:
     lines = [
         f"{REASONS[run.reason]}: {steps}, {episodes}, {clock(progress.wall_s)}.",
         f"Training: {progress.recent_docked} of the last {count(recent, 'episode')} docked.",
-        f"Greedy policy: best {best(progress)}.",
+        f"Best policy: {best(progress)}.",
     ]
     if run.reason == "interrupted":
         lines += ["Saved. To continue:", f"  {command_line('train', '--resume', run.path)}"]

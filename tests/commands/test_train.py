@@ -298,7 +298,7 @@ def test_a_terminal_gets_a_panel() -> None:
         "5,000 of 500,000",
         "1 collision, 1 docked",
         "0.25",
-        "90 of 100 random starts docked, return 300",
+        "90 of 100 random starts docked, mean return 300",
         "Ctrl-C",
     ):
         assert words in text, words
@@ -316,7 +316,7 @@ def test_without_a_terminal_there_are_plain_lines(monkeypatch: pytest.MonkeyPatc
     assert isinstance(console.file, io.StringIO)
     (line,) = console.file.getvalue().splitlines()
     assert (
-        "7,000 of 500,000 steps | 200 steps/s | 0:00, at most 41:05 remaining | 0 of the last 2 docked"
+        "7,000 of 500,000 steps | 200 steps/s | 0:00, about 41:05 to the step limit | 0 of the last 2 docked"
         in line
     )
 
