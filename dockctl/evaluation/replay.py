@@ -253,7 +253,7 @@ def _titles(replay: Replay) -> list[str]:
     titles = []
     for track in replay.tracks:
         x, y, heading = track.start.eta
-        pose = f"({x:g}, {y:g}, {math.degrees(heading):.3g}°)"
+        pose = f"({x:g}, {y:g}, {round(math.degrees(heading), 1) % 360:g}°)".replace("-", "−")
         titles.append(" ".join([track.policy] * policies + [pose] * (starts or not policies)))
     return titles
 
