@@ -101,9 +101,9 @@ def train(
             raise DockctlError(f"--seed: {SEEDS}")
         limits = {"training.total_steps": steps, "training.on_divergence": on_divergence}
         settings = [*(set_ or ()), *(f"{key}={value}" for key, value in limits.items() if value is not None)]
-        options = ["--device", device, *([] if name is None else ["--name", name])]
-        options += [word for each in tag or () for word in ("--tag", each)]
-        options += [word for each in log or () for word in ("--log", each)]
+        options = ["--device", device, *(word for each in log or () for word in ("--log", each))]
+        labels = [] if name is None else ["--name", name]
+        labels += [word for each in tag or () for word in ("--tag", each)]
         ending = sweep(
             DEFAULT_SCENARIO if scenario is None else scenario,
             settings,
@@ -111,6 +111,7 @@ def train(
             out or SWEEPS,
             jobs,
             options,
+            labels,
             plugin or (),
             trust,
         )

@@ -167,7 +167,8 @@ class Job:
         scenario: resolved, with the seed.
         transfer: other scenarios to evaluate the policy on, as (source in the study, scenario name).
         folder: of the runs, ``<scenario>/<time>-seed<N>/``, and the log.
-        options: further ones of ``dockctl train``.
+        options: of ``dockctl train``, also when it resumes a run.
+        start_options: those that it takes for a new run only.
     """
 
     experiment: Experiment
@@ -176,6 +177,7 @@ class Job:
     transfer: tuple[tuple[str, str], ...]
     folder: Path
     options: tuple[str, ...] = ()
+    start_options: tuple[str, ...] = ()
 
     @property
     def label(self) -> str:
@@ -212,8 +214,8 @@ class Job:
         if run is None:
             settings = [word for setting in self.experiment.set for word in ("--set", setting)]
             arguments = [self.experiment.scenario, "--seed", str(self.seed), "--out", str(self.folder)]
-            return Stage("train", ("train", *arguments, *settings, *self.options))
-        return None if _finished(run) else Stage("resume", ("train", "--resume", str(run)))
+            return Stage("train", ("train", *arguments, *settings, *self.start_options, *self.options))
+        return None if _finished(run) else Stage("resume", ("train", "--resume", str(run), *self.options))
 
     def finished(self) -> Path | None:
         """Return the folder of the finished training, if there is one."""
@@ -273,21 +275,22 @@ def make_jobs(
     experiments: Sequence[Experiment],
     out: Path,
     options: Sequence[str] = (),
+    start_options: Sequence[str] = (),
     plugin_files: Sequence[Path] = (),
     trust: bool = False,
 ) -> list[Job]:
     """Return the jobs of the experiments in order, with run folders below `out`.
 
     Args:
-        options: further ones of ``dockctl train``.
+        options, start_options: see `Job`.
         plugin_files, trust: see `dockctl.scenarios.loader.load`.
 
     Raises:
         DockctlError: a scenario of an experiment is invalid.
     """
     jobs = []
-    options = [*options, *(word for file in plugin_files for word in ("--plugin", str(file)))]
-    options += ["--trust"] if trust else []
+    always = (*options, *(["--trust"] if trust else []))
+    first = (*start_options, *(word for file in plugin_files for word in ("--plugin", str(file))))
     for experiment in experiments:
         try:
             load_checked(
@@ -304,7 +307,7 @@ def make_jobs(
             overrides = experiment.overrides(seed)
             loaded = load(experiment.scenario, overrides=overrides, plugin_files=plugin_files, trust=trust)
             folder = out / experiment.name
-            jobs.append(Job(experiment, seed, loaded.scenario, transfer, folder, tuple(options)))
+            jobs.append(Job(experiment, seed, loaded.scenario, transfer, folder, always, first))
     return jobs
 
 

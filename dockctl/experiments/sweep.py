@@ -96,6 +96,7 @@ def sweep(
     out: Path,
     workers: int | None = None,
     options: Sequence[str] = (),
+    start_options: Sequence[str] = (),
     plugin_files: Sequence[Path] = (),
     trust: bool = False,
 ) -> Ending:
@@ -108,7 +109,7 @@ def sweep(
         settings: ``key=value`` or ``key=value,value,...``.
         out: folder of the runs, ``<scenario>/<combination>/<scenario>/<time>-seed<N>/``.
         workers: number of parallel trainings; one per core by default.
-        options: further ones of ``dockctl train``.
+        options, start_options: see `dockctl.experiments.study.Job`.
         plugin_files, trust: see `dockctl.scenarios.loader.load`.
 
     Raises:
@@ -118,7 +119,7 @@ def sweep(
     first = load(scenario, overrides=chosen[0].overrides(0), plugin_files=plugin_files, trust=trust)
     name = first.scenario.name
     require_writable(out / name)
-    console, jobs = Console(), make_jobs(chosen, out / name, options, plugin_files, trust)
+    console, jobs = Console(), make_jobs(chosen, out / name, options, start_options, plugin_files, trust)
     print_text(console, f"{len(chosen)} combinations, {seeds} seeds; runs in {out / name}")
     ending, done = run_jobs(console, jobs, workers)
     if done:
@@ -135,7 +136,9 @@ def summary(jobs: Sequence[Job]) -> Table:
             kinds.setdefault(kind, []).append((facts["docked"], facts["episodes"]))
     shown = list(dict.fromkeys(kind for kinds in counted.values() for kind in kinds))
     table = make_table(
-        "combination", *numeric("runs", *(START_KINDS[kind] for kind in shown)), title="Docked"
+        "combination",
+        *numeric("runs", *(START_KINDS[kind] for kind in shown)),
+        title="Docked (worst to best seed)",
     )
     for name, kinds in counted.items():
         runs = sum(job.experiment.name == name for job in jobs)

@@ -108,6 +108,12 @@ def test_interrupted_training_is_resumed(out: Path) -> None:
     stage = jobs(out)[3].training()
     assert stage is not None
     assert stage.arguments == ("train", "--resume", str(the_run(out)))
+    given = make_jobs(
+        [tiny()], out, ["--device", "cpu", "--log", "tensorboard"], ["--tag", "first"], trust=True
+    )
+    stage = given[3].training()
+    assert stage is not None
+    assert stage.arguments[3:] == ("--device", "cpu", "--log", "tensorboard", "--trust")
     shutil.rmtree(the_run(out) / "checkpoints")
     stage = jobs(out)[3].training()
     assert stage is not None
