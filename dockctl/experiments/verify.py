@@ -76,15 +76,16 @@ def verify(
 
     Raises:
         UntrustedError: the run has plugins that may not run; none has run then.
-        DockctlError: `path` is not a run, a file of it is damaged, or it has no rows.
+        DockctlError: `path` is not a run, a file of it is damaged, or it has no rows of these steps.
     """
     run = RunDirectory.open(path)
     facts = run.read_json(PROVENANCE)
     recorded = {name: _rows(run.path / name) for name in TABLES}
     last = max((_env_steps(rows[-1]) for rows in recorded.values() if rows), default=0)
     steps = min(steps, last - 1)  # of the last step itself, updates may be missing
-    if steps < 1:
-        raise DockctlError(f"{path}: {', '.join(TABLES)} have no rows to compare", code="not_found")
+    if not any(_env_steps(row) <= steps for rows in recorded.values() for row in rows):
+        message = f"{path}: {', '.join(TABLES)} have no rows of the first {max(steps, 0):,} steps to compare"
+        raise DockctlError(message, code="not_found")
     with TemporaryDirectory(prefix="dockctl-verify-") as folder:
         repeated = replay(run, steps, Path(folder), plugin_files=plugin_files, trust=trust)
         checks = [_check(name, steps, rows, _rows(repeated.path / name)) for name, rows in recorded.items()]
