@@ -26,8 +26,9 @@ def compare(
     policies: Annotated[
         list[str],
         typer.Argument(
+            metavar="POLICY",
             help="Two or more, one with --vary: run folders, checkpoints, names, or controllers like"
-            " file.py:factory."
+            " file.py:factory.",
         ),
     ],
     scenario: Annotated[

@@ -10,7 +10,7 @@ from dockctl.commands.options import Json, Overrides, Plugins, Trust
 
 
 def config(
-    scenario: Annotated[str, typer.Argument(help="Scenario file or name.")],
+    scenario: Annotated[str, typer.Argument(metavar="SCENARIO", help="Scenario file or name.")],
     set_: Overrides = None,
     plugin: Plugins = None,
     trust: Trust = False,

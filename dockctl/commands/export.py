@@ -17,7 +17,7 @@ def export(
     ckpts: Annotated[
         list[Path] | None,
         typer.Argument(
-            metavar="[CKPT]...",
+            metavar="CKPT",
             help="Run folders of one scenario; with --onnx or --pilot one run folder, checkpoint or shipped"
             " name. The latest run in ./runs by default.",
         ),

@@ -14,7 +14,7 @@ def init(
     kind: Annotated[
         str, typer.Argument(metavar="|".join(KINDS), help="What to add.", autocompletion=lambda: [*KINDS])
     ],
-    name: Annotated[str, typer.Argument(help="Its name; the files are named after it.")],
+    name: Annotated[str, typer.Argument(metavar="NAME", help="Its name; the files are named after it.")],
     out: Annotated[Path, typer.Option(help="Output folder.")] = Path(),
 ) -> None:
     """Write a commented template that runs as it is, and print the commands to try next.

@@ -20,8 +20,8 @@ def list_registered(
     listing: Annotated[
         str | None,
         typer.Argument(
-            help="What to list; everything by default.",
-            metavar="|".join(LISTINGS),
+            metavar="KIND",
+            help=f"What to list: {', '.join(LISTINGS)}; everything by default.",
             autocompletion=lambda: [*LISTINGS],
         ),
     ] = None,

@@ -12,7 +12,9 @@ from dockctl.commands.options import save_figures
 
 
 def plot(
-    run: Annotated[Path | None, typer.Argument(help="Run folder; the latest in ./runs by default.")] = None,
+    run: Annotated[
+        Path | None, typer.Argument(metavar="RUN", help="Run folder; the latest in ./runs by default.")
+    ] = None,
     out: Annotated[Path | None, typer.Option(help="Output folder; <run>/figures by default.")] = None,
 ) -> None:
     """Draw the training and the trajectories of the best policy (PNG, SVG) from a run folder.

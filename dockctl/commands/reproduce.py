@@ -16,7 +16,8 @@ THESIS = "thesis"
 
 def reproduce(
     names: Annotated[
-        list[str] | None, typer.Argument(help="Experiments or groups of the study; all by default.")
+        list[str] | None,
+        typer.Argument(metavar="NAME", help="Experiments or groups of the study; all by default."),
     ] = None,
     study: Annotated[str, typer.Option(help="Study file or name of a packaged study.")] = THESIS,
     out: Annotated[

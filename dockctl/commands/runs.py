@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 from rich.console import Console
+from rich.table import Column
 from rich.text import Text
 
 from dockctl.commands.options import Json
@@ -60,6 +61,7 @@ def _list(root: Path, json_: Json) -> None:
     table = make_table("run", "name", "scenario", seed, "state", steps, success, "tags", size)
     for run in found:
         table.add_row(*map(Text, _cells(run, root)))  # a name may look like markup
+    table.columns = [column for column in table.columns if not found or any(column.cells)]
     print_table(Console(), table)
 
 
@@ -81,9 +83,14 @@ def _clean(root: Path, yes: bool, json_: Json) -> None:
     if json_:
         json_.write({"deleted": yes, "found": [garbage.to_json() for garbage in found]})
         return
-    table = make_table("run", "what", *numeric("files and folders", "MB"))
+    table = make_table(Column("run", overflow="fold"), "what", *numeric("items", "MB"))
     for garbage in found:
-        table.add_row(Text(str(garbage.run)), garbage.reason, str(len(garbage.paths)), _mb(garbage.size))
+        table.add_row(
+            Text(str(garbage.run.relative_to(root))),
+            garbage.reason,
+            str(len(garbage.paths)),
+            _mb(garbage.size),
+        )
     print_table(Console(), table)
     total = f"{_mb(sum(garbage.size for garbage in found))} MB"
     print_text(Console(), f"Deleted: {total}." if yes else f"{total}; nothing is deleted without --yes.")

@@ -26,7 +26,9 @@ if TYPE_CHECKING:
 
 
 def show(
-    scenario: Annotated[str, typer.Argument(help="Scenario file or name.")] = DEFAULT_SCENARIO,
+    scenario: Annotated[
+        str, typer.Argument(metavar="SCENARIO", help="Scenario file or name.")
+    ] = DEFAULT_SCENARIO,
     pose: Annotated[
         str | None,
         typer.Option(

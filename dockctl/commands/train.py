@@ -18,7 +18,8 @@ FAILED = 1
 
 def train(
     scenario: Annotated[
-        str | None, typer.Argument(help=f"Scenario file or name; {DEFAULT_SCENARIO} by default.")
+        str | None,
+        typer.Argument(metavar="SCENARIO", help=f"Scenario file or name; {DEFAULT_SCENARIO} by default."),
     ] = None,
     seed: Annotated[int | None, typer.Option(min=0, help="Random seed.")] = None,
     seeds: Annotated[

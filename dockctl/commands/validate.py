@@ -13,7 +13,9 @@ from dockctl.errors import DockctlError
 def validate(
     files: Annotated[
         list[str] | None,
-        typer.Argument(help="Scenario files or names [default: all registered scenarios]."),
+        typer.Argument(
+            metavar="SCENARIO", help="Scenario files or names; all registered scenarios by default."
+        ),
     ] = None,
     set_: Overrides = None,
     plugin: Plugins = None,

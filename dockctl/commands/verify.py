@@ -17,7 +17,9 @@ DIFFERENT = 1
 
 
 def verify(
-    run: Annotated[Path | None, typer.Argument(help="Run folder; the latest in ./runs by default.")] = None,
+    run: Annotated[
+        Path | None, typer.Argument(metavar="RUN", help="Run folder; the latest in ./runs by default.")
+    ] = None,
     steps: Annotated[
         int, typer.Option(min=1, help="Number of environment steps to repeat, summed over all boats.")
     ] = 10_000,

@@ -91,6 +91,8 @@ def test_clean_deletes_only_with_yes_and_only_what_it_lists(root: Path) -> None:
         "empty": "no checkpoint",
     }
     assert files(root) == before
+    listed = dockctl("runs", "clean", "--root", root).out
+    assert "…" not in listed
     assert dockctl("runs", "clean", "--root", root, "--yes").code == 0
     gone = [Path(path) for row in found.values() for path in row["paths"]]
     after = files(root)
