@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import gc
 import os
 import signal
 from collections.abc import Iterator
@@ -20,6 +21,12 @@ os.environ.setdefault("MPLBACKEND", "Agg")
 # The same examples on every machine. No deadline: the first call of a compiled function includes compilation.
 settings.register_profile("dockctl", deadline=None, derandomize=True)
 settings.load_profile("dockctl")
+
+
+def pytest_collection_finish() -> None:
+    """Search what was imported, which lives until the end, for garbage once, not again in each collection."""
+    gc.collect()
+    gc.freeze()
 
 
 @pytest.fixture(scope="session", autouse=True)

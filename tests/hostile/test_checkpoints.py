@@ -94,7 +94,7 @@ def test_the_unchanged_checkpoint_is_loaded(tmp_path: Path) -> None:
         {"sha256": None},
         {"sha256": "0" * 64},
     ],
-    ids=str,
+    ids=lambda changes: str(changes)[:60],
 )
 def test_facts(tmp_path: Path, changes: dict[str, Any]) -> None:
     if "sb3" in str(changes):
