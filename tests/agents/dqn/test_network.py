@@ -70,7 +70,7 @@ def test_the_greedy_policy_follows_the_network_as_it_learns() -> None:
 @pytest.mark.parametrize("epsilon", [0.0, 0.3, 1.0])
 def test_exploration_is_as_frequent_as_epsilon(epsilon: float) -> None:
     rule = {"start": epsilon, "end": epsilon}
-    dqn = DQN(5, 50, Training(hidden_sizes=(8,), replay_capacity=10, epsilon=rule), torch.device("cpu"))
+    dqn = DQN(5, 50, Training(hidden_sizes=(8, 8), replay_capacity=10, epsilon=rule), torch.device("cpu"))
     observation = np.ones((4000, 5), np.float32)
     explored = dqn.act(observation, 0) != dqn.policy.act(observation, {})
     assert explored.mean() == pytest.approx(epsilon * 49 / 50, abs=0.03)
