@@ -113,7 +113,7 @@ def _announce_compilation() -> None:
 
     @cache
     def announce() -> None:
-        log.warning("compiling the simulator and the learner (once, up to a minute)")
+        log.warning("compiling the code that this command is the first to need (once, up to a minute)")
 
     class Listener(event.Listener):
         def on_start(self, event: Any) -> None:
