@@ -103,7 +103,8 @@ function canvas(figure, width, height) {
 /** Lines, steps, dots, stacked areas and bars over a common axis. */
 function drawXY(figure, width) {
   const { spec } = figure, all = spec.series.filter((s) => s.x.length), height = Math.round(Math.max(190, Math.min(300, 0.56 * width)));
-  legend(figure, all.map((s) => [s.name, s.tone, s.kind]));
+  const shape = (s) => (s.kind === "step" && s.x.length > 240 ? "thin" : s.kind);
+  legend(figure, all.map((s) => [s.name, s.tone, shape(s)]));
   element(figure.holder, "p", "axis", spec.y.label);
   const stacked = all.filter((s) => s.kind === "stack"), tops = [];
   stacked.forEach((s, k) => tops.push(s.y.map((value, i) => (value ?? 0) + (k ? tops[k - 1][i] : 0))));
@@ -158,8 +159,7 @@ function drawXY(figure, width) {
       const d = s.x.map((x, i) => (s.y[i] ? `M${X(x)} ${Y(0)}V${Y(s.y[i])}H${X(s.until[i])}V${Y(0)}Z` : "")).join("");
       node(svg, "path", { d, class: "area", style: `fill:${tone(s.tone)}` });
     } else if (s.kind !== "stack") {
-      const dense = s.kind === "step" && s.x.length > 240;
-      node(svg, "path", { d: line(s.x, s.y, s.kind, s.breaks), class: s.tone.startsWith("raw") ? "line raw" : dense ? "line thin" : "line", style });
+      node(svg, "path", { d: line(s.x, s.y, s.kind, s.breaks), class: s.tone.startsWith("raw") ? "line raw" : shape(s) === "thin" ? "line thin" : "line", style });
     }
     for (const x of s.marks ?? []) node(svg, "text", { x: X(x), y: Y(s.y[nearest(s.x, x)]) + 4.5, class: "star middle", style: `fill:${tone(s.tone)}` }, "★");
   }
