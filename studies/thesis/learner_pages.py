@@ -183,7 +183,8 @@ def thesis_learner_page(facts: Facts, archive: Archive) -> Page:
     errors = [_td_errors(run) for _, run in runs]
     values = {
         "episodes": ", ".join(f"{count:,} in scenario {name[1:]}" for name, count in facts.episodes.items()),
-        "trainings": [_thesis_row(facts, e, archive[e.name][0]) for e in experiments],
+        "trainings": [_thesis_row(e, archive[e.name][0]) for e in experiments],
+        "thesis": {name[1:]: facts.training[name][0].thesis for name in facts.episodes},
         "full": share(sum(run.recent_docked == RECENT for _, run in runs), len(runs)),
         "recent": RECENT,
         "growth": spread([last / least for least, _, last in errors], "{:.0f}", " times"),
@@ -203,7 +204,7 @@ def _td_errors(run: ArchivedRun) -> tuple[float, float, float]:
     return float(error.min()), float(error.max()), float(error.iloc[-1])
 
 
-def _thesis_row(facts: Facts, experiment: Experiment, run: ArchivedRun) -> Row:
+def _thesis_row(experiment: Experiment, run: ArchivedRun) -> Row:
     best = run.episodes["outcome"].eq("docked").rolling(RECENT).sum()
     greedy = run.greedy
     assert greedy is not None  # every archived training has evaluations
@@ -222,7 +223,6 @@ def _thesis_row(facts: Facts, experiment: Experiment, run: ArchivedRun) -> Row:
         "selection episodes docked": docked_share(run.outcomes(SELECTION)),
         "test starts": outcome_counts(run.outcomes(TEST)),
         "mean abs. TD error: least, largest, last": ", ".join(f"{error:,.0f}" for error in _td_errors(run)),
-        "thesis": facts.training[experiment.scenario][0].thesis,
     }
 
 
