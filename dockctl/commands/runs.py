@@ -58,7 +58,9 @@ def _list(root: Path, json_: Json) -> None:
         json_.write([run.to_json() for run in found])
         return
     seed, steps, success, size = numeric("seed", "steps", "success", "MB")
-    table = make_table("run", "name", "scenario", seed, "state", steps, success, "tags", size)
+    table = make_table(
+        Column("run", overflow="fold"), "name", "scenario", seed, "state", steps, success, "tags", size
+    )
     for run in found:
         table.add_row(*map(Text, _cells(run, root)))  # a name may look like markup
     table.columns = [column for column in table.columns if not found or any(column.cells)]

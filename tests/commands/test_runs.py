@@ -91,8 +91,6 @@ def test_clean_deletes_only_with_yes_and_only_what_it_lists(root: Path) -> None:
         "empty": "no checkpoint",
     }
     assert files(root) == before
-    listed = dockctl("runs", "clean", "--root", root).out
-    assert "…" not in listed
     assert dockctl("runs", "clean", "--root", root, "--yes").code == 0
     gone = [Path(path) for row in found.values() for path in row["paths"]]
     after = files(root)
@@ -129,3 +127,14 @@ def test_mistakes(root: Path) -> None:
     before = files(root)
     assert dockctl("runs", "--root", root, "--yes").code == 2
     assert files(root) == before
+
+
+@pytest.mark.parametrize("action", ["list", "clean"])
+def test_paths_are_whole_in_a_narrow_terminal(
+    action: str, root: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    (root / "s1/finished").rename(root / "s1/finished-and-of-a-name-that-is-longer-than-the-terminal-is-wide")
+    monkeypatch.setenv("COLUMNS", "50")
+    outcome = dockctl("runs", action, "--root", root)
+    assert "finished-and" in outcome.out
+    assert "…" not in outcome.out
