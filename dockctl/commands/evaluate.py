@@ -171,7 +171,8 @@ def _summary_table(result: Evaluation) -> Table:
         seeded = "" if kind == "pose" else f", seed {result.seed}"
         table.add_column(START_KINDS[kind] + seeded, justify="right")
     columns = [_summary_cells(summary) for summary in result.summaries.values()]
-    for name in dict.fromkeys(name for cells in columns for name in cells):
+    fullest_first = sorted(columns, key=len, reverse=True)  # so that its rows keep their order
+    for name in dict.fromkeys(name for cells in fullest_first for name in cells):
         table.add_row(name, *(cells.get(name, "-") for cells in columns))
     return table
 

@@ -7,10 +7,13 @@ import json
 import math
 import shutil
 from pathlib import Path
+from types import SimpleNamespace
+from typing import Any, cast
 
 import pytest
 import typer
 
+from dockctl.commands.evaluate import _summary_table
 from dockctl.commands.options import finite
 from dockctl.runs.directory import SHIPPED
 from dockctl.runs.results import read_results
@@ -291,3 +294,19 @@ def test_errors(
     place = run if location == "run" else location.format(run=run)
     assert outcome.error is not None and str(outcome.error).partition(": ")[0].endswith(str(place))
     assert outcome.err.count("error:") == 1
+
+
+def test_endings_precede_measurements_whichever_starts_have_them() -> None:
+    """All evaluation poses dock and a random start collides; a column of each."""
+    docked = {
+        "docked": 1, "episodes": 1, "endings": {"docked": 1}, "least_clearance_m": 0.5,
+        "mean_of_docked": {"time_s": 50.0, "path_m": 15.0}, "contact_speed_mps": None,
+        "success_at_clearance_m": None,
+    }  # fmt: skip
+    mixed = docked | {
+        "episodes": 2, "endings": {"docked": 1, "collision with quay": 1},
+        "contact_speed_mps": {"mean": 0.1, "max": 0.1},
+    }  # fmt: skip
+    result = SimpleNamespace(summaries={"pose": docked, "random": mixed}, seed=1)
+    rows = list(_summary_table(cast("Any", result)).columns[0].cells)
+    assert rows.index("collision") < rows.index("least clearance") < rows.index("mean time")
