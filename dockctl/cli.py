@@ -27,6 +27,7 @@ GROUPS = {
         "evaluate": "evaluate",
         "compare": "compare",
         "map": "map_",
+        "envelope": "envelope",
         "returns": "returns",
         "latency": "latency",
         "verify": "verify",

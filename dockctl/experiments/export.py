@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 import re
+import shutil
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -19,8 +20,9 @@ from dockctl.errors import DockctlError
 from dockctl.evaluation.policies import CheckpointPolicy, load_checkpoint
 from dockctl.evaluation.rollout import Episode, Rollout
 from dockctl.evaluation.starts import TRAINING, training_starts
-from dockctl.experiments.model_card import card_text, is_of_policy, read_evaluations
+from dockctl.experiments.model_card import card_text, envelope_image, is_of_policy, read_evaluations
 from dockctl.runs.directory import (
+    ENVELOPE,
     EVALUATION,
     MESHES,
     PLUGINS,
@@ -36,7 +38,7 @@ from dockctl.scenarios.content import mesh_files, with_paths
 from dockctl.scenarios.loader import LoadedScenario, dump
 from dockctl.scenarios.schema import PolicyInterface
 
-CARD = "card.md"
+CARD, IMAGE = "card.md", f"{ENVELOPE}.png"
 CHECKPOINT = (POLICY_JSON, POLICY_TENSORS, SCENARIO, CARD)
 """Files of an exported checkpoint."""
 
@@ -98,7 +100,7 @@ def export_checkpoint(
     name = name or names[0]
     if not re.fullmatch(NAME, name):
         raise DockctlError(f"--name '{name}': use letters, digits, dots, dashes and underscores")
-    require_replaceable(out / name, CHECKPOINT, (PLUGINS, MESHES), "earlier checkpoint")
+    require_replaceable(out / name, CHECKPOINT, (PLUGINS, MESHES, IMAGE), "earlier checkpoint")
     for best in candidates:
         loaded = best.policy.scenario()
         episodes = training_episodes(best.policy, loaded)
@@ -172,6 +174,8 @@ def write_checkpoint(
         plugins = checkpoint.copy_files(PLUGINS, loaded.plugin_files)
         meshes = checkpoint.copy_files(MESHES, mesh_files(scenario))
         checkpoint.write_text(SCENARIO, dump(with_paths(scenario, plugins, meshes)))
+        if image := envelope_image(best.run, card):
+            shutil.copy(image, new / IMAGE)
         shares = [(candidate.policy.card.seed, candidate.shares) for candidate in candidates]
         paths = sorted(path for path in new.rglob("*") if path.is_file())
         files = {path.relative_to(new).as_posix(): path for path in paths}

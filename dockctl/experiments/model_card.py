@@ -25,10 +25,19 @@ from dockctl.analysis.success_map import (
 )
 from dockctl.errors import DockctlError
 from dockctl.reading import reading
-from dockctl.runs.directory import EVALUATION, LATENCY, MAP, PROVENANCE, RunDirectory
+from dockctl.runs.directory import (
+    ENVELOPE,
+    EVALUATION,
+    FIGURES,
+    LATENCY,
+    MAP,
+    PROVENANCE,
+    RunDirectory,
+)
 from dockctl.runs.provenance import git_commit
 from dockctl.runs.reader import read_table
 from dockctl.runs.results import policy_hash, read_results
+from dockctl.runs.tables import ENVELOPE as ENVELOPE_COLUMNS
 from dockctl.runs.tables import START_KINDS
 from dockctl.scenarios.schema import ObservationPart, Scenario
 
@@ -71,6 +80,7 @@ def card_text(
         facts=list(_facts(scenario, card, run, candidates)),
         successes=list(_successes(groups)),
         map=_map(run, card),
+        envelope=_envelope(run, card),
         latency=_latency(run, card),
         failures=list(_failures(groups)),
         hashes=[
@@ -188,6 +198,20 @@ def _map(run: RunDirectory, card: PolicyCard) -> dict[str, str] | None:
         "turned": turned,
         "limit": f"{SMALL_OFFSET_DEG:g}",
     }
+
+
+def envelope_image(run: RunDirectory, card: PolicyCard) -> Path | None:
+    """Return the figure of the operating envelope, if the run has one of this policy."""
+    image = run.path / FIGURES / f"{ENVELOPE}.png"
+    return image if is_of_policy(card, run, ENVELOPE) and image.is_file() else None
+
+
+def _envelope(run: RunDirectory, card: PolicyCard) -> dict[str, str] | None:
+    """Return the facts of the operating envelope, if the run has its figure."""
+    if envelope_image(run, card) is None:
+        return None
+    table = read_table(run.path / f"{ENVELOPE}.csv", ENVELOPE_COLUMNS)
+    return None if table is None else {"episodes": f"{table['episodes'].max():,}"}
 
 
 def _latency(run: RunDirectory, card: PolicyCard) -> dict[str, str] | None:

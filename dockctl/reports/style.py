@@ -10,6 +10,7 @@ from typing import Any
 
 import matplotlib as mpl
 import numpy as np
+import pandas as pd
 from cycler import cycler
 from matplotlib.axes import Axes
 from matplotlib.axis import Axis
@@ -20,6 +21,7 @@ from matplotlib.lines import Line2D
 from matplotlib.patheffects import withStroke
 from matplotlib.ticker import FuncFormatter, PercentFormatter
 
+from dockctl.analysis.statistics import wilson_interval
 from dockctl.drawing import palette
 from dockctl.runs.files import write_atomically, writing
 
@@ -137,6 +139,14 @@ def panel_title(ax: Axes, text: str, **style: Any) -> None:
 def percent(axis: Axis) -> None:
     """Format the ticks of an axis of shares as percentages."""
     axis.set_major_formatter(PercentFormatter(1, symbol=" %"))
+
+
+def draw_share(ax: Axes, values: pd.Series, successes: pd.Series, trials: pd.Series, color: str) -> None:
+    """Draw a share over values, with its 95 % Wilson intervals."""
+    bounds = [wilson_interval(int(k), int(n)) for k, n in zip(successes, trials, strict=True)]
+    low, high = np.array(bounds).T
+    ax.fill_between(values, low, high, color=color, alpha=0.1, lw=0)
+    ax.plot(values, successes / trials, color=color, marker="o", ms=4, mec="white", mew=0.7, zorder=3)
 
 
 def legend_above(ax: Axes, entries: Sequence[Entry], columns: int = 5) -> None:

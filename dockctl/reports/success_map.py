@@ -16,7 +16,6 @@ from matplotlib.figure import Figure, FigureBase
 from matplotlib.patches import Circle, Patch, Rectangle
 from matplotlib.ticker import MultipleLocator
 
-from dockctl.analysis.statistics import wilson_interval
 from dockctl.analysis.success_map import (
     EPS,
     SMALL_OFFSET_DEG,
@@ -32,7 +31,7 @@ from dockctl.drawing.scene import Scene
 from dockctl.geometry import Floats
 from dockctl.reports import plan_view
 from dockctl.reports.plan_view import pose_label
-from dockctl.reports.style import HALO, legend_above, make_figure, panel_title, panels, percent
+from dockctl.reports.style import HALO, draw_share, legend_above, make_figure, panel_title, panels, percent
 from dockctl.scenarios.schema import Task
 
 HEADING_LIMITS_DEG = (SMALL_OFFSET_DEG, 45.0, 180.0)
@@ -147,13 +146,8 @@ def draw_by_heading(ax: Axes, free: pd.DataFrame) -> None:
 def _draw_success(ax: Axes, groups: Sequence[tuple[str, pd.DataFrame]], column: str) -> None:
     """Draw the share that docks at each value of a column, with Wilson intervals, one line per group."""
     for (_, group), color in zip(groups, COLORS, strict=False):
-        counts = group.groupby(column)["docked"].agg(["sum", "size"])
-        values = counts.index.to_numpy(float)
-        bounds = [wilson_interval(int(k), int(n)) for k, n in counts.itertuples(index=False)]
-        low, high = np.array(bounds).T
-        ax.fill_between(values, low, high, color=color, alpha=0.1, lw=0)
-        share = counts["sum"] / counts["size"]
-        ax.plot(values, share, color=color, marker="o", ms=4, mec="white", mew=0.7, zorder=3)
+        counts = group.groupby(column)["docked"].agg(["sum", "size"]).reset_index()
+        draw_share(ax, counts[column], counts["sum"], counts["size"], color)
     ax.set_ylim(0, 1.02)
     percent(ax.yaxis)
     ax.set_ylabel("Starts that dock, with 95 % interval")

@@ -25,6 +25,7 @@ Written by the commands that measure the policy:
 ========================  =============================================================================
 ``evaluation.csv/json``   episodes and summary of ``dockctl evaluate``
 ``map.csv/json``          outcome by start pose, of ``dockctl map``
+``envelope.csv/json``     outcomes by weather, start, noise and delay, of ``dockctl envelope``
 ``returns.csv/json``      discounted returns of behaviors, of ``dockctl returns``
 ``transfer/``             recordings, of ``dockctl evaluate --record``
 ``figures/``              figures, and ``latency.csv/json`` of ``dockctl latency``
@@ -61,7 +62,8 @@ PROVENANCE = "provenance.json"
 SCENE = "scene.json"
 EPISODES_CSV, UPDATES_CSV, EVALUATIONS_CSV = "episodes.csv", "updates.csv", "evaluations.csv"
 TIMING_CSV, TRAJECTORIES_CSV = "timing.csv", "trajectories.csv"
-EVALUATION, MAP, RETURNS, LATENCY = "evaluation", "map", "returns", "figures/latency"
+EVALUATION, MAP, ENVELOPE = "evaluation", "map", "envelope"
+RETURNS, LATENCY = "returns", "figures/latency"
 """Measurements of the policy: a table (.csv), and a .json file with the policy's hash."""
 DRAWN = "figures/figures.json"
 """Hashes of the figures of ``dockctl plot`` and of the tables that they were drawn from."""

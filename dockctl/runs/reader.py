@@ -38,7 +38,7 @@ UPDATES = ("env_steps",)
 """Columns that the figures require; the metrics in ``updates.csv`` depend on the algorithm."""
 SOURCES = (SCENARIO, SCENE, EPISODES_CSV, UPDATES_CSV, EVALUATIONS_CSV, TRAJECTORIES_CSV)
 """Files that `read_run` reads."""
-TEXT = ("start_kind", "outcome", "collided_with", "berth", "behavior")
+TEXT = ("start_kind", "outcome", "collided_with", "berth", "behavior", "factor")
 """Columns that contain text; all others contain numbers."""
 COMPLETE = ("env_steps", "pose", "time_s", "x_m", "y_m", "heading_deg")
 """Columns without empty cells, where they are required."""

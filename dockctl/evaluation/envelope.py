@@ -1,0 +1,174 @@
+"""The operating envelope: how often a policy docks as one factor grows (``dockctl envelope``).
+
+All else is as in the scenario.
+"""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from dockctl.analysis.statistics import wilson_interval
+from dockctl.errors import DockctlError, nearest
+from dockctl.evaluation.evaluate import running
+from dockctl.evaluation.policies import LoadedPolicy, load_policy
+from dockctl.evaluation.rollout import Rollout
+from dockctl.evaluation.starts import testing_starts
+from dockctl.runs.tables import Value
+from dockctl.scenarios.schema import Scenario
+
+if TYPE_CHECKING:
+    import pandas as pd
+
+ANY_DIRECTION = "direction_deg: [0, 360]"
+
+
+@dataclass(frozen=True)
+class Factor:
+    """What is varied.
+
+    Attributes:
+        label: what the values are, with their unit.
+        values: in increasing order.
+        settings: the changes of the scenario, ``key=value``, for a value.
+    """
+
+    label: str
+    values: tuple[float, ...]
+    settings: Callable[[float], list[str]]
+
+
+def _noise(times: float) -> list[str]:
+    """Return settings for multiples of the data sheets' errors (docs/conditions.md)."""
+    navigation = f"position_m: {0.02 * times}, heading_deg: {0.5 * times}, velocity_mps: {0.03 * times}"
+    return [
+        f"conditions.lidar_noise={{sigma_m: {0.03 * times}}}",
+        f"conditions.navigation={{{navigation}}}",
+    ]
+
+
+FACTORS = {
+    "distance": Factor(
+        "largest distance of the start from the initial pose [m]",
+        (0, 1, 2, 3, 5, 7.5, 10),
+        lambda value: [f"evaluation.random_starts.position_m={value}"],
+    ),
+    "heading": Factor(
+        "largest heading offset of the start [°]",
+        (0, 10, 20, 45, 90, 180),
+        lambda value: [f"evaluation.random_starts.heading_deg={value}"],
+    ),
+    "wind": Factor(
+        "mean wind from any direction [m/s]",
+        (0, 2, 4, 6, 8, 10),
+        lambda value: [f"conditions.wind={{speed_mps: {value}, {ANY_DIRECTION}}}"],
+    ),
+    "current": Factor(
+        "current in any direction [m/s]",
+        (0, 0.05, 0.1, 0.15, 0.2, 0.3),
+        lambda value: [f"conditions.current={{speed_mps: {value}, {ANY_DIRECTION}}}"],
+    ),
+    "noise": Factor("noise of LiDAR and navigation, relative to data sheets", (0, 1, 2, 4), _noise),
+    "delay": Factor(
+        "delay of the actuators [control steps]",
+        (0, 1, 2, 3),
+        lambda value: [f"conditions.actuators={{delay_steps: {value:g}}}"],
+    ),
+}
+
+
+@dataclass(frozen=True, eq=False)
+class Envelope:
+    """Outcomes by factor and value.
+
+    Attributes:
+        rows: columns `dockctl.runs.tables.ENVELOPE`.
+    """
+
+    policy: LoadedPolicy
+    scenario: Scenario
+    overrides: tuple[str, ...]
+    rows: list[dict[str, Value]]
+
+    @property
+    def table(self) -> pd.DataFrame:
+        import pandas as pd  # slow to import
+
+        return pd.DataFrame(self.rows)
+
+    def as_json(self) -> dict[str, Any]:
+        """Return the outcomes as plain data."""
+        return {
+            "policy": self.policy.facts(),
+            "scenario": self.scenario.name,
+            "set": list(self.overrides),
+            "points": self.rows,
+        }
+
+
+def envelope(
+    policy: str | Path | LoadedPolicy | None = None,
+    scenario: str | Path | None = None,
+    *,
+    factors: Sequence[str] = tuple(FACTORS),
+    episodes: int = 100,
+    overrides: Sequence[str] = (),
+    on: str | None = None,
+) -> Envelope:
+    """Run a policy from random starts while one factor grows at a time.
+
+    The starts of all values come from the same random numbers, so that strengths of wind, current, noise or
+    delay are compared from the same starts.
+
+    Args:
+        policy: see `dockctl.evaluation.policies.load_policy`; the latest run by default.
+        scenario: file or name; the policy's own by default.
+        factors: names in `FACTORS`.
+        episodes: random starts for each value, at the held-out berths if the task has any.
+        overrides: changed values of the scenario, ``key=value``.
+        on: run the episodes on Ray, see `dockctl.cluster.connected`; the result is the same.
+
+    Raises:
+        DockctlError: there is no such policy, scenario or factor, they do not fit, or Ray cannot be used.
+    """
+    for name in factors:
+        if name not in FACTORS:
+            message = f"unknown factor '{name}' (known: {', '.join(FACTORS)})"
+            raise DockctlError(message, code="unknown_name", suggestion=nearest(name, FACTORS))
+    loaded = load_policy(policy)
+    rows = [
+        {"factor": name, **row}
+        for name in factors
+        for row in _points(loaded, scenario, FACTORS[name], episodes, overrides, on)
+    ]
+    own = loaded.scenario(scenario, overrides).scenario
+    return Envelope(loaded, own, tuple(overrides), rows)
+
+
+def _points(
+    policy: LoadedPolicy,
+    scenario: str | Path | None,
+    factor: Factor,
+    episodes: int,
+    overrides: Sequence[str],
+    on: str | None,
+) -> Iterator[dict[str, Value]]:
+    for value in factor.values:
+        rollout = Rollout(policy.scenario(scenario, [*overrides, *factor.settings(value)]))
+        resolved = rollout.loaded.scenario
+        seed = resolved.evaluation.random_starts.seed
+        starts = testing_starts(resolved, rollout.worlds, episodes, seed)
+        with running(policy, rollout, on) as run:
+            outcomes = Counter(episode.outcome for episode in run(starts))
+        docked = outcomes["docked"]
+        low, high = wilson_interval(docked, episodes)
+        yield {
+            "value": value,
+            "episodes": episodes,
+            **{name: outcomes[name] for name in ("docked", "collision", "timeout")},
+            "low": low,
+            "high": high,
+        }

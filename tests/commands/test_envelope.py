@@ -1,0 +1,89 @@
+"""``dockctl envelope``: counts, equal starts, files, the card, errors."""
+
+from __future__ import annotations
+
+import hashlib
+import json
+from pathlib import Path
+
+import pandas as pd
+import pytest
+from scipy.stats import binomtest
+
+from dockctl.evaluation import load_policy
+from dockctl.evaluation.envelope import FACTORS
+from dockctl.experiments.export import export_checkpoint
+from dockctl.runs.tables import ENVELOPE
+from tests.commands.conftest import dockctl
+
+
+@pytest.fixture
+def measured(run: Path) -> Path:
+    assert dockctl("evaluate", run, "--episodes", 3).code == 0
+    assert dockctl("envelope", run, "--factors", "wind, delay", "--episodes", 3).code == 0
+    return run
+
+
+def test_counts_and_intervals(measured: Path) -> None:
+    table = pd.read_csv(measured / "envelope.csv")
+    assert list(table) == list(ENVELOPE)
+    assert table.groupby("factor")["value"].apply(list).to_dict() == {
+        name: list(FACTORS[name].values) for name in ("delay", "wind")
+    }
+    assert (table[["docked", "collision", "timeout"]].sum(axis=1) == 3).all()
+    for row in table.itertuples():
+        interval = binomtest(row.docked, 3).proportion_ci(0.95, method="wilson")
+        assert (row.low, row.high) == pytest.approx((interval.low, interval.high), abs=1e-5)
+    assert {"envelope.png", "envelope.svg"} <= {path.name for path in (measured / "figures").iterdir()}
+
+
+def test_without_wind_or_delay_it_is_the_evaluation(measured: Path) -> None:
+    table = pd.read_csv(measured / "envelope.csv")
+    episodes = pd.read_csv(measured / "evaluation.csv")
+    outcomes = episodes.loc[episodes["start_kind"] == "random", "outcome"].value_counts()
+    for row in table[table["value"] == 0].itertuples():
+        assert {name: getattr(row, name) for name in outcomes.index} == outcomes.to_dict()
+
+
+def test_every_value_is_a_scenario(run: Path) -> None:
+    policy = load_policy(run)
+    for name, factor in FACTORS.items():
+        for value in factor.values:
+            scenario = policy.scenario(None, factor.settings(value)).scenario
+            assert (name in ("distance", "heading")) is not bool(scenario.conditions)
+
+
+def test_the_card_has_the_figure(measured: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("dockctl.experiments.export.training_episodes", lambda policy, loaded: [Docked()])
+    for _ in range(2):  # the second time it replaces the first
+        export_checkpoint([measured], "mine", tmp_path)
+    image, card = tmp_path / "mine" / "envelope.png", (tmp_path / "mine" / "card.md").read_text()
+    assert image.read_bytes() == (measured / "figures" / "envelope.png").read_bytes()
+    assert f"`{hashlib.sha256(image.read_bytes()).hexdigest()}`" in card
+    assert "(envelope.png)" in card
+
+
+class Docked:
+    docked, outcome, phase, collided_with = True, "docked", 1, ""
+    start = type("Start", (), {"eta": (20.0, 2.0, 2.8)})
+
+    @staticmethod
+    def row() -> dict[str, object]:
+        return {"outcome": "docked", "phase": 1, "clearance_m": 1.5}
+
+
+def test_another_policy_s_figure_is_not_in_the_card(
+    measured: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("dockctl.experiments.export.training_episodes", lambda policy, loaded: [Docked()])
+    facts = json.loads((measured / "envelope.json").read_text())
+    facts["policy"]["sha256"] = "0" * 64
+    (measured / "envelope.json").write_text(json.dumps(facts))
+    export_checkpoint([measured], "mine", tmp_path)
+    assert not (tmp_path / "mine" / "envelope.png").exists()
+
+
+def test_an_unknown_factor(run: Path) -> None:
+    outcome = dockctl("envelope", run, "--factors", "wnd")
+    assert outcome.code == 2
+    assert "'wind'" in outcome.err and not (run / "envelope.csv").exists()
