@@ -27,10 +27,7 @@ from dockctl.commands.options import (
     select_policy,
 )
 from dockctl.console import make_table, numeric, print_table, print_text
-from dockctl.runs.files import (
-    require_writable_file,
-    write_atomically,
-)
+from dockctl.runs.files import require_writable_file, write_atomically
 from dockctl.runs.tables import EVALUATION, START_KINDS, to_csv
 
 if TYPE_CHECKING:

@@ -15,13 +15,7 @@ from dockctl.errors import DockctlError
 from dockctl.experiments.training import replay
 from dockctl.reading import read_bytes, reading
 from dockctl.runs import provenance
-from dockctl.runs.directory import (
-    EPISODES_CSV,
-    EVALUATIONS_CSV,
-    PROVENANCE,
-    UPDATES_CSV,
-    RunDirectory,
-)
+from dockctl.runs.directory import EPISODES_CSV, EVALUATIONS_CSV, PROVENANCE, UPDATES_CSV, RunDirectory
 from dockctl.trust import file_digest
 
 STEPS = 10_000

@@ -8,12 +8,7 @@ from typing import Any
 import numpy as np
 import pandas as pd
 
-from dockctl.analysis.episodes import (
-    from_initial_poses,
-    moving_average,
-    smoothing_window,
-    term_columns,
-)
+from dockctl.analysis.episodes import from_initial_poses, moving_average, smoothing_window, term_columns
 from dockctl.analysis.latency import PARTS
 from dockctl.drawing import palette
 from dockctl.drawing.scene import Scene, Stroke, strokes

@@ -16,18 +16,9 @@ from dockctl.experiments.study import Experiment, load_study
 from dockctl.reports.style import figure_style
 from dockctl.runs.files import write_atomically, writing
 from studies.thesis.claims import claim_rows
-from studies.thesis.data import (
-    SELECTION,
-    TEST,
-    Archive,
-    ArchivedRun,
-    Facts,
-    load_facts,
-)
+from studies.thesis.data import SELECTION, TEST, Archive, ArchivedRun, Facts, load_facts
 from studies.thesis.learner_pages import ablation_page, reward_page, thesis_learner_page, time_page
-from studies.thesis.measures import (
-    Row,
-)
+from studies.thesis.measures import Row
 from studies.thesis.page import Page, mastered, total
 from studies.thesis.scenario_pages import (
     MARINA,

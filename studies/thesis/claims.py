@@ -19,13 +19,7 @@ from dockctl.geometry import Floats
 from dockctl.runs.tables import RECENT
 from studies.thesis.data import SELECTION, TEST, Archive, ArchivedRun, Facts
 from studies.thesis.measures import Row, change_share, slowing_m
-from studies.thesis.text import (
-    interquartile_mean,
-    interval,
-    middle,
-    share,
-    spread,
-)
+from studies.thesis.text import interquartile_mean, interval, middle, share, spread
 
 Verdict = Literal["reproduced", "partly", "not reproduced", "better"]
 Measured = tuple[str, Verdict]

@@ -17,21 +17,8 @@ from dockctl.reports.returns import returns_figure
 from dockctl.runs.tables import RECENT
 from studies.thesis import curves
 from studies.thesis.claims import collision_share
-from studies.thesis.data import (
-    SELECTION,
-    TEST,
-    Archive,
-    ArchivedRun,
-    Facts,
-    ScenarioFact,
-    count_outcomes,
-)
-from studies.thesis.measures import (
-    Row,
-    change_share,
-    change_size,
-    slowing_m,
-)
+from studies.thesis.data import SELECTION, TEST, Archive, ArchivedRun, Facts, ScenarioFact, count_outcomes
+from studies.thesis.measures import Row, change_share, change_size, slowing_m
 from studies.thesis.page import Draw, Page, mastered, training_outcomes
 from studies.thesis.text import docked_share, listed, middle, outcome_counts, share, spread, steps
 

@@ -9,14 +9,8 @@ from typing import Any
 from matplotlib.figure import Figure
 
 from dockctl.runs.tables import RECENT
-from studies.thesis.data import (
-    SELECTION,
-    TEST,
-    ArchivedRun,
-)
-from studies.thesis.measures import (
-    Row,
-)
+from studies.thesis.data import SELECTION, TEST, ArchivedRun
+from studies.thesis.measures import Row
 from studies.thesis.text import docked_share, middle, outcome_counts, share, steps
 
 Draw = Callable[[], Figure]

@@ -40,12 +40,7 @@ from studies.thesis.data import (
     ScenarioFact,
     count_outcomes,
 )
-from studies.thesis.measures import (
-    Row,
-    ending,
-    maneuver_rows,
-    training_rows,
-)
+from studies.thesis.measures import Row, ending, maneuver_rows, training_rows
 from studies.thesis.page import Draw, Page, seed_rows, total
 from studies.thesis.text import docked_share, listed, outcome_counts, share
 

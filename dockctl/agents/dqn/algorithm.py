@@ -12,12 +12,7 @@ import torch
 from numpy.typing import NDArray
 from pydantic import Field, NonNegativeInt
 
-from dockctl.agents.checkpoint import (
-    flatten,
-    load_parameters,
-    nest,
-    numpy_tensors,
-)
+from dockctl.agents.checkpoint import flatten, load_parameters, nest, numpy_tensors
 from dockctl.agents.dqn.network import DuelingQNetwork, GreedyPolicy
 from dockctl.agents.dqn.replay import Batch, NStep, Replay, mirror_every_second
 from dockctl.agents.dqn.update import DoubleDQN
