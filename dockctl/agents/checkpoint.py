@@ -26,7 +26,7 @@ from dockctl import plugins
 from dockctl.agents.algorithms import AlgorithmSpec
 from dockctl.agents.interface import Policy, Spaces, Tensors
 from dockctl.errors import Code, DockctlError, UnknownNameError, nearest
-from dockctl.plugins import ALGORITHMS
+from dockctl.plugins import ALGORITHMS, Guard
 from dockctl.reading import read_bytes, read_json
 from dockctl.runs.directory import BEST, LAST, RunDirectory, named_checkpoints
 from dockctl.runs.files import write_atomically, write_json
@@ -203,6 +203,7 @@ def rebuild_policy(
     Raises:
         CheckpointError: it is no policy; with the code ``unknown_name`` one of a plugin that is not loaded.
         UntrustedError: it needs a module that may not be imported.
+        PluginError: the algorithm is of a plugin, which failed.
         DockctlError: the library that it was trained with is missing.
     """
     try:
@@ -211,9 +212,11 @@ def rebuild_policy(
                 raise ValueError(f"the weights '{name}' contain NaN or infinity")
         card = PolicyCard.model_validate(facts)
         plugins.discover()
-        spec = ALGORITHMS.get(str(card.algorithm["kind"])).value.model_validate(card.algorithm)
+        kind = str(card.algorithm["kind"])
+        spec = ALGORITHMS.get(kind).value.model_validate(card.algorithm)
         require_imports(spec, trust=trust)
-        policy: Policy = spec.load_policy(tensors, card.spaces, card.hidden_sizes)
+        with Guard(ALGORITHMS, kind):
+            policy: Policy = spec.load_policy(tensors, card.spaces, card.hidden_sizes)
     except ValidationError as error:
         first = error.errors()[0]
         field = ".".join(map(str, first["loc"]))

@@ -12,6 +12,7 @@ import pytest
 import torch
 from gymnasium.spaces import Box, Discrete
 
+from dockctl import plugins
 from dockctl.agents.checkpoint import (
     CheckpointError,
     PolicyCard,
@@ -23,6 +24,7 @@ from dockctl.agents.checkpoint import (
 )
 from dockctl.agents.dqn.network import DuelingQNetwork, GreedyPolicy
 from dockctl.agents.interface import Spaces
+from dockctl.errors import PluginError
 from dockctl.runs.files import new_folder
 from dockctl.scenarios.loader import load
 from dockctl.scenarios.schema import PolicyInterface
@@ -55,6 +57,34 @@ def test_a_policy_is_found_by_run_folder_checkpoint_or_file(
     observation = np.random.default_rng(0).normal(size=(50, 4))
     np.testing.assert_array_equal(loaded.act(observation, {}), GreedyPolicy(network).act(observation, {}))
     assert (card.scenario, card.env_steps, card.seed) == ("toy", 1234, 7)
+
+
+PLUGIN = """\
+from typing import Literal
+from dockctl.agents.algorithms import AlgorithmSpec
+from dockctl.plugins import ALGORITHMS
+from dockctl.scenarios.extensions import register
+
+@register(ALGORITHMS)
+class Mine(AlgorithmSpec):
+    kind: Literal["mine"] = "mine"
+    def build(self, spaces, training, device): ...
+    def load_policy(self, tensors, spaces, hidden_sizes):
+        return tensors["weights of another version"]
+"""
+
+
+def test_a_plugin_that_cannot_load_its_policy_names_its_line(
+    tmp_path: Path, network: DuelingQNetwork
+) -> None:
+    (tmp_path / "mine.py").write_text(PLUGIN)
+    plugins.load_file(tmp_path / "mine.py")
+    with new_folder(tmp_path / "policy") as folder:
+        card = CARD.model_copy(update={"algorithm": {"kind": "mine"}})
+        save_policy(folder, numpy_tensors(network.state_dict()), card)
+    with pytest.raises(PluginError) as caught:
+        load_policy(tmp_path / "policy")
+    assert f"({tmp_path / 'mine.py'}:11)" in str(caught.value)
 
 
 def test_a_path_may_be_text(saved: Path) -> None:
