@@ -16,6 +16,9 @@ Floats = NDArray[np.float64]
 Bools = NDArray[np.bool_]
 Ints = NDArray[np.int64]
 
+MAX_SECTORS = 1024
+"""Of the horizon around a boat."""
+
 
 class DegreePose(Protocol):
     """A pose as scenarios write it, with the heading in degrees."""
@@ -45,10 +48,12 @@ def rotate(x: Floats, y: Floats, angle: float | Floats) -> tuple[Floats, Floats]
     return cosine * x - sine * y, sine * x + cosine * y
 
 
-def place_outline(outline: Floats, pose: Floats) -> Floats:
-    """Transform an outline (k, 2) from the body frame to the world frame of a pose (3,) [m, m, rad]."""
+def to_world(points: Floats, pose: Floats) -> Floats:
+    """Transform points (..., 2 or 3) from the body frame to the world frame of a pose (3,) [m, m, rad]."""
     cosine, sine = np.cos(pose[2]), np.sin(pose[2])
-    return np.asarray(outline @ np.array([[cosine, sine], [-sine, cosine]]) + pose[:2])
+    world = np.array(points, float)
+    world[..., :2] = world[..., :2] @ np.array([[cosine, sine], [-sine, cosine]]) + pose[:2]
+    return world
 
 
 def relocate_poses(poses: Floats, origin: Floats, to: Floats, mirrored: bool) -> Floats:

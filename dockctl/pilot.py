@@ -28,7 +28,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from dockctl.errors import DockctlError
-from dockctl.geometry import Floats, nearest_in_sectors
+from dockctl.geometry import MAX_SECTORS, Floats, nearest_in_sectors
 from dockctl.reading import FOREIGN, parse_json, read_bytes
 from dockctl.sim.goal import TO_FINAL, TO_INTERMEDIATE, bearing, measure, reached
 
@@ -188,6 +188,8 @@ class Pilot:
         positive = (self._sectors, self._range_m, self._max_steps, self.control_period_s, *self._scale)
         if self._commands.shape[1:] != (2,) or min(positive) <= 0:
             raise ValueError("expected commands of two numbers, and sizes and limits above 0")
+        if self._sectors > MAX_SECTORS:
+            raise ValueError(f"{self._sectors} sectors, expected at most {MAX_SECTORS}")
         self.final_tolerance, self.intermediate_tolerance = (
             Tolerance(
                 *(float(facts["tolerances"][pose][key]) for key in ("distance_m", "heading_rad", "speed_mps"))

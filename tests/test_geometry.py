@@ -9,7 +9,7 @@ import pytest
 from hypothesis import example, given
 from hypothesis import strategies as st
 
-from dockctl.geometry import place_outline, relocate_poses, sector_edges_deg, sector_index, wrap
+from dockctl.geometry import relocate_poses, sector_edges_deg, sector_index, to_world, wrap
 
 PI = math.pi
 coordinate, angle = st.floats(-50, 50), st.floats(-math.pi, math.pi)
@@ -64,9 +64,11 @@ def test_transfer_preserves_distances_and_turns_and_mirroring_swaps_the_sides(
     assert back[:, :2] == pytest.approx(before[:, :2], abs=1e-9)
 
 
-def test_an_outline_is_rotated_then_shifted() -> None:
-    placed = place_outline(np.array([[1.5, 0.0], [0.0, 0.5]]), np.array([20.0, 2.0, PI / 2]))
+def test_points_are_rotated_then_shifted() -> None:
+    placed = to_world(np.array([[1.5, 0.0], [0.0, 0.5]]), np.array([20.0, 2.0, PI / 2]))
     assert placed == pytest.approx(np.array([[20.0, 3.5], [19.5, 2.0]]))
+    solid = to_world(np.array([[[1.0, 0.0, 2.0]]]), np.array([10.0, 5.0, PI / 2]))
+    assert solid == pytest.approx(np.array([[[10.0, 6.0, 2.0]]]))
 
 
 @given(st.floats(-PI, PI), st.sampled_from([1, 4, 8, 12]))

@@ -259,6 +259,7 @@ def test_files_that_are_no_policy(file: Path, tmp_path: Path) -> None:
         {"description": np.array(json.dumps({**facts, "commands": [[math.nan, 0]] * 77}))},
         {"description": np.array(json.dumps({**facts, "commands": [[0]] * 77}))},
         {"description": np.array(json.dumps({**facts, "lidar": {"sectors": 0, "range_m": 100}}))},
+        {"description": np.array(json.dumps({**facts, "lidar": {"sectors": 10**11, "range_m": 100}}))},
         {"description": np.array(json.dumps({**facts, "commands": facts["commands"][:-1]}))},
         {"shared.0.weight": np.full_like(tensors["shared.0.weight"], np.nan)},
         {"shared.2.weight": tensors["shared.2.weight"][:, 1:]},

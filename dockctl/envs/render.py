@@ -11,7 +11,7 @@ from PIL import Image, ImageColor, ImageDraw
 
 from dockctl.drawing import palette
 from dockctl.drawing.scene import Scene, strokes, water
-from dockctl.geometry import Floats, place_outline
+from dockctl.geometry import Floats, to_world
 
 Frame = NDArray[np.uint8]
 
@@ -58,7 +58,7 @@ def draw_frame(scene: Scene, eta: Floats, goal: Floats, trail: Floats, *, longes
     """
     canvas = Canvas.of(scene, longest_px)
     image = _harbor(scene, longest_px).copy()
-    boat, berth = (canvas.pixels(place_outline(scene.hull, pose)) for pose in (eta, goal))
+    boat, berth = (canvas.pixels(to_world(scene.hull, pose)) for pose in (eta, goal))
     path = canvas.pixels(np.asarray(trail, float).reshape(len(trail), -1)[:, :2])
     shown = np.concatenate([boat, berth, path])
     low = np.clip(np.floor(shown.min(axis=0)) - 4, 0, (canvas.width, canvas.height)).astype(int)
@@ -83,7 +83,7 @@ def draw_frame(scene: Scene, eta: Floats, goal: Floats, trail: Floats, *, longes
         )
     pen.polygon(fine(boat), fill=palette.OWN_HULL)
     pen.line([*fine(boat), *fine(boat)[:2]], fill=palette.INK, width=thin, joint="curve")
-    bow = canvas.pixels(place_outline(np.array([[0.0, 0.0], [0.8 * scene.hull[:, 0].max(), 0.0]]), eta))
+    bow = canvas.pixels(to_world(np.array([[0.0, 0.0], [0.8 * scene.hull[:, 0].max(), 0.0]]), eta))
     pen.line(fine(bow), fill="white", width=max(1, round(0.2 * meter)))
     small = layer.reduce(SUPERSAMPLING)
     image.paste(small, (int(low[0]), int(low[1])), small)

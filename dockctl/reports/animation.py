@@ -26,7 +26,7 @@ from PIL import Image
 from dockctl.drawing import palette
 from dockctl.drawing.scene import Scene
 from dockctl.errors import DockctlError
-from dockctl.geometry import Floats, place_outline, sector_edges_deg, wrap
+from dockctl.geometry import Floats, sector_edges_deg, to_world, wrap
 from dockctl.reports import plan_view
 from dockctl.reports.style import HALO, figure_style
 from dockctl.runs.files import write_atomically
@@ -259,7 +259,7 @@ class _Film:
             at = min(step, len(boat.pose) - 1)
             row = int(at)
             pose = _between(boat.pose, at)
-            self._hulls[i].set_xy(place_outline(self._hull, pose))
+            self._hulls[i].set_xy(to_world(self._hull, pose))
             self._trails[i].set_data(*np.concatenate([boat.pose[: row + 1, :2], pose[None, :2]]).T)
             for number, wedge in enumerate(self._sectors[i]):
                 _place(wedge, pose, number, boat.ranges[row], self._range_m)

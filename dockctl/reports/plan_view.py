@@ -17,7 +17,7 @@ from matplotlib.transforms import ScaledTranslation
 
 from dockctl.drawing import palette
 from dockctl.drawing.scene import Scene, strokes, water
-from dockctl.geometry import Floats, place_outline, pose_array
+from dockctl.geometry import Floats, pose_array, to_world
 from dockctl.reports.style import HALO, label, legend_above
 from dockctl.scenarios.base import Pose
 from dockctl.scenarios.schema import Task
@@ -110,7 +110,7 @@ def draw_boat(
     lw: float = 1.1,
 ) -> None:
     """Draw the outline of the boat at a pose (3,) [m, m, rad], filled with opacity `fill`."""
-    outline = place_outline(hull, pose)
+    outline = to_world(hull, pose)
     if fill:
         ax.add_patch(Polygon(outline, fc=color, ec="none", alpha=fill, zorder=4))
     ls = (0, (2.2, 1.4)) if dashed else "-"
@@ -158,7 +158,7 @@ def draw_label(
     apart_m: float = 0.0,
 ) -> None:
     """Write text above or below a boat, at least `apart_m` from its reference point."""
-    ys = np.array([*place_outline(hull, pose)[:, 1], pose[1] - apart_m, pose[1] + apart_m])
+    ys = np.array([*to_world(hull, pose)[:, 1], pose[1] - apart_m, pose[1] + apart_m])
     y, shift, side = (ys.min(), -5, "top") if below else (ys.max(), 5, "bottom")
     label(
         ax, text, (pose[0], y), (0, shift), ha="center", va=side, fontweight="bold", color=color, zorder=10,

@@ -15,7 +15,7 @@ from matplotlib.patches import Circle, Polygon, Rectangle, Wedge
 
 from dockctl.drawing import palette
 from dockctl.drawing.scene import Scene, water
-from dockctl.geometry import Floats, sector_edges_deg, sector_index
+from dockctl.geometry import Floats, sector_edges_deg, sector_index, to_world
 from dockctl.reports import plan_view, view3d
 from dockctl.reports.plan_view import pose_label
 from dockctl.reports.style import HALO, legend_above, make_axes, make_figure
@@ -83,7 +83,7 @@ def figures(
         berths: final poses (k, 3) at the berths of the task, by kind, keys of `BERTHS`.
     """
     plan = plan_view.extended(plan, plan_view.task_points(scenario.task, scenario.evaluation.poses))
-    boat = replace(hull, triangles=view3d.to_world(hull.triangles, scan.pose))
+    boat = replace(hull, triangles=to_world(hull.triangles, scan.pose))
     return {
         "harbor": harbor_figure(plan, scenario, berths),
         "marina-3d": marina_figure(plan, scenario, [*bodies, boat]),
@@ -174,7 +174,7 @@ def marina_figure(plan: Scene, scenario: Scenario, bodies: Sequence[Body]) -> Fi
 
 def cloud_figure(plan: Scene, scenario: Scenario, boat: Body, scan: Scan) -> Figure:
     """The points of one scan in 3-D (Fig. 3.6)."""
-    points = view3d.to_world(scan.points, scan.pose)
+    points = to_world(scan.points, scan.pose)
     center = np.array([scan.pose[0], scan.pose[1], 0.0])
     camera = Camera(tuple((center + CLOUD_EYE_M).tolist()), tuple(center.tolist()))
     figure, ax = make_axes(

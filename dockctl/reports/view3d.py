@@ -178,10 +178,3 @@ def least_occluded(cameras: Sequence[Camera], boat: Floats, others: Floats) -> C
         return int((~beside & (depth.min(axis=1) < hull_depth.max())).sum())
 
     return min(cameras, key=in_front)
-
-
-def to_world(points: Floats, pose: Floats) -> Floats:
-    """Transform points (..., 3) [m] from the body frame to the world frame of a pose (3,) [m, m, rad]."""
-    cos, sin = math.cos(pose[2]), math.sin(pose[2])
-    turn = np.array([[cos, sin, 0.0], [-sin, cos, 0.0], [0.0, 0.0, 1.0]])
-    return np.asarray(points @ turn + (pose[0], pose[1], 0.0))

@@ -22,7 +22,7 @@ from numpy.typing import NDArray
 from pydantic import AfterValidator, BeforeValidator, Field, GetJsonSchemaHandler, PlainSerializer
 from pydantic_core import CoreSchema
 
-from dockctl.geometry import Floats, Ints
+from dockctl.geometry import MAX_SECTORS, Floats, Ints
 from dockctl.plugins import Registry
 from dockctl.scenarios.base import Count, Length, Model
 from dockctl.scenarios.vessel import Vessel
@@ -34,7 +34,7 @@ T = TypeVar("T", bound=float)
 K = TypeVar("K", bound="type[Kind]")
 
 
-Sectors = Annotated[Count, Field(le=1024)]
+Sectors = Annotated[Count, Field(le=MAX_SECTORS)]
 
 
 class Kind(Model):

@@ -14,7 +14,7 @@ import numpy as np
 from dockctl.compute import on_all_cores, shared
 from dockctl.drawing.scene import Scene
 from dockctl.errors import InputError
-from dockctl.geometry import Bools, Floats, place_outline, pose_array
+from dockctl.geometry import Bools, Floats, pose_array, to_world
 from dockctl.plugins import RANGE_SENSORS, Guard
 from dockctl.scenarios.base import Pose
 from dockctl.scenarios.extensions import RangeSensor, RangeSensorSpec
@@ -347,7 +347,7 @@ class PoseCheck:
         """Return whether the whole outline is in the basin; a harbor of mesh files has no basin."""
         if self._basin is None:
             return True
-        points = place_outline(self._outline, eta)
+        points = to_world(self._outline, eta)
         return bool(((points > self._basin[:2]) & (points < self._basin[2:])).all())
 
     def _nearest_free(self, eta: Floats) -> str:

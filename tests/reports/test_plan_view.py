@@ -16,7 +16,7 @@ from matplotlib.patches import Circle
 
 from dockctl.drawing import palette
 from dockctl.drawing.scene import OPEN_WATER_M, Scene, strokes, water
-from dockctl.geometry import place_outline
+from dockctl.geometry import to_world
 from dockctl.reports import plan_view
 from dockctl.reports.plan_view import Track, pose_label, split_tracks
 from dockctl.reports.style import figure_style, make_axes
@@ -91,7 +91,7 @@ def test_paths_and_outlines_are_those_of_the_table() -> None:
     table = tracks[0].table
     path = np.asarray(ax.lines[0].get_xydata())
     assert np.array_equal(path, table[["x_m", "y_m"]])
-    starts = place_outline(PLAN.hull, np.array([23.0, -10.0, math.pi / 2]))
+    starts = to_world(PLAN.hull, np.array([23.0, -10.0, math.pi / 2]))
     outlines = [
         np.asarray(patch.get_xy())
         for patch in ax.patches
@@ -101,7 +101,7 @@ def test_paths_and_outlines_are_those_of_the_table() -> None:
     shown = table[np.isclose(table["time_s"] % 10, 0)]
     for _, row in shown.iterrows():
         pose = np.array([row["x_m"], row["y_m"], math.radians(row["heading_deg"])])
-        assert any(xy[:-1] == pytest.approx(place_outline(PLAN.hull, pose)) for xy in outlines)
+        assert any(xy[:-1] == pytest.approx(to_world(PLAN.hull, pose)) for xy in outlines)
 
 
 def test_tolerances_are_circles_around_the_goals() -> None:

@@ -55,11 +55,6 @@ def test_projection() -> None:
     assert depth[3] < 0
 
 
-def test_body_to_world() -> None:
-    moved = view3d.to_world(np.array([[1.0, 0.0, 2.0]]), np.array([10.0, 5.0, math.pi / 2]))
-    assert moved == pytest.approx(np.array([[10.0, 6.0, 2.0]]))
-
-
 def test_back_faces_and_underwater_faces_are_not_drawn() -> None:
     def wall(x: float, z: float, order: int) -> np.ndarray:
         corners = np.array([[x, -1.0, z], [x, 1.0, z], [x, 0.0, z + 1.0]])
