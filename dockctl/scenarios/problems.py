@@ -154,9 +154,10 @@ def _model_problems(error: ValidationError, tree: Node, model: type[BaseModel]) 
         models = _models_at(model, tree, detail["loc"][:-1])
         if detail["type"] == "extra_forbidden":
             known = [name for owner in models for name in owner.model_fields]
-            key = field.path.rpartition(".")[2]
+            above, _, key = field.path.rpartition(".")
             message = f"unknown key '{key}' (known: {', '.join(sorted(known)) or 'none'})"
-            yield field.problem(message, "unknown_key", nearest(key, known), at_key=True)
+            suggestion = nearest(key, [*known, *_parameters(tree, above)])
+            yield field.problem(message, "unknown_key", suggestion, at_key=True)
         elif detail["type"] == "missing" or (detail["type"] == "model_type" and detail["input"] is None):
             yield field.problem(_missing(str(detail["loc"][-1]), models), "missing_key")
         elif detail["type"] == "union_tag_not_found":
@@ -166,6 +167,13 @@ def _model_problems(error: ValidationError, tree: Node, model: type[BaseModel]) 
             yield field.problem(f"the key '{tag}' is missing (one of: {', '.join(choices)})", "missing_key")
         else:
             yield _named(field, tree, detail).problem(*description(detail, field.path))
+
+
+def _parameters(tree: Node, path: str) -> list[str]:
+    """Return the parameters of the reward term at `path`, which are often written beside its weight."""
+    names = [term["term"] for steps, term in _terms(tree) if ".".join(steps) == path]
+    entries = [REWARD_TERMS.get(name) for name in names if name in REWARD_TERMS]
+    return [f"params.{parameter}" for entry in entries for parameter in entry.parameters]
 
 
 def _named(field: FieldLocation, tree: Node, detail: ErrorDetails) -> FieldLocation:

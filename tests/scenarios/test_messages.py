@@ -136,6 +136,10 @@ WRONG: dict[str, tuple[str, list[str]]] = {
         "reward:\n  terms:\n    distence: -1\n",
         ["4:5 reward.terms.distence unknown_name distance"],
     ),
+    "a parameter of a reward term beside its weight": (
+        "reward: {terms: {speed: {weight: -20, flor: 0.1}}}\n",
+        ["2:39 reward.terms.speed.flor unknown_key params.floor"],
+    ),
     "removing an unknown reward term": (
         "reward: {terms: {sped: null}}\n",
         ["2:18 reward.terms.sped unknown_name speed"],
