@@ -100,21 +100,20 @@ def train(
     elif seeds is not None or any(map(is_list, set_ or ())):
         if seed is not None:
             raise DockctlError(f"--seed: {SEEDS}")
-        limits = {"training.total_steps": steps, "training.on_divergence": on_divergence}
-        settings = [*(set_ or ()), *(f"{key}={value}" for key, value in limits.items() if value is not None)]
-        options = ["--device", device, *(word for each in log or () for word in ("--log", each))]
-        labels = [] if name is None else ["--name", name]
-        labels += [word for each in tag or () for word in ("--tag", each)]
         ending = sweep(
             DEFAULT_SCENARIO if scenario is None else scenario,
-            settings,
+            set_ or (),
             seeds or 1,
             out or SWEEPS,
             jobs,
-            options,
-            labels,
-            plugin or (),
-            trust,
+            steps=steps,
+            on_divergence=on_divergence,
+            plugin_files=plugin or (),
+            device=device,
+            trust=trust,
+            name=name,
+            tags=tag or (),
+            log=log or (),
         )
         if ending != "done":
             raise typer.Exit(INTERRUPTED if ending == "interrupted" else FAILED)

@@ -95,10 +95,15 @@ def sweep(
     seeds: int,
     out: Path,
     workers: int | None = None,
-    options: Sequence[str] = (),
-    start_options: Sequence[str] = (),
+    *,
+    steps: int | None = None,
+    on_divergence: str | None = None,
     plugin_files: Sequence[Path] = (),
+    device: str = "cpu",
     trust: bool = False,
+    name: str | None = None,
+    tags: Sequence[str] = (),
+    log: Sequence[str] = (),
 ) -> Ending:
     """Train and evaluate every combination with the seeds 0 to `seeds` - 1, and print a summary.
 
@@ -109,22 +114,30 @@ def sweep(
         settings: ``key=value`` or ``key=value,value,...``.
         out: folder of the runs, ``<scenario>/<combination>/<scenario>/<time>-seed<N>/``.
         workers: number of parallel trainings; one per core by default.
-        options, start_options: see `dockctl.experiments.study.Job`.
-        plugin_files, trust: see `dockctl.scenarios.loader.load`.
+        steps, on_divergence, plugin_files, device, trust, name, tags, log: see
+            `dockctl.experiments.training.train`.
 
     Raises:
         DockctlError: a combination is invalid, or the folder cannot be written.
     """
-    chosen = experiments(scenario, settings, seeds)
+    limits = {"training.total_steps": steps, "training.on_divergence": on_divergence}
+    given = [f"{key}={value}" for key, value in limits.items() if value is not None]
+    chosen = experiments(scenario, [*settings, *given], seeds)
     first = load(scenario, overrides=chosen[0].overrides(0), plugin_files=plugin_files, trust=trust)
-    name = first.scenario.name
-    require_writable(out / name)
-    console, jobs = Console(), make_jobs(chosen, out / name, options, start_options, plugin_files, trust)
-    print_text(console, f"{len(chosen)} combinations, {seeds} seeds; runs in {out / name}")
+    folder = out / first.scenario.name
+    require_writable(folder)
+    options = ["--device", device, *_repeated("--log", log)]
+    labels = [*_repeated("--name", [] if name is None else [name]), *_repeated("--tag", tags)]
+    console, jobs = Console(), make_jobs(chosen, folder, options, labels, plugin_files, trust)
+    print_text(console, f"{len(chosen)} combinations, {seeds} seeds; runs in {folder}")
     ending, done = run_jobs(console, jobs, workers)
     if done:
         print_table(console, summary(done))
     return ending
+
+
+def _repeated(option: str, given: Sequence[str]) -> list[str]:
+    return [word for value in given for word in (option, value)]
 
 
 def summary(jobs: Sequence[Job]) -> Table:
