@@ -36,8 +36,8 @@ MEASURES = (
     Measure("path_length_m", "path", "m", 1, 2),
     Measure("clearance_m", "least clearance", "m", 1, 2),
     Measure("control_changes", "control changes", "%", 100, 1),
-    Measure("propeller_change_n", "propeller change a step", "N", 1, 2),
-    Measure("rudder_change_deg", "rudder change a step", "°", 1, 2),
+    Measure("propeller_change_n", "propeller change per step", "N", 1, 2),
+    Measure("rudder_change_deg", "rudder change per step", "°", 1, 2),
 )
 """Compared over the episodes in which both policies dock."""
 

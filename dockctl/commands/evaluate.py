@@ -41,8 +41,8 @@ MEANS = (
     ("mean final |δψ|", "heading_error_deg", "{:.1f}°"),
     ("mean final speed", "speed_mps", "{:.3f} m/s"),
     ("mean control changes", "control_changes", "{:.0%} of the steps"),
-    ("mean propeller change", "propeller_change_n", "{:.1f} N a step"),
-    ("mean rudder change", "rudder_change_deg", "{:.1f}° a step"),
+    ("mean propeller change", "propeller_change_n", "{:.1f} N per step"),
+    ("mean rudder change", "rudder_change_deg", "{:.1f}° per step"),
 )
 """What is printed of the docked episodes: name, key of the summary, format."""
 

@@ -312,16 +312,16 @@ function drawMap(figure, width) {
 
 /** One row per value: its name, the value, and its interval. */
 function drawIntervals(figure, width) {
-  const { spec } = figure, row = 36, height = spec.rows.length * row + 34, left = 18, right = width - 22;
+  const { spec } = figure, row = 36, height = spec.rows.length * row + 37, left = 18, right = width - 22;
   const ends = spec.rows.flatMap((r) => [r.low, r.high, r.value, ...(r.dots ?? [])]).filter((v) => v !== null && v !== undefined);
   let [low, high] = [Math.min(...ends, spec.min ?? Infinity, spec.zero ? 0 : Infinity), Math.max(...ends, spec.max ?? -Infinity, spec.zero ? 0 : -Infinity)];
   if (spec.max === undefined) { const room = 0.05 * (high - low || 1); high += room; low -= room; }
   const X = scale(low, high, left, right), svg = canvas(figure, width, height), asText = (value) => (spec.percent ? percent(value, 0) : number(value));
   for (const value of ticks(low, high, Math.max(2, Math.round(width / 90)))) {
-    node(svg, "line", { x1: X(value), x2: X(value), y1: 4, y2: height - 30, class: spec.zero && value === 0 ? "zero" : "grid" });
-    node(svg, "text", { x: X(value), y: height - 16, class: "tick middle" }, asText(value));
+    node(svg, "line", { x1: X(value), x2: X(value), y1: 4, y2: height - 33, class: spec.zero && value === 0 ? "zero" : "grid" });
+    node(svg, "text", { x: X(value), y: height - 19, class: "tick middle" }, asText(value));
   }
-  node(svg, "text", { x: (left + right) / 2, y: height - 2, class: "label middle" }, spec.x.label);
+  node(svg, "text", { x: (left + right) / 2, y: height - 5, class: "label middle" }, spec.x.label);
   spec.rows.forEach((r, k) => {
     const y = k * row + 25, style = `stroke:${tone(r.tone ?? "mean")}`;
     const group = node(svg, "g", { class: "row" });
