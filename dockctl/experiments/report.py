@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import time
 from collections.abc import Callable
 from pathlib import Path
@@ -79,7 +80,10 @@ def follow(source: Path | None, out: Path | None, *, trust: bool = False, note: 
                     announced = True
         if ended:
             return file
-        time.sleep(max(POLL_S, REST * (time.monotonic() - began)))
+        for _ in range(max(1, math.ceil(REST * (time.monotonic() - began) / POLL_S))):
+            time.sleep(POLL_S)
+            if not _is_running(run):  # the last page is not delayed
+                break
 
 
 def default_name(source: Path) -> Path:

@@ -81,10 +81,28 @@ def test_the_page_follows_a_training_until_it_ends(tmp_path: Path, monkeypatch: 
                 training.close()
 
         monkeypatch.setattr(report.time, "sleep", while_it_waits)
+        monkeypatch.setattr(report, "REST", 0)
         assert report.follow(run, page, note=quiet) == page
     assert seen == [None, (40, report.RELOAD_S), (60, report.RELOAD_S)]
     assert shown(page) == (60, None)
     assert [path.name for path in tmp_path.iterdir() if path.suffix != ".html"] == ["run"]
+
+
+def test_the_last_page_does_not_wait_for_the_rest(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    run = write_run(tmp_path / "run", count=40)
+    (run / "provenance.json").write_text(json.dumps({"finished": None, "stop_reason": None}))
+    pauses: list[float] = []
+    with ExitStack() as training:
+        training.enter_context(exclusive_lock(run))
+
+        def while_it_waits(seconds: float) -> None:
+            pauses.append(seconds)
+            training.close()
+
+        monkeypatch.setattr(report.time, "sleep", while_it_waits)
+        monkeypatch.setattr(report, "REST", 1e6)
+        report.follow(run, tmp_path / "page.html", note=quiet)
+    assert pauses == [report.POLL_S]
 
 
 def shown(page: Path) -> tuple[int, int | None]:
