@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import io
+import logging
 import math
 from collections.abc import Collection
 from dataclasses import dataclass
@@ -28,6 +29,7 @@ from dockctl.scenarios.schema import Task
 from dockctl.scenarios.training import Evaluation
 from dockctl.scenarios.yaml_tree import read_file
 
+log = logging.getLogger(__name__)
 EPISODES = ("episode", "start_kind", "return", "steps", "outcome", "phase", "epsilon")
 EVALUATIONS = ("env_steps", "pose", "outcome", "best")
 TRAJECTORIES = (
@@ -142,6 +144,8 @@ def read_table(path: Path, columns: Collection[str]) -> pd.DataFrame | None:
     if not path.exists():
         return None
     content = read_bytes(path)
+    if content and not content.endswith(b"\n"):
+        log.warning("%s: the last row is incomplete", path)
     with reading(path):
         _require_rows(content)
         try:

@@ -93,3 +93,16 @@ def test_a_folder_that_is_not_a_run(tmp_path: Path) -> None:
     with pytest.raises(DockctlError) as caught:
         read_run(tmp_path)
     assert caught.value.code == "not_found"
+
+
+@pytest.mark.parametrize("end", ["", "\n"])
+def test_a_last_row_without_its_end_is_reported(
+    end: str, tmp_path: Path, caplog: pytest.LogCaptureFixture
+) -> None:
+    """A crash may leave half a row, which can look like a whole one."""
+    folder = write_run(tmp_path / "run", count=20)
+    path = folder / "updates.csv"
+    path.write_text(path.read_text().rstrip("\n")[:-3] + end)
+    read_run(folder)
+    found = [record.getMessage() for record in caplog.records]
+    assert found == ([] if end else [f"{path}: the last row is incomplete"])
