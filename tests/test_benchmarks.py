@@ -6,9 +6,12 @@ import subprocess
 import sys
 from pathlib import Path
 
+import pytest
+
 BENCHMARKS = Path(__file__).parents[1] / "benchmarks"
 
 
+@pytest.mark.thorough  # imports the libraries that dockctl is compared with
 def test_every_benchmark_can_be_imported() -> None:
     names = sorted(path.stem for path in BENCHMARKS.glob("*.py"))
     assert "bench" in names

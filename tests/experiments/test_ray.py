@@ -29,6 +29,7 @@ needs_ray = pytest.mark.skipif(find_spec("ray") is None, reason="dockctl[ray] is
 
 
 @pytest.mark.slow
+@pytest.mark.thorough  # Ray takes long to start
 @needs_ray
 def test_an_evaluation_on_ray_is_that_of_one_process(tmp_path: Path) -> None:
     assert quick_train(tmp_path, "s1", "--steps", 100).code == 0

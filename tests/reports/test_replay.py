@@ -139,6 +139,7 @@ def browser(html: str, tmp_path_factory: pytest.TempPathFactory) -> Iterator[Any
 
 
 @pytest.mark.slow
+@pytest.mark.thorough  # a browser takes long to start
 def test_in_a_browser(browser: Any, played: Replay, tmp_path: Path) -> None:
     """No messages; slider, keys and buttons move the boat to the pose in the table; the view is not blank."""
     from PIL import Image
@@ -177,6 +178,7 @@ def test_in_a_browser(browser: Any, played: Replay, tmp_path: Path) -> None:
 
 
 @pytest.mark.slow
+@pytest.mark.thorough  # a browser takes long to start
 def test_a_narrow_window_shows_start_and_goal(browser: Any, played: Replay) -> None:
     browser.set_window_size(500, 1300)
     browser.refresh()

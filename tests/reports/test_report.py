@@ -194,6 +194,7 @@ def test_long_tables_are_thinned_with_their_last_row() -> None:
 
 
 @pytest.mark.slow
+@pytest.mark.thorough  # a browser takes long to start
 def test_in_a_browser(tmp_path: Path) -> None:
     """No messages; the pointer shows the values of the row below it; the replay is in its frame."""
     from selenium.webdriver.common.action_chains import ActionChains
