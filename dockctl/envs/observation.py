@@ -205,6 +205,13 @@ def lidar(view: View, *, cap_m: Positive = 20.0, scale_m: Positive = 10.0) -> Co
     return Columns(names, view.sector_ranges_m, 0, cap_m / scale_m, scale_m, ["m"] * len(names))
 
 
+@observation_part("proximity", source="not in the thesis")
+def proximity(view: View, *, full_m: Positive = 1.0) -> Columns:
+    """Return full_m / range of each sector, at most 1: it resolves short ranges best."""
+    names = [f"proximity_{sector + 1}" for sector in range(view.sector_ranges_m.shape[1])]
+    return Columns(names, full_m / np.maximum(view.sector_ranges_m, full_m), 0, 1)
+
+
 @observation_part("bearing", source="not in the thesis")
 def bearing(view: View) -> Columns:
     """Return sine and cosine of the bearing of the goal in the body frame."""

@@ -113,7 +113,10 @@ class DockingVectorEnv(VectorEnv[Observations, NDArray[Any], NDArray[Any]]):
         """Of the first start that is not given: it needs all harbors of the training."""
         unreachable = unreachable_in(self.worlds)
         trained = free_sites(self.scenario, unreachable, among=is_trained)
-        return StartSampler(self.scenario, trained, unreachable, exploring=self._exploring)
+        return StartSampler(self.scenario, trained, unreachable, self._near, exploring=self._exploring)
+
+    def _near(self, start: Start, within_m: float) -> bool:
+        return bool(self.worlds[start.harbor].obstacles.near(start.eta[None], within_m)[0])
 
     def __getstate__(self) -> dict[str, Any]:
         return {name: value for name, value in vars(self).items() if name != "_sampler"}

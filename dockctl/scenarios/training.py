@@ -53,6 +53,16 @@ class ExploringStarts(Model):
     steps: Count = 200
 
 
+class CloseStarts(Model):
+    """Initial starts in training that are drawn again until an obstacle is near the hull.
+
+    They are few among starts drawn uniformly, and the hardest.
+    """
+
+    fraction: Fraction = 0.5
+    within_m: Positive = 1.0
+
+
 class ValidationStarts(Model):
     """Random starts whose greedy episodes select the checkpoint `best`.
 
@@ -135,6 +145,7 @@ class Training(Model):
     )
     epsilon: Epsilon = Epsilon()
     exploring_starts: ExploringStarts | None = ExploringStarts()
+    close_starts: CloseStarts | None = None
     stop: StopRule | None = StopRule()
     mirrored: Flag = Field(default=False, description="half of each batch are mirror images of transitions")
     on_divergence: Literal["stop", "rollback", "continue"] = "stop"

@@ -18,11 +18,15 @@ from dockctl.sim.goal import TO_FINAL, TO_INTERMEDIATE, measure
 
 MAX_DRAWS = 1000
 TRIAL_DRAWS = 200
+CLOSE_DRAWS = 30
+"""Attempts to draw a start near an obstacle; around some initial poses there is none."""
 UNREACHABLE = "are in an obstacle or not connected by water with the final pose"
 SAME_POSE = 1e-3
 """Poses that differ by less [m, rad] are equal."""
 Unreachable = Callable[[Floats, Floats], Bools]
 """Whether poses (n, 3) are blocked by an obstacle, or not connected by water with a goal (3,), (n,)."""
+Near = Callable[["Start", float], bool]
+"""Whether an obstacle is within this distance [m] of the hull."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -237,7 +241,8 @@ class StartSampler:
         scenario: the scenario.
         sites: the sites; one is drawn per episode.
         unreachable: for each harbor.
-        exploring: also draw `training.exploring_starts`, as in training; otherwise only initial poses.
+        near: needed for `training.close_starts`.
+        exploring: draw as in training, with exploring starts and close starts; otherwise only initial poses.
     """
 
     def __init__(
@@ -245,11 +250,13 @@ class StartSampler:
         scenario: Scenario,
         sites: Sequence[Site],
         unreachable: Sequence[Unreachable],
+        near: Near = lambda start, within_m: False,
         *,
         exploring: bool = False,
     ) -> None:
-        self._task, self._sites, self._unreachable = scenario.task, sites, unreachable
+        self._task, self._sites, self._unreachable, self._near = scenario.task, sites, unreachable, near
         self._exploring = scenario.training.exploring_starts if exploring else None
+        self._close = scenario.training.close_starts if exploring else None
 
     def draw(self, rng: np.random.Generator) -> Start:
         """Draw the start of one episode.
@@ -262,7 +269,13 @@ class StartSampler:
         site = draw_intermediate(site, self._task, rng, unreachable)
         if self._exploring is not None and rng.random() < self._exploring.fraction:
             return exploring_start(site, self._task, self._exploring, rng, unreachable)
-        return initial_start(site, self._task, rng, unreachable)
+        start = initial_start(site, self._task, rng, unreachable)
+        if self._close is not None and rng.random() < self._close.fraction:
+            for _ in range(CLOSE_DRAWS):
+                if self._near(start, self._close.within_m):
+                    break
+                start = initial_start(site, self._task, rng, unreachable)
+        return start
 
 
 def offset_limits(position_m: float, heading_deg: float) -> Floats:

@@ -73,6 +73,12 @@ def test_parameters_scale_and_cap() -> None:
     assert observation[0].tolist() == [2, 2, 2, 2, 2, 0.5, 1, 1.5, 0.5]
 
 
+def test_proximity_is_the_inverse_of_the_range_up_to_one() -> None:
+    view = replace(VIEW, sector_ranges_m=np.array([[0.5, 1, 2, 3, 4, 8, 100, 1.5]]))
+    expected = [1, 1, 1, 1, 3 / 4, 3 / 8, 0.03, 1]
+    assert encoder({"proximity": {"full_m": 3}})(view)[0] == pytest.approx(expected)
+
+
 def test_the_bearing_is_in_the_body_frame() -> None:
     """Heading 90 degrees, goal at 0 degrees: to starboard."""
     assert encoder("bearing")(VIEW)[0] == pytest.approx([-1, 0], abs=1e-7)

@@ -16,6 +16,7 @@ from dockctl.geometry import Floats
 from dockctl.scenarios.harbor import Marina
 from dockctl.scenarios.loader import load
 from dockctl.scenarios.schema import Scenario
+from dockctl.scenarios.training import Training
 from dockctl.sim.starts import (
     Start,
     StartSampler,
@@ -102,6 +103,31 @@ def test_starts_with_a_wide_spread_are_all_in_the_basin(name: str) -> None:
     share = sum(start.rejected for start in starts) / (60 + sum(start.rejected for start in starts))
     assert rejected_shares(scenario, unreachable)["task.initial.0"] == pytest.approx(share, abs=0.12)
     assert share > 0.5
+
+
+@pytest.mark.parametrize("fraction", [0.0, 0.3, 1.0])
+def test_close_starts_are_as_frequent_as_their_fraction(fraction: float) -> None:
+    """Starts are uniform in 17 m < x < 23 m, of which the last meter is close."""
+    training = Training(close_starts={"fraction": fraction, "within_m": 1.0}, exploring_starts=None)
+    scenario = with_offsets(S1, 3.0, 15.0).model_copy(update={"training": training})
+
+    def near(start: Start, within_m: float) -> bool:
+        return bool(start.eta[0] > 23 - within_m)
+
+    sites, open_water, rng = [own_site(scenario)], [Wall(math.inf).unreachable], np.random.default_rng(0)
+    sampler = StartSampler(scenario, sites, open_water, near, exploring=True)
+    close = np.mean([near(sampler.draw(rng), 1.0) for _ in range(2000)])
+    assert close == pytest.approx(fraction + (1 - fraction) / 6, abs=0.03)
+    evaluated = StartSampler(scenario, sites, open_water, near)
+    assert np.mean([near(evaluated.draw(rng), 1.0) for _ in range(2000)]) == pytest.approx(1 / 6, abs=0.03)
+
+
+def test_where_nothing_is_close_a_start_is_drawn_nevertheless() -> None:
+    training = Training(close_starts={"fraction": 1.0}, exploring_starts=None)
+    scenario = with_offsets(S1, 3.0, 15.0).model_copy(update={"training": training})
+    open_water = [Wall(math.inf).unreachable]
+    sampler = StartSampler(scenario, [own_site(scenario)], open_water, exploring=True)
+    assert sampler.draw(np.random.default_rng(0)).kind == "pose"
 
 
 def test_rejected_draws_are_counted() -> None:
