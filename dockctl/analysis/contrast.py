@@ -29,6 +29,11 @@ class Measure:
         number = round(self.factor * value, self.decimals) + 0.0  # avoids -0
         return f"{number:{'+' if signed and number else ''}.{self.decimals}f}".replace("-", "−")
 
+    def quantity(self, *values: float, signed: bool = False) -> str:
+        """Format the value, or the two ends of an interval, with the unit; a degree sign has no space."""
+        texts = " to ".join(self.text(value, signed=signed) for value in values)
+        return f"{texts}{'' if self.unit == '°' else ' '}{self.unit}"
+
 
 SUCCESS = Measure("docked", "success", "%", 100, 1)
 MEASURES = (

@@ -114,7 +114,7 @@ def draw_differences(ax: Axes, measure: Measure, found: Sequence[Contrast], poli
     if found and (compared := found[0].compared.get(measure)) is not None:
         left, right = ax.get_xlim()
         shift, side = (-4, "right") if right < -left else (4, "left")
-        text = f"{measure.text(compared.first)} {measure.unit}"
+        text = measure.quantity(compared.first)
         label(ax, text, (0, 0), (shift, 0), ha=side, va="center", color=palette.INK_SOFT)
 
 

@@ -201,19 +201,15 @@ def _difference_section(page: Page, differences: Sequence[Mapping[str, Any]]) ->
         for d in differences:
             if (found := d.get(measure.column)) is not None:
                 value, low, high = (measure.factor * found[key] for key in ("value", "low", "high"))
-                means = [
-                    [d[which], f"{measure.text(found[which])} {measure.unit}"]
-                    for which in ("first", "second")
-                ]
-                ends = (measure.text(found[end], signed=True) for end in ("low", "high"))
-                interval = f"{' to '.join(ends)} {measure.unit}"
+                means = [[d[which], measure.quantity(found[which])] for which in ("first", "second")]
+                interval = measure.quantity(found["low"], found["high"], signed=True)
                 bars.append(
                     {
                         "label": f"{d['second']}, {START_KINDS[d['starts']]}",
                         "value": value,
                         "low": low,
                         "high": high,
-                        "text": f"{measure.text(found['value'], signed=True)} {measure.unit}",
+                        "text": measure.quantity(found["value"], signed=True),
                         "tone": "mean" if low > 0 or high < 0 else "blocked",
                         "details": [*means, ["95 % interval", interval], ["pairs", str(found["pairs"])]],
                     }

@@ -60,3 +60,10 @@ def test_a_single_pair_is_not_compared() -> None:
 )
 def test_formatted_numbers(value: float, signed: bool, text: str) -> None:
     assert SUCCESS.text(value, signed=signed) == text
+
+
+def test_a_degree_sign_has_no_space_before_it() -> None:
+    (angle,) = (measure for measure in MEASURES if measure.unit == "°")
+    assert angle.quantity(-7.823) == "−7.82°"
+    assert angle.quantity(-7.823, 0.5, signed=True) == "−7.82 to +0.50°"
+    assert SUCCESS.quantity(0.5) == "50.0 %"

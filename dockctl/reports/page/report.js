@@ -184,8 +184,8 @@ function drawXY(figure, width) {
       if (y !== null && s.kind !== "bars") node(dots, "circle", { cx: X(s.x[i]), cy: Y(y), r: 3.5, style: `fill:${tone(s.tone)}` });
       return [s.x[i] === x ? s.name : `${s.name}, at ${number(s.x[i])}`, text, s.tone];
     });
-    const bar = found[0][0].until, title = spec.x.label.replace(/\s*[([].*/, ""), unit = /\[(.+)\]/.exec(spec.x.label)?.[1] ?? "";
-    show(event, bar ? `${number(found[0][0].x[found[0][1]])} to ${number(bar[found[0][1]])} ${unit}` : `${title} ${number(x)} ${unit}`.trim(), rows);
+    const bar = found[0][0].until, title = spec.x.label.replace(/\s*[([].*/, ""), unit = (/\[(.+)\]/.exec(spec.x.label)?.[1] ?? "").replace(/^[^°]/, " $&");
+    show(event, bar ? `${number(found[0][0].x[found[0][1]])} to ${number(bar[found[0][1]])}${unit}` : `${title} ${number(x)}${unit}`, rows);
     point(spec.group, x, figure);
     return x;
   };

@@ -363,7 +363,7 @@ function drawState(episode, i) {
     ["Position", `${fixed(x, 2)}, ${fixed(y, 2)} m`],
     ["Heading", `${fixed(((degrees(heading) % 360) + 360) % 360, 1)}°`],
     ["Surge, sway", `${fixed(u, 2)}, ${fixed(v, 2)} m/s`],
-    ["Yaw rate", `${fixed(degrees(r), 1)} °/s`],
+    ["Yaw rate", `${fixed(degrees(r), 1)}°/s`],
     ["Goal", episode.goals.length > 1 && episode.phase.data[i] === 0 ? "intermediate pose" : "berth"],
     ["Distance", `${fixed(episode.distance_m.data[i], 2)} m`],
     ["Heading error", `${fixed(degrees(episode.heading_error_rad.data[i]), 1)}°`],
