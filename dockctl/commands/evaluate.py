@@ -24,6 +24,7 @@ from dockctl.commands.options import (
     Trust,
     finite,
     parse_pose,
+    print_paths,
     select_policy,
 )
 from dockctl.console import make_table, numeric, print_table, print_text
@@ -122,7 +123,7 @@ def evaluate(
     print_table(console, _summary_table(result))
     if folder and result.recording:
         result.recording.write(folder)
-        print_text(console, str(folder))
+        print_paths([folder])
     if result.rejected_draws:
         note = (
             f"{result.rejected_draws} poses drawn for the random starts {UNREACHABLE}, and were drawn again"

@@ -7,6 +7,8 @@ from typing import Annotated
 
 import typer
 
+from dockctl.commands.options import print_paths
+
 KINDS = ("scenario", "reward", "observation", "vessel", "harbor", "policy", "plugin")
 
 
@@ -27,8 +29,7 @@ def init(
     from dockctl.experiments.scaffold import write_starter
 
     written, following = write_starter(kind, name, out)
-    for path in written:
-        typer.echo(path)
+    print_paths(written)
     typer.echo("Next:")
     for line in following:
         typer.echo(f"  {line}")

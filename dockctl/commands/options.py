@@ -235,6 +235,8 @@ def save_figures(draw: Draw, folder: Path) -> list[Path]:
 
 
 def print_paths(paths: Iterable[Path]) -> None:
-    """Print the paths of written files, one a line."""
+    """Print the paths of written files, one a line: relative below the working directory, else absolute."""
+    from dockctl.scenarios.catalog import display_path
+
     for path in paths:
-        print_text(Console(), str(path))
+        print_text(Console(), display_path(path))

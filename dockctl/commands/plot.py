@@ -8,7 +8,7 @@ from typing import Annotated
 
 import typer
 
-from dockctl.commands.options import save_figures
+from dockctl.commands.options import print_paths, save_figures
 
 
 def plot(
@@ -35,4 +35,4 @@ def plot(
     figure_folder = out or folder / FIGURES
     drawn = save_figures(lambda: dict(figures(data)), figure_folder)
     hashes = sources | {path: sha256_of(path) for path in drawn}
-    typer.echo(write_results(figure_folder / Path(DRAWN).name, {}, hashes))
+    print_paths([write_results(figure_folder / Path(DRAWN).name, {}, hashes)])

@@ -7,7 +7,7 @@ from typing import Annotated
 
 import typer
 
-from dockctl.commands.options import Trust
+from dockctl.commands.options import Trust, print_paths
 
 
 def report(
@@ -39,4 +39,4 @@ def report(
         typer.echo(text, err=True)
 
     write = report.follow if follow else report.write_report
-    typer.echo(write(source, out, trust=trust, note=note))
+    print_paths([write(source, out, trust=trust, note=note)])

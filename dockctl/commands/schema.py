@@ -7,7 +7,7 @@ from typing import Annotated
 
 import typer
 
-from dockctl.commands.options import Plugins
+from dockctl.commands.options import Plugins, print_paths
 from dockctl.errors import DockctlError, nearest
 
 FILES = ("scenario", "vessel", "harbor", "study")
@@ -45,4 +45,7 @@ def schema(
         text = json_text(json_schema.model_schema(Study))
     else:
         text = json_text(getattr(json_schema, f"{file}_schema")())
-    typer.echo(write_atomically(out, text.encode()) if out else text, nl=out is not None)
+    if out:
+        print_paths([write_atomically(out, text.encode())])
+    else:
+        typer.echo(text, nl=False)

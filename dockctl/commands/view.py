@@ -16,6 +16,7 @@ from dockctl.commands.options import (
     Trust,
     choose_policy,
     parse_pose,
+    print_paths,
     select_policy,
 )
 
@@ -75,7 +76,7 @@ def view(
         shown, name = replay(policies, scenario, poses, set_ or ()), policies[0].file_name
     data = page_data(shown)
     if out or not (gif or mp4):
-        typer.echo(write_atomically(out or Path(f"view-{name}.html"), page(data).encode()))
+        print_paths([write_atomically(out or Path(f"view-{name}.html"), page(data).encode())])
     for path, write in ((gif, animation.write_gif), (mp4, animation.write_mp4)):
         if path:
-            typer.echo(write(path, shown.scene, data))
+            print_paths([write(path, shown.scene, data)])

@@ -34,6 +34,7 @@ from dockctl.runs.directory import (
 )
 from dockctl.runs.files import new_folder, require_replaceable
 from dockctl.scenarios.base import NAME
+from dockctl.scenarios.catalog import display_path
 from dockctl.scenarios.content import mesh_files, with_paths
 from dockctl.scenarios.loader import LoadedScenario, dump
 from dockctl.scenarios.schema import PolicyInterface
@@ -109,7 +110,7 @@ def export_checkpoint(
         failures = [episode for episode in required if not episode.docked]
         if not failures:
             folder = write_checkpoint(best, candidates, loaded, episodes, out / name)
-            print_text(Console(), f"{best.run.path} exported to {folder}")
+            print_text(Console(), f"{display_path(best.run.path)} exported to {folder}")
             return
         for episode in failures:
             x, y, heading = episode.start.eta

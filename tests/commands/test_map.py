@@ -55,6 +55,15 @@ def test_a_map_of_another_scenario_has_its_name(run: Path) -> None:
     assert (run / "map-s2.csv").is_file() and not (run / "map.csv").exists()
 
 
+def test_paths_below_the_working_directory_are_printed_relative_to_it(
+    run: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    outcome = dockctl("map", "run", "--reach-m", 0, "--headings", "0")
+    files = ["run/figures/map.png", "run/figures/map.svg", "run/map.csv", "run/map.json"]
+    assert outcome.out.splitlines()[-4:] == files
+
+
 def test_the_map_of_a_checkpoint_without_a_run_is_below_figures(
     run: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
