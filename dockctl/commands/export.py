@@ -7,7 +7,7 @@ from typing import Annotated
 
 import typer
 
-from dockctl.commands.options import Plugins, Trust
+from dockctl.commands.options import Plugins, Trust, latest_run
 from dockctl.errors import DockctlError
 
 CHECKPOINTS = Path("checkpoints")
@@ -50,6 +50,7 @@ def export(
     """
     from dockctl.experiments import export, portable
 
+    ckpts = ckpts or [latest_run()]
     if onnx is None and pilot is None:
         export.export_checkpoint(ckpts, name, out or CHECKPOINTS, plugin_files=plugin or (), trust=trust)
         return

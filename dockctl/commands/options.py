@@ -131,6 +131,20 @@ On = Annotated[
 StartSeed = Annotated[int | None, typer.Option(min=0, help="Seed of the random starts.")]
 
 
+def latest_run(*, begun: bool = False) -> Path:
+    """Return the latest run in ./runs, and print which one that is.
+
+    Args:
+        begun: see `RunDirectory.latest`.
+
+    Raises:
+        DockctlError: there is none.
+    """
+    run = RunDirectory.latest(RUNS, begun=begun).path
+    print_text(Console(stderr=True), f"note: using the latest run, {run}")
+    return run
+
+
 def choose_policy(policy: str | None, ckpt: Sequence[str] | None, scenario: str | None = None) -> str:
     """Return the policy that the command line names: by default the latest run, else a shipped policy.
 
@@ -149,7 +163,7 @@ def choose_policy(policy: str | None, ckpt: Sequence[str] | None, scenario: str 
     if given:
         return given[0]
     try:
-        return str(RunDirectory.latest(RUNS).path)
+        return str(latest_run())
     except DockctlError:
         name = scenario if scenario in shipped() else DEFAULT_SCENARIO
         note = f"note: no run with a checkpoint in ./{RUNS} yet; using the shipped policy {name}"

@@ -8,7 +8,7 @@ from typing import Annotated
 
 import typer
 
-from dockctl.commands.options import print_paths, save_figures
+from dockctl.commands.options import latest_run, print_paths, save_figures
 
 
 def plot(
@@ -22,11 +22,11 @@ def plot(
     Example: dockctl plot --out figures/latest
     """
     from dockctl.reports.figures import figures
-    from dockctl.runs.directory import DRAWN, FIGURES, RUNS, RunDirectory
+    from dockctl.runs.directory import DRAWN, FIGURES
     from dockctl.runs.reader import SOURCES, read_run
     from dockctl.runs.results import sha256_of, write_results
 
-    folder = RunDirectory.latest(RUNS).path if run is None else run
+    folder = latest_run() if run is None else run
     sources = {folder / name: sha256_of(folder / name) for name in SOURCES if os.path.isfile(folder / name)}
     data = read_run(folder)
     if data.missing:

@@ -7,7 +7,7 @@ from typing import Annotated
 
 import typer
 
-from dockctl.commands.options import Trust, print_paths
+from dockctl.commands.options import Trust, latest_run, print_paths
 
 
 def report(
@@ -38,5 +38,6 @@ def report(
     def note(text: str) -> None:
         typer.echo(text, err=True)
 
+    source = source or latest_run(begun=follow)
     write = report.follow if follow else report.write_report
     print_paths([write(source, out, trust=trust, note=note)])

@@ -51,9 +51,10 @@ def runs(
 
 
 def _list(root: Path, json_: Json) -> None:
-    from dockctl.runs.listing import runs_below, summarize
+    from dockctl.runs.directory import RunDirectory
+    from dockctl.runs.listing import summarize
 
-    found = [summarize(run) for run in runs_below(root)]
+    found = [summarize(run) for run in RunDirectory.below(root)]
     if json_:
         json_.write([run.to_json() for run in found])
         return

@@ -9,9 +9,8 @@ from typing import Annotated
 import typer
 from rich.console import Console
 
-from dockctl.commands.options import Json, Plugins, Trust
+from dockctl.commands.options import Json, Plugins, Trust, latest_run
 from dockctl.console import make_table, numeric, print_table, print_text
-from dockctl.runs.directory import RUNS, RunDirectory
 
 DIFFERENT = 1
 
@@ -37,8 +36,9 @@ def verify(
     """
     from dockctl.experiments.verify import verify as repeat
 
+    run = run or latest_run()
     with Console(stderr=True).status("repeating the training"):
-        result = repeat(run or RunDirectory.latest(RUNS).path, steps, plugin_files=plugin or (), trust=trust)
+        result = repeat(run, steps, plugin_files=plugin or (), trust=trust)
     if json_:
         json_.write(asdict(result))
     console = Console()

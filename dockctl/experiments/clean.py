@@ -13,7 +13,7 @@ from dockctl.agents.training_state import load_state, unused_blocks
 from dockctl.errors import DockctlError
 from dockctl.runs.directory import BEST, LAST, RunDirectory
 from dockctl.runs.files import exclusive_lock, is_locked, writing
-from dockctl.runs.listing import FINISHED, runs_below, size_of, state_of
+from dockctl.runs.listing import FINISHED, size_of, state_of
 
 
 @dataclass(frozen=True)
@@ -36,7 +36,7 @@ def garbage_below(root: Path) -> Iterator[Garbage]:
     A run without any checkpoint can go as a whole: it can be neither resumed nor evaluated. Of a finished one
     the older checkpoints can, which are there in case that the newest is damaged, if the newest is intact.
     """
-    for run in runs_below(root):
+    for run in RunDirectory.below(root):
         if is_locked(run.path):
             continue
         best, last = run.checkpoints(BEST), run.checkpoints(LAST)

@@ -28,7 +28,6 @@ from dockctl.runs.directory import (
     PLUGINS,
     POLICY_JSON,
     POLICY_TENSORS,
-    RUNS,
     SCENARIO,
     RunDirectory,
 )
@@ -75,7 +74,7 @@ class Candidate:
 
 
 def export_checkpoint(
-    runs: Sequence[Path] | None,
+    runs: Sequence[Path],
     name: str | None,
     out: Path,
     *,
@@ -85,14 +84,13 @@ def export_checkpoint(
     """Write the best policy of `runs` to ``<out>/<name>/``: policy, scenario, local files and model card.
 
     Args:
-        runs: run folders; the latest run by default.
+        runs: run folders, at least one.
         plugin_files, trust: see `dockctl.evaluation.load_policy`.
 
     Raises:
         DockctlError: a run does not exist or is not evaluated, the runs have different scenarios, no policy
             docks from all its training poses, or the folder cannot be written or contains something else.
     """
-    runs = runs or [RunDirectory.latest(RUNS).path]
     policies = [load_checkpoint(path, plugin_files=plugin_files, trust=trust) for path in runs]
     candidates = sorted(map(read_candidate, runs, policies), key=lambda candidate: candidate.rank)
     names = sorted({candidate.policy.card.scenario for candidate in candidates})

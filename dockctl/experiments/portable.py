@@ -34,14 +34,14 @@ OPSET, IR_VERSION = 17, 8
 
 
 def export_files(
-    ckpts: Sequence[Path] | None,
+    ckpts: Sequence[Path],
     onnx: Path | None,
     pilot: Path | None,
     *,
     plugin_files: Sequence[Path] = (),
     trust: bool = False,
 ) -> None:
-    """Write one policy, by default that of the latest run, as an ONNX model, a pilot file, or both.
+    """Write one policy as an ONNX model, a pilot file, or both.
 
     Args:
         plugin_files, trust: see `dockctl.evaluation.load_policy`.
@@ -50,12 +50,12 @@ def export_files(
         DockctlError: several policies are given, there is no such policy, it cannot be exported, or a file
             cannot be written; nothing is written then.
     """
-    if len(ckpts or ()) > 1:
+    if len(ckpts) > 1:
         raise DockctlError("--onnx and --pilot export one policy: give one run folder or checkpoint")
     for file, suffix in ((onnx, ".onnx"), (pilot, ".npz")):
         if file:
             require_writable_file(file, suffix)
-    policy = load_checkpoint(ckpts[0] if ckpts else None, plugin_files=plugin_files, trust=trust)
+    policy = load_checkpoint(ckpts[0], plugin_files=plugin_files, trust=trust)
     scenario = policy.scenario().scenario
     contents = [
         (file, encode(policy, scenario)) for file, encode in ((onnx, onnx_model), (pilot, pilot_file)) if file

@@ -16,7 +16,7 @@ from dockctl.reading import read_json, reading
 from dockctl.reports import replay as replay_page
 from dockctl.reports.report import Page, run_page
 from dockctl.reports.study_report import Trial, comparison_page, study_page
-from dockctl.runs.directory import BEST, POLICY_JSON, PROVENANCE, RUNS, SCENARIO, STUDY, RunDirectory
+from dockctl.runs.directory import BEST, POLICY_JSON, PROVENANCE, SCENARIO, STUDY, RunDirectory
 from dockctl.runs.files import exclusive_lock, write_atomically
 from dockctl.runs.reader import SOURCES, read_run
 
@@ -28,11 +28,11 @@ REST = 4
 """Pause after a report by the time that it took: the training is not slowed much."""
 
 
-def write_report(source: Path | None, out: Path | None, *, trust: bool = False, note: Note = print) -> Path:
+def write_report(source: Path, out: Path | None, *, trust: bool = False, note: Note = print) -> Path:
     """Write the report of a run folder, the results of a study, or a comparison, and return its path.
 
     Args:
-        source: the latest run by default.
+        source: a run folder, a folder of a study's results, or a file of ``dockctl compare --json``.
         out: the page; ``report-<name>.html`` by default.
         trust: run the plugins of a received run for its replay.
         note: called with what is left out of the page, and why.
@@ -40,25 +40,24 @@ def write_report(source: Path | None, out: Path | None, *, trust: bool = False, 
     Raises:
         DockctlError: there is no such thing, a file of it is damaged, or the page cannot be written.
     """
-    folder = RunDirectory.latest(RUNS).path if source is None else source
-    if (folder / SCENARIO).is_file():
-        page, shown = _run_report(folder), _replay(folder, trust, note)
+    if (source / SCENARIO).is_file():
+        page, shown = _run_report(source), _replay(source, trust, note)
     else:
-        page, shown = _study_or_comparison(folder), None
-    return write_atomically(out or default_name(folder), page.html(shown).encode())
+        page, shown = _study_or_comparison(source), None
+    return write_atomically(out or default_name(source), page.html(shown).encode())
 
 
-def follow(source: Path | None, out: Path | None, *, trust: bool = False, note: Note = print) -> Path:
+def follow(source: Path, out: Path | None, *, trust: bool = False, note: Note = print) -> Path:
     """Rewrite the report of a training until it ends, and return its path.
 
     Args:
-        source: its run folder; the run that was started last by default.
+        source: its run folder.
         out, trust, note: as for `write_report`.
 
     Raises:
         DockctlError: it is not a run folder, a file of it is damaged, or the page cannot be written.
     """
-    run = RunDirectory.latest(RUNS, begun=True) if source is None else RunDirectory.open(source)
+    run = RunDirectory.open(source)
     file = out or default_name(run.path)
     policy, shown, before, announced = None, None, None, False
     while True:

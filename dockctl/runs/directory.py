@@ -152,7 +152,7 @@ class RunDirectory:
 
     @classmethod
     def latest(cls, root: Path, *, begun: bool = False) -> RunDirectory:
-        """Return the run under `root` that was started last, of those with a checkpoint.
+        """Return the run under `root`, at any depth, that was started last, of those with a checkpoint.
 
         Args:
             begun: also consider runs without a checkpoint, as a training has at its beginning.
@@ -160,7 +160,7 @@ class RunDirectory:
         Raises:
             DockctlError: there is none.
         """
-        runs = [run for run in cls._all(root) if begun or any(map(run.checkpoints, (BEST, LAST)))]
+        runs = [run for run in cls.below(root) if begun or any(map(run.checkpoints, (BEST, LAST)))]
         if not runs:
             message = (
                 f"{root}: no run{'' if begun else ' with a checkpoint'} yet; train one with: dockctl train"
@@ -175,7 +175,7 @@ class RunDirectory:
         Raises:
             DockctlError: there is none.
         """
-        runs = (run for run in cls._all(root) if run.checkpoints(LAST) and not run.is_finished)
+        runs = (run for run in cls.below(root) if run.checkpoints(LAST) and not run.is_finished)
         for run in sorted(runs, key=lambda run: (run.sequence, run.path.name), reverse=True):
             with suppress(DockctlError), exclusive_lock(run.path):
                 return run
@@ -191,12 +191,21 @@ class RunDirectory:
 
     @classmethod
     def next_sequence(cls, root: Path) -> int:
-        """Return the number of a new run under `root`: the order of starts, whatever the clock shows."""
-        return 1 + max((run.sequence for run in cls._all(root)), default=0)
+        """Return the number of a new run under `root`: the order of starts, whatever the clock shows.
+
+        All runs in `RUNS` have one order, also those of sweeps, which are deeper in it.
+        """
+        top = RUNS if root.resolve().is_relative_to(RUNS.resolve()) else root
+        return 1 + max((run.sequence for run in cls.below(top)), default=0)
 
     @classmethod
-    def _all(cls, root: Path) -> list[RunDirectory]:
-        return [cls(scenario.parent) for scenario in root.glob(f"*/*/{SCENARIO}")]
+    def below(cls, root: Path) -> Iterator[RunDirectory]:
+        """Yield the runs at any depth below a folder, sorted by path; links to folders are not followed."""
+        for folder, names, files in os.walk(root):
+            if SCENARIO in files and PROVENANCE in files:
+                names.clear()
+                yield cls(Path(folder))
+            names.sort()
 
     @property
     def sequence(self) -> int:

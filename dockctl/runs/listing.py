@@ -4,14 +4,13 @@ from __future__ import annotations
 
 import csv
 import os
-from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
 from dockctl.errors import DockctlError
 from dockctl.reading import read_bytes
-from dockctl.runs.directory import EVALUATION, EVALUATIONS_CSV, PROVENANCE, SCENARIO, TIMING_CSV, RunDirectory
+from dockctl.runs.directory import EVALUATION, EVALUATIONS_CSV, PROVENANCE, TIMING_CSV, RunDirectory
 from dockctl.runs.files import is_locked
 from dockctl.runs.tables import MAX_TABLE_BYTES, START_KEYS
 
@@ -47,15 +46,6 @@ class RunSummary:
     def to_json(self) -> dict[str, Any]:
         """Return the summary as plain data."""
         return {**vars(self), "path": str(self.path), "tags": list(self.tags)}
-
-
-def runs_below(root: Path) -> Iterator[RunDirectory]:
-    """Yield the runs in a folder and its subfolders, sorted by path; links to folders are not followed."""
-    for folder, names, files in os.walk(root):
-        if SCENARIO in files and PROVENANCE in files:
-            names.clear()
-            yield RunDirectory(Path(folder))
-        names.sort()
 
 
 def summarize(run: RunDirectory) -> RunSummary:

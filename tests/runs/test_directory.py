@@ -15,7 +15,7 @@ import pytest
 from dockctl import trust
 from dockctl.errors import DockctlError
 from dockctl.runs import directory
-from dockctl.runs.directory import RunDirectory
+from dockctl.runs.directory import RUNS, RunDirectory
 from dockctl.runs.files import require_replaceable, require_writable
 
 
@@ -66,6 +66,14 @@ def test_the_latest_run_is_the_one_started_last_whatever_the_clock_shows(tmp_pat
     for name in ("s2/20250101-000000-seed10", "s3/20240101-000000-seed9", "s1/20240101-000000-seed10"):
         last = start(tmp_path, name)
         assert RunDirectory.latest(tmp_path).path == last
+
+
+def test_the_runs_of_a_sweep_count_among_the_others(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.chdir(tmp_path)
+    sweep = RUNS / "sweep" / "s1" / "gamma-0.9"
+    for root, seed in ((RUNS, 0), (sweep, 1), (sweep, 0), (RUNS, 1), (sweep, 2)):
+        last = start(root, f"s1/20250101-000000-seed{seed}")
+        assert RunDirectory.latest(RUNS).path == last
 
 
 def test_a_start_that_failed_is_not_the_latest_run(tmp_path: Path) -> None:
