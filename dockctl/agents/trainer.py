@@ -308,6 +308,12 @@ class Trainer:
             else:
                 notes.append("the unfinished episodes could not be saved; new ones start")
             tables = [(table, facts["tables"][name]) for name, table in self.tables.items()]
+        except KeyError as error:
+            message = (
+                f"{saved.folder}: saved by another version of dockctl, without {error}: this version cannot"
+                " continue its training, but evaluates its policy"
+            )
+            raise CheckpointError(message) from None
         except (AttributeError, LookupError, OverflowError, TypeError, ValueError, RuntimeError) as error:
             reason = " ".join(str(error).split())
             raise CheckpointError(f"{saved.folder}: cannot be resumed: {reason}") from None

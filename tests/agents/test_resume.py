@@ -18,6 +18,7 @@ from dockctl.agents.checkpoint import (
     CheckpointError,
     find_policy,
     load_pair,
+    load_policy,
     save_pair,
     save_policy,
     saved_steps,
@@ -224,6 +225,22 @@ def test_numbers_that_no_save_has_written_are_refused(
     save_pair(folder, "learner", tensors, facts)
     with pytest.raises(CheckpointError, match="cannot be resumed"):
         toy(run).restore()
+
+
+@pytest.mark.parametrize("missing", ["algorithm/online", "updates"])
+def test_the_training_of_an_earlier_version_is_not_continued_but_its_policy_loads(
+    tmp_path: Path, missing: str
+) -> None:
+    run = new_run(tmp_path)
+    stop_at(304, run)
+    folder = run.checkpoint("last")
+    tensors, facts = load_pair(folder / "learner.json")
+    kept = {name: array for name, array in tensors.items() if not name.startswith(missing)}
+    save_pair(folder, "learner", kept, {name: fact for name, fact in facts.items() if name != missing})
+    with pytest.raises(CheckpointError, match="saved by another version of dockctl"):
+        toy(run).restore()
+    _, card = load_policy(run.path)
+    assert card.env_steps == 304
 
 
 def test_the_state_of_an_optimizer_of_torch_before_its_first_step(

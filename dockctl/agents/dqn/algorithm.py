@@ -141,6 +141,8 @@ class DQN:
     def restore(self, policy: Tensors, tensors: Tensors, facts: Mapping[str, Any]) -> None:
         """Continue from a saved state; see `Algorithm`."""
         nested = nest(tensors)
+        if not nested["online"]:
+            raise KeyError("online")
         load_parameters(self.learner.online, nested["online"])
         load_parameters(self.learner.target, nested["target"])
         load_parameters(self.learner.evaluated, policy)
