@@ -21,8 +21,6 @@ from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
 
-import torch._dynamo  # noqa: F401 - the forks need not import it
-
 from dockctl.agents.progress import Progress
 from dockctl.experiments.live import TrainingDisplay
 from dockctl.experiments.training import resume, train
