@@ -21,6 +21,7 @@ def _kilobytes(name: str) -> int:
 def at_most_mb(limit: float) -> Iterator[None]:
     """Assert that the resident memory grows by at most `limit` [MB] at any time during the block."""
     gc.collect()  # garbage of earlier tests, freed during the block, would hide what the block takes
+    gc.freeze()  # not to search again what is left
     CLEAR.write_text("5")  # the peak restarts at the present value
     before = _kilobytes("VmRSS")
     yield
