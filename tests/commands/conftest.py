@@ -11,6 +11,7 @@ from pathlib import Path
 from typing import IO, Any
 
 import pytest
+from matplotlib.figure import Figure
 from typer.testing import CliRunner
 
 from dockctl.cli import app
@@ -88,10 +89,19 @@ def in_process(monkeypatch: pytest.MonkeyPatch, one_figure: None) -> None:
     monkeypatch.setattr(runner, "ThreadPoolExecutor", AtOnce)
 
 
+SAVEFIG = Figure.savefig
+
+
 @pytest.fixture(autouse=True)
-def _coarse_figures(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Figures are saved with few pixels."""
+def _cheap_figures(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Figures are drawn once, with few pixels: their SVG files are empty."""
+
+    def save(figure: Figure, file: IO[bytes], *, format: str, **options: Any) -> None:
+        if format != "svg":
+            SAVEFIG(figure, file, format=format, **options)
+
     monkeypatch.setitem(style.STYLE, "savefig.dpi", 20)
+    monkeypatch.setattr(Figure, "savefig", save)
 
 
 def quick_train(out: Path, *arguments: object) -> Outcome:

@@ -8,13 +8,14 @@ from pathlib import Path
 import numpy as np
 import pandas as pd
 import pytest
+from matplotlib.figure import Figure
 
 from dockctl.runs.directory import SHIPPED
 from dockctl.runs.tables import MAP
 from dockctl.scenarios.loader import load
 from dockctl.sim.collision import CollisionChecker
 from dockctl.sim.harbor.build import build_harbor
-from tests.commands.conftest import dockctl
+from tests.commands.conftest import SAVEFIG, dockctl
 
 
 @pytest.mark.slow
@@ -39,7 +40,8 @@ def test_blocked_starts_have_no_episode(run: Path) -> None:
 
 
 @pytest.mark.slow
-def test_the_same_map_has_the_same_bytes(run: Path, tmp_path: Path) -> None:
+def test_the_same_map_has_the_same_bytes(run: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(Figure, "savefig", SAVEFIG)
     arguments = ("map", "--ckpt", run, "--reach-m", 3, "--step-m", 3, "--headings", "0,180")
     assert dockctl(*arguments, "--csv", tmp_path / "again.csv").code == 0
     first = (run / "figures" / "map.svg").read_bytes()

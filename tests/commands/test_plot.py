@@ -6,6 +6,7 @@ import shutil
 from pathlib import Path
 
 import pytest
+from matplotlib.figure import Figure
 
 from tests.commands.conftest import Outcome, dockctl
 
@@ -19,7 +20,13 @@ def run(trained: Trained, tmp_path: Path) -> Path:
     return folder
 
 
-@pytest.mark.slow
+@pytest.fixture
+def not_rendered(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Figures are made, and their files are empty; tests/reports/test_figures.py renders them."""
+    monkeypatch.setattr(Figure, "savefig", lambda *_, **options: None)
+
+
+@pytest.mark.usefixtures("not_rendered")
 def test_the_latest_run_is_drawn_into_its_folder(run: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.chdir(run.parent.parent.parent)
     outcome = dockctl("plot")
@@ -33,6 +40,7 @@ def test_the_latest_run_is_drawn_into_its_folder(run: Path, monkeypatch: pytest.
     }
 
 
+@pytest.mark.usefixtures("not_rendered")
 def test_only_the_run_folder_is_read(run: Path, tmp_path: Path) -> None:
     shutil.rmtree(run / "checkpoints")
     (run / "trajectories.csv").unlink()

@@ -9,7 +9,7 @@ import pytest
 from matplotlib.figure import Figure
 
 from dockctl.reports.figures import figures
-from dockctl.reports.style import figure_style, save
+from dockctl.reports.style import STYLE, figure_style, save
 from dockctl.runs.reader import read_run
 from tests.reports.synthetic import episodes, updates, write_run
 
@@ -57,7 +57,8 @@ def test_figures_without_a_table_are_left_out(tmp_path: Path, removed: str, expe
     assert set(drawn(folder)) == expected
 
 
-def test_a_run_of_one_episode_can_be_drawn(tmp_path: Path) -> None:
+def test_a_run_of_one_episode_can_be_drawn(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setitem(STYLE, "savefig.dpi", 50)
     folder = write_run(tmp_path / "run", count=1)
     with figure_style():
         written = save(dict(figures(read_run(folder))), tmp_path / "figures")
