@@ -6,6 +6,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from matplotlib.figure import Figure
 
 from dockctl.commands.options import parse_pose
 from dockctl.commands.show import sector_table
@@ -17,7 +18,7 @@ from dockctl.reports.style import figure_style
 from dockctl.scenarios.loader import load
 from dockctl.sim.harbor.build import build_harbor
 from dockctl.sim.lidar.spinning_sensor import SpinningSensor
-from tests.commands.conftest import dockctl
+from tests.commands.conftest import SAVEFIG, dockctl
 from tests.reports.synthetic import marina
 
 PONTOON = Path(__file__).parents[2] / "examples" / "custom-harbor" / "s1-pontoon.yaml"
@@ -53,21 +54,29 @@ def test_berths_are_drawn_with_a_legend() -> None:
 
 
 @pytest.mark.slow
-def test_four_drawings_and_the_distances(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+@pytest.mark.parametrize(
+    "source",
+    [pytest.param("s3", marks=pytest.mark.thorough), str(PONTOON)],
+    ids=["s3", "s1-pontoon"],
+)
+def test_four_drawings_and_the_distances(
+    source: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     monkeypatch.chdir(tmp_path)
+    monkeypatch.setattr(Figure, "savefig", SAVEFIG)
     monkeypatch.setitem(style.STYLE, "savefig.dpi", style.DPI)
-    outcome = dockctl("show", "s3", "--pose", "25,1.5,170")
+    outcome = dockctl("show", source, "--pose", "25,1.5,170")
     assert outcome.code == 0
-    folder = tmp_path / "figures" / "show" / "s3"
+    folder = tmp_path / "figures" / "show" / Path(source).stem
     written = [folder / f"{name}.{kind}" for name in DRAWINGS for kind in ("png", "svg")]
     assert all(path.stat().st_size > 10_000 for path in written)
     assert all(path.stat().st_size < 2_000_000 for path in written)
-    loaded = load("s3")
+    loaded = load(source)
     harbor = build_harbor(loaded.scenario.harbor, loaded.base_dir)
     lidar = SpinningSensor(loaded.scenario.sensors.lidar, harbor.triangles)
     pose = np.array([25.0, 1.5, np.radians(170)])
     for distance in lidar.sector_ranges_by_full_scan(pose[None])[0]:
-        assert f"{distance:.3f} m" in outcome.out
+        assert (f"{distance:.3f} m" if distance < 100 else "no return within 100 m") in outcome.out
     assert "(25, 1.5, 170°)" in outcome.out
 
 
