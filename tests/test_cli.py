@@ -36,47 +36,42 @@ ROOT = Path(__file__).parent.parent
 runner = CliRunner()
 
 
-def after(arguments: list[str], expression: str) -> list[str]:
-    """Return the words of a list that is evaluated in the process of a command when that ends."""
-    script = (
-        f"import sys\nsys.argv = {['dockctl', *arguments]}\nfrom dockctl.cli import main\n"
+def after(expression: str, *commands: str) -> list[list[str]]:
+    """Return the words of a list that is evaluated when each of the commands in one process ends."""
+    script = "import sys\nfrom dockctl.cli import main\n" + "".join(
+        f"sys.argv = {['dockctl', *shlex.split(command)]}\n"
         "try:\n    main()\nexcept SystemExit as end:\n    assert not end.code\n"
-        f"print('after:', *{expression})"
+        f"print('after:', *{expression}, ':end')\n"
+        for command in commands
     )
-    done = subprocess.run([sys.executable, "-c", script], capture_output=True, text=True, timeout=60)
+    done = subprocess.run([sys.executable, "-c", script], capture_output=True, text=True, timeout=300)
     assert done.returncode == 0, done.stderr
-    return done.stdout.split("after:")[1].split()
-
-
-def loaded_by(arguments: list[str], modules: tuple[str, ...]) -> list[str]:
-    """Return which of the modules are loaded when a command ends."""
-    return after(arguments, f"[name for name in {modules} if name in sys.modules]")
+    return [words.split() for words in re.findall(r"after:(.*):end", done.stdout)]
 
 
 def test_help_imports_nothing_heavy() -> None:
-    assert loaded_by(["--help"], HEAVY) == []
+    assert after(f"[name for name in {HEAVY} if name in sys.modules]", "--help") == [[]]
 
 
 @pytest.mark.slow
-def test_a_validation_loads_no_learner_no_tables_no_drawing_and_no_statistics() -> None:
-    assert loaded_by(["validate", "s3"], (*ANALYSIS, "torch", "trimesh")) == []
-
-
-@pytest.mark.slow
-def test_an_evaluation_loads_no_tables_no_drawing_and_no_statistics() -> None:
-    assert loaded_by(["evaluate", "s3", "--episodes", "0"], ANALYSIS) == []
-
-
-@pytest.mark.slow
-def test_a_training_loads_no_tables_no_drawing_no_statistics_and_no_compiler_of_torch(tmp_path: Path) -> None:
-    short = ["--steps", "16", "--set", "training.validation.starts=1", "--set", "task.max_steps=2"]
-    command = ["train", "s1", "--out", str(tmp_path), *short]
-    assert loaded_by(command, (*ANALYSIS, "torch._dynamo", "sympy")) == []
+def test_validation_evaluation_and_training_load_no_more_than_they_need(tmp_path: Path) -> None:
+    """No tables, drawing and statistics; the validation no learner, the training no compiler of torch."""
+    modules = (*ANALYSIS, "torch", "trimesh", "torch._dynamo", "sympy")
+    short = "--steps 16 --set training.validation.starts=1 --set task.max_steps=2"
+    by_validation, by_evaluation, by_training = after(
+        f"[name for name in {modules} if name in sys.modules]",
+        "validate s3",
+        "evaluate s1 --episodes 0",
+        f"train s1 --out {shlex.quote(str(tmp_path))} {short}",
+    )
+    assert by_validation == []
+    assert {*by_evaluation, *by_training} <= {"torch", "trimesh"}
 
 
 def test_blas_starts_no_threads() -> None:
     pools = "[pool['num_threads'] for pool in __import__('threadpoolctl').threadpool_info()]"
-    assert set(after(["config", "s3"], pools)) == {"1"}
+    (threads,) = after(pools, "config s3")
+    assert {*threads} == {"1"}
 
 
 def test_version() -> None:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import hashlib
 import json
+import shutil
 from pathlib import Path
 
 import pandas as pd
@@ -14,14 +15,21 @@ from dockctl.evaluation import load_policy
 from dockctl.evaluation.envelope import FACTORS
 from dockctl.experiments.export import export_checkpoint
 from dockctl.runs.tables import ENVELOPE
-from tests.commands.conftest import dockctl
+from tests.commands.conftest import Outcome, dockctl
 
 
-@pytest.fixture
-def measured(run: Path) -> Path:
+@pytest.fixture(scope="module")
+def once(trained: tuple[Path, Outcome], tmp_path_factory: pytest.TempPathFactory) -> Path:
+    run = shutil.copytree(trained[0], tmp_path_factory.mktemp("measured") / "run")
     assert dockctl("evaluate", run, "--episodes", 3).code == 0
     assert dockctl("envelope", run, "--factors", "wind, delay", "--episodes", 3).code == 0
     return run
+
+
+@pytest.fixture
+def measured(once: Path, tmp_path: Path) -> Path:
+    """A copy of the run folder that was measured, to write into."""
+    return shutil.copytree(once, tmp_path / "run")
 
 
 def test_counts_and_intervals(measured: Path) -> None:

@@ -325,6 +325,7 @@ def test_without_a_terminal_there_are_plain_lines(monkeypatch: pytest.MonkeyPatc
     ("model", "actions"),
     [("DQN", "grid"), ("SAC", "continuous"), pytest.param("TD3", "continuous", marks=pytest.mark.thorough)],
 )
+@pytest.mark.usefixtures("one_figure")
 def test_stable_baselines_leaves_a_normal_run_folder(model: str, actions: str, tmp_path: Path) -> None:
     pytest.importorskip("stable_baselines3")
     algorithm = f"training.algorithm={{kind: sb3, model: {model}, action_noise: 0.1}}"
@@ -339,7 +340,7 @@ def test_stable_baselines_leaves_a_normal_run_folder(model: str, actions: str, t
     commands: list[tuple[object, ...]] = [("evaluate", "--ckpt", run, "--episodes", 1)]
     others = (
         ("map", "--ckpt", run, "--reach-m", 1, "--step-m", 1, "--headings", 0),
-        ("latency", "--ckpt", run),
+        ("latency", "--ckpt", run, "--decisions", 10),
         ("plot", run),
         ("train", "--resume", run, "--steps", 160),
     )
