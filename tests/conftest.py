@@ -19,8 +19,13 @@ from tests.compiling import PARTS
 os.environ.setdefault("MPLBACKEND", "Agg")
 
 # The same examples on every machine. No deadline: the first call of a compiled function includes compilation.
-settings.register_profile("dockctl", deadline=None, derandomize=True)
-settings.load_profile("dockctl")
+settings.register_profile("thorough", deadline=None, derandomize=True)
+settings.register_profile("quick", settings.get_profile("thorough"), max_examples=30)
+
+
+def pytest_configure(config: pytest.Config) -> None:
+    """Try fewer examples where the thorough tests are left out."""
+    settings.load_profile("quick" if "not thorough" in config.option.markexpr else "thorough")
 
 
 def pytest_collection_finish() -> None:

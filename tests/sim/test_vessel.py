@@ -19,7 +19,7 @@ from dockctl.scenarios.vessel import MAX_SPEED_MPS, Vessel
 from dockctl.sim.vessel import VesselModel, coriolis
 from tests.sim.vessels import THESIS, vessels
 
-EXAMPLES = int(os.environ.get("DOCKCTL_EXAMPLES", "100"))
+EXAMPLES = int(os.environ.get("DOCKCTL_EXAMPLES", settings.default.max_examples))
 OTHER = THESIS.model_copy(
     update={
         "Y_rdot_kgm": 9.0,
