@@ -22,7 +22,8 @@ NAMES = {"s1", "s2", "s3", "marina", "marinas"}
 EPISODES = {"marina": 4, "marinas": 3}
 """How many starts of its training are tried; one where nothing stands here."""
 
-each = pytest.mark.parametrize("name", sorted(shipped()))
+NAMED = sorted(shipped())
+each = pytest.mark.parametrize("name", NAMED)
 
 
 def test_there_is_one_for_each_scenario_and_the_list_shows_them() -> None:
@@ -52,7 +53,13 @@ def test_it_was_trained_on_the_scenario_as_it_stands(name: str) -> None:
     assert first_difference(load(name).scenario, theirs, ignore=("training",)) is None
 
 
-@each
+@pytest.mark.parametrize(
+    "name",
+    [
+        pytest.param(name, marks=[pytest.mark.thorough] if name == "marinas" else [])  # builds 80 layouts
+        for name in NAMED
+    ],
+)
 def test_it_docks_from_starts_of_its_training(
     name: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:

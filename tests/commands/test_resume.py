@@ -66,21 +66,28 @@ STEPS = 1000
 
 
 @pytest.mark.slow
-def test_a_killed_process_resumes_exactly(tmp_path: Path) -> None:
+@pytest.mark.parametrize(
+    ("number", "code"),
+    [
+        # the signals that save are those of tests/experiments/test_interrupt.py
+        pytest.param(signal.SIGTERM, 130, marks=pytest.mark.thorough),
+        (signal.SIGKILL, -signal.SIGKILL),
+    ],
+)
+def test_a_killed_process_resumes_exactly(tmp_path: Path, number: signal.Signals, code: int) -> None:
     assert quick_train(tmp_path / "whole", "s1", "--steps", STEPS).code == 0
-    for number, code in ((signal.SIGTERM, 130), (signal.SIGKILL, -signal.SIGKILL)):
-        out = tmp_path / number.name
-        process = start(out, "--steps", f"{STEPS}")
-        while not list(out.glob("*/*/checkpoints/last-1")):
-            assert process.poll() is None
-            time.sleep(0.01)
-        process.send_signal(number)
-        assert process.wait(60) == code
-        run = only_run(out)
-        saved = json.loads((RunDirectory(run).checkpoint("last") / "policy.json").read_text())["env_steps"]
-        assert 100 <= saved < STEPS
-        assert dockctl("train", "--resume", run).code == 0
-        assert contents(run) == contents(only_run(tmp_path / "whole")), number
+    out = tmp_path / number.name
+    process = start(out, "--steps", f"{STEPS}")
+    while not list(out.glob("*/*/checkpoints/last-1")):
+        assert process.poll() is None
+        time.sleep(0.01)
+    process.send_signal(number)
+    assert process.wait(60) == code
+    run = only_run(out)
+    saved = json.loads((RunDirectory(run).checkpoint("last") / "policy.json").read_text())["env_steps"]
+    assert 100 <= saved < STEPS
+    assert dockctl("train", "--resume", run).code == 0
+    assert contents(run) == contents(only_run(tmp_path / "whole"))
 
 
 def test_resume_without_a_run_continues_the_latest_that_is_interrupted(

@@ -25,6 +25,7 @@ VARIANTS = {
     "marina-stern-to",
     "marina-t-head",
     "marina-unseen",
+    "marinas-weather",
     "s2-poses",
     "s3-appendix-b",
     "s3-direct",

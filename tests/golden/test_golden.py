@@ -25,7 +25,7 @@ def test_a_rollout_with_fixed_actions(scenario: str) -> None:
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("scenario", ["s1", "s3"])
+@pytest.mark.parametrize("scenario", [pytest.param("s1", marks=pytest.mark.thorough), "s3"])
 def test_a_short_training(scenario: str, tmp_path: Path) -> None:
     run = recording.train(scenario, tmp_path)
     for name, numbers in recording.training_numbers(run).items():
