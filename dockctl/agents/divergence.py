@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import math
 from collections import deque
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -58,6 +59,29 @@ class Monitor:
         self._unchanged = 0
         self._observation = np.empty((0, 0))
         self._probes: deque[NDArray[np.float64]] = deque(maxlen=max(2, PROBES // training.boats))
+
+    def state(self) -> tuple[Tensors, dict[str, Any]]:
+        """Return what `restore` needs: arrays, and facts for JSON."""
+        arrays = {"lasted": self._lasted, **({"probes": np.stack(self._probes)} if self._probes else {})}
+        facts = {
+            "reward": float(self._reward),
+            "last_reward": float(self._last_reward),
+            "first_scale": self._first_scale,
+            "unchanged": self._unchanged,
+        }
+        return arrays, facts
+
+    def restore(self, arrays: Tensors, facts: Mapping[str, Any], *, same_episodes: bool) -> None:
+        """Continue from what `state` returned.
+
+        Args:
+            same_episodes: those that had not ended go on; otherwise new ones start.
+        """
+        if same_episodes:
+            self._lasted[:] = arrays["lasted"]
+        self._probes.extend(arrays.get("probes", ()))
+        self._reward, self._last_reward = facts["reward"], facts["last_reward"]
+        self._first_scale, self._unchanged = facts["first_scale"], facts["unchanged"]
 
     def check_step(self, step: Step, info: Info, env_steps: int) -> None:
         """Check what the environment returned.

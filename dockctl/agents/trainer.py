@@ -80,6 +80,7 @@ class Trainer:
         self.validate, self.evaluate = validate, evaluate
         self.on_progress, self.interrupted, self.warn = on_progress, interrupted, warn
         self._step_limit, self._warned = step_limit, set[str]()
+        self._monitor = self._new_monitor()
         self.progress = Progress()
         self._observation: NDArray[Any] | None = None  # of a restored environment
         self._saved_at: int | None = None
@@ -107,6 +108,10 @@ class Trainer:
                     raise known from error
                 raise
 
+    def _new_monitor(self) -> Monitor:
+        names = getattr(self.environment, "observation_names", ())
+        return Monitor(self.training, names, self._step_limit)
+
     def _train(self) -> str:
         seed = [self.training.seed, self.progress.env_steps]
         if self.progress.rollbacks:
@@ -115,8 +120,6 @@ class Trainer:
         if observation is None:
             reset_seed = int(np.random.SeedSequence(seed).generate_state(1)[0])
             observation, _ = self.environment.reset(seed=reset_seed)
-        names = getattr(self.environment, "observation_names", ())
-        self._monitor = Monitor(self.training, names, self._step_limit)
         progress = self.progress
         while (reason := self._reason_to_stop()) is None:
             observation = self._step(observation)
@@ -162,7 +165,7 @@ class Trainer:
             error.message += "; there is no checkpoint yet to go back to"
             raise error from None
         self.progress.rollbacks, self._observation = attempt, None
-        self.episode_recorder = EpisodeRecorder(self.training.boats)
+        self.episode_recorder, self._monitor = EpisodeRecorder(self.training.boats), self._new_monitor()
         if isinstance(self.algorithm, Recoverable):
             self.algorithm.recover(attempt)
         self.warn(f"{error.message}; back to step {self.progress.env_steps:,}, attempt {attempt}")
@@ -264,7 +267,8 @@ class Trainer:
             return
         tables = {name: table.save() for name, table in self.tables.items()}
         sums, terms = self.episode_recorder.state()
-        groups = {"algorithm": tensors}
+        watched, counts = self._monitor.state()
+        groups = {"algorithm": tensors, "monitor": watched}
         environment = None
         if unfinished and isinstance(self.environment, Resumable):
             environment = self.environment.state()
@@ -277,6 +281,7 @@ class Trainer:
             "algorithm": facts,
             "environment": environment and environment[1],
             "terms": terms,
+            "monitor": counts,
             "updates": self.update_recorder.state(),
             "tables": tables,
         }
@@ -302,7 +307,10 @@ class Trainer:
             self._saved_at = self.progress.env_steps
             self.algorithm.restore(saved.policy, tensors["algorithm"], facts["algorithm"])
             self.update_recorder.restore(facts["updates"])
-            if facts["environment"] is not None and isinstance(self.environment, Resumable):
+            same_episodes = facts["environment"] is not None
+            if "monitor" in facts:  # not in states of early versions, whose checks start anew
+                self._monitor.restore(tensors["monitor"], facts["monitor"], same_episodes=same_episodes)
+            if same_episodes and isinstance(self.environment, Resumable):
                 self.episode_recorder.restore(tensors["episodes"], facts["terms"])
                 self._observation, _ = self.environment.restore(tensors["environment"], facts["environment"])
             else:

@@ -11,7 +11,7 @@ import pytest
 import torch
 
 from dockctl.agents.checkpoint import POLICY, load_pair
-from dockctl.agents.divergence import DivergenceError
+from dockctl.agents.divergence import DivergenceError, Monitor
 from dockctl.agents.dqn.algorithm import DQN
 from dockctl.agents.trainer import MAX_ROLLBACKS, Trainer
 from dockctl.agents.training_state import LEARNER
@@ -163,6 +163,33 @@ def test_a_rollback_continues_with_other_random_numbers_and_a_lower_rate(tmp_pat
     ]
     assert episodes[0] != episodes[1]
     assert [int(row["episode"]) for row in episodes[0]] == list(range(1, len(episodes[0]) + 1))
+
+
+@pytest.mark.parametrize("fault", [no_end, dead_advantages])
+def test_a_training_that_was_interrupted_diverges_at_the_same_step(fault: Fault, tmp_path: Path) -> None:
+    whole = trainer(tmp_path, fault)
+    with pytest.raises(DivergenceError) as expected:
+        whole.run()
+    stopped = trainer(tmp_path, fault)
+    stopped.interrupted = lambda: stopped.progress.env_steps > INJECTED
+    assert stopped.run() == "interrupted"
+    resumed = trainer_in(stopped.run_directory, stopped.training, step_limit=LIMIT, validate=None)
+    resumed.restore()
+    if fault is not dead_advantages:  # those are in the checkpoint
+        fault(resumed)
+    with pytest.raises(DivergenceError) as caught:
+        resumed.run()
+    assert caught.value.env_steps == expected.value.env_steps > stopped.progress.env_steps
+
+
+def test_a_restored_monitor_knows_the_first_values() -> None:
+    training = Training(**SETTINGS)
+    first, second = Monitor(training), Monitor(training)
+    first.check_update({"q_mean": 3.0}, 0)
+    second.restore(*first.state(), same_episodes=True)
+    second.check_update({"q_mean": 5.9}, 8)
+    with pytest.raises(DivergenceError):
+        second.check_update({"q_mean": 6.1}, 16)
 
 
 def test_a_rollback_before_the_first_checkpoint_says_that_there_is_none(tmp_path: Path) -> None:
