@@ -271,7 +271,10 @@ class StableBaselines:
         """Return the model's optimizers and its other variables, by name."""
         modules, variables = self.model._get_torch_save_params()
         optimizers = {name: attrgetter(name)(self.model) for name in modules if name.endswith("optimizer")}
-        return optimizers, {name: getattr(self.model, name) for name in variables}
+        if self.model.use_sde:  # the noise of the state-dependent exploration is no parameter
+            noise = "actor.action_dist.exploration_"
+            variables = [*variables, f"{noise}mat", f"{noise}matrices"]
+        return optimizers, {name: attrgetter(name)(self.model) for name in variables}
 
     def restore(self, policy: Tensors, tensors: Tensors, facts: Mapping[str, Any]) -> None:
         """Continue from a saved state; see `Algorithm`."""

@@ -7,8 +7,10 @@ from typing import Any
 
 import numpy as np
 import pytest
+from gymnasium.spaces import Box
 
 from dockctl.agents.checkpoint import load_policy
+from dockctl.agents.interface import Spaces
 from dockctl.agents.trainer import Trainer
 from dockctl.evaluation.rollout import run_episodes
 from dockctl.runs.directory import RunDirectory
@@ -58,3 +60,16 @@ def test_a_resumed_training_gives_the_bytes_of_the_uninterrupted_one(tmp_path: P
         stop_at(steps, run, make)
     resumed = finish(run, make)
     assert [name for name in resumed if resumed[name] != whole[name]] == []
+
+
+def test_the_noise_of_state_dependent_exploration_is_restored() -> None:
+    algorithm = {"kind": "sb3", "model": "SAC", "hyperparameters": {"use_sde": True}}
+    training = Training(**{**DQN, "algorithm": algorithm, "warmup_steps": 8})
+    spaces = Spaces(Box(-1, 1, (2,), np.float32), Box(-1, 1, (1,), np.float32))
+    first, second = (training.algorithm.build(spaces, training, "cpu") for _ in range(2))
+    observation = np.full((training.boats, 2), 0.5, np.float32)
+    for _ in range(2):  # the second model has drawn other noise since
+        second.model.actor.reset_noise()
+    assert not np.array_equal(second.act(observation, 1_000), first.act(observation, 1_000))
+    second.restore(first.policy_tensors(), *first.state())
+    assert np.array_equal(second.act(observation, 1_000), first.act(observation, 1_000))
