@@ -25,6 +25,7 @@ DQN: dict[str, Any] = {**SETTINGS, "algorithm": {"kind": "sb3"}, "n_step": 1}
 
 
 @pytest.mark.slow
+@pytest.mark.thorough  # a long training; short ones are below
 def test_dqn_learns(tmp_path: Path) -> None:
     learner = trainer_in(RunDirectory.create(tmp_path, "toy", 0), Training(**DQN))
     assert learner.run() == "mastered"

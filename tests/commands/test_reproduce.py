@@ -233,6 +233,7 @@ def test_stage_without_its_file_has_failed(tmp_path: Path, monkeypatch: pytest.M
 
 
 @pytest.mark.slow
+@pytest.mark.thorough  # tests/commands/test_train.py interrupts a training in this process
 def test_ctrl_c_leaves_a_resumable_training(tmp_path: Path) -> None:
     endless = tiny(seeds=1, set=(*QUICK, "training.total_steps=1000000"))
     command = [
