@@ -6,12 +6,11 @@ All else is as in the scenario.
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from dockctl.analysis.statistics import wilson_interval
 from dockctl.errors import DockctlError, nearest
 from dockctl.evaluation.evaluate import running
 from dockctl.evaluation.policies import LoadedPolicy, load_policy
@@ -19,6 +18,7 @@ from dockctl.evaluation.rollout import Rollout
 from dockctl.evaluation.starts import testing_starts
 from dockctl.runs.tables import Value
 from dockctl.scenarios.schema import Scenario
+from dockctl.sim.world import build_worlds
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -139,36 +139,21 @@ def envelope(
             message = f"unknown factor '{name}' (known: {', '.join(FACTORS)})"
             raise DockctlError(message, code="unknown_name", suggestion=nearest(name, FACTORS))
     loaded = load_policy(policy)
-    rows = [
-        {"factor": name, **row}
-        for name in factors
-        for row in _points(loaded, scenario, FACTORS[name], episodes, overrides, on)
-    ]
-    own = loaded.scenario(scenario, overrides).scenario
-    return Envelope(loaded, own, tuple(overrides), rows)
+    own = loaded.scenario(scenario, overrides)
+    worlds = build_worlds(own.scenario, own.base_dir)  # no factor changes a harbor
+    rows = []
+    for name in factors:
+        for value in FACTORS[name].values:
+            changed = loaded.scenario(scenario, [*overrides, *FACTORS[name].settings(value)])
+            outcomes = _outcomes(loaded, Rollout(changed, worlds), episodes, on)
+            rows.append({"factor": name, "value": value, "episodes": episodes, **outcomes})
+    return Envelope(loaded, own.scenario, tuple(overrides), rows)
 
 
-def _points(
-    policy: LoadedPolicy,
-    scenario: str | Path | None,
-    factor: Factor,
-    episodes: int,
-    overrides: Sequence[str],
-    on: str | None,
-) -> Iterator[dict[str, Value]]:
-    for value in factor.values:
-        rollout = Rollout(policy.scenario(scenario, [*overrides, *factor.settings(value)]))
-        resolved = rollout.loaded.scenario
-        seed = resolved.evaluation.random_starts.seed
-        starts = testing_starts(resolved, rollout.worlds, episodes, seed)
-        with running(policy, rollout, on) as run:
-            outcomes = Counter(episode.outcome for episode in run(starts))
-        docked = outcomes["docked"]
-        low, high = wilson_interval(docked, episodes)
-        yield {
-            "value": value,
-            "episodes": episodes,
-            **{name: outcomes[name] for name in ("docked", "collision", "timeout")},
-            "low": low,
-            "high": high,
-        }
+def _outcomes(policy: LoadedPolicy, rollout: Rollout, episodes: int, on: str | None) -> dict[str, Value]:
+    """Return how many episodes from random starts end in which way."""
+    scenario = rollout.loaded.scenario
+    starts = testing_starts(scenario, rollout.worlds, episodes, scenario.evaluation.random_starts.seed)
+    with running(policy, rollout, on) as run:
+        outcomes = Counter(episode.outcome for episode in run(starts))
+    return {name: outcomes[name] for name in ("docked", "collision", "timeout")}

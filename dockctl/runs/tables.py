@@ -70,8 +70,8 @@ MAP_START = ("dx_m", "dy_m", "dheading_deg", "x_m", "y_m", "heading_deg", "block
 MAP = (*MAP_START, *EPISODE_RESULT, *MANEUVER, "time_s")
 """Starts of ``dockctl map``, by their offset from the center pose; a blocked start has no result."""
 
-ENVELOPE = ("factor", "value", "episodes", "docked", "collision", "timeout", "low", "high")
-"""Outcomes by value of one factor, of ``dockctl envelope``; low and high bound the success rate (95 %)."""
+ENVELOPE = ("factor", "value", "episodes", "docked", "collision", "timeout")
+"""Outcomes by value of one factor, of ``dockctl envelope``."""
 
 RETURNS = ("behavior", "outcome", "steps", "time_s", "distance_unit_m", "return", "intermediate_discount")
 """Discounted returns of behaviors, of ``dockctl returns``; followed by one ``reward_<term>`` per term."""

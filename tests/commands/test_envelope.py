@@ -9,7 +9,6 @@ from pathlib import Path
 
 import pandas as pd
 import pytest
-from scipy.stats import binomtest
 
 from dockctl.evaluation import load_policy
 from dockctl.evaluation.envelope import FACTORS
@@ -32,16 +31,13 @@ def measured(once: Path, tmp_path: Path) -> Path:
     return shutil.copytree(once, tmp_path / "run")
 
 
-def test_counts_and_intervals(measured: Path) -> None:
+def test_counts(measured: Path) -> None:
     table = pd.read_csv(measured / "envelope.csv")
     assert list(table) == list(ENVELOPE)
     assert table.groupby("factor")["value"].apply(list).to_dict() == {
         name: list(FACTORS[name].values) for name in ("delay", "wind")
     }
     assert (table[["docked", "collision", "timeout"]].sum(axis=1) == 3).all()
-    for row in table.itertuples():
-        interval = binomtest(row.docked, 3).proportion_ci(0.95, method="wilson")
-        assert (row.low, row.high) == pytest.approx((interval.low, interval.high), abs=1e-5)
     assert {"envelope.png", "envelope.svg"} <= {path.name for path in (measured / "figures").iterdir()}
 
 
