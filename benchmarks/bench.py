@@ -31,7 +31,7 @@ RESULTS = Path(__file__).parent / "results"
 BUSY = 0.2  # cores used by other processes, above which wall-clock times are unreliable
 LIBRARIES = (
     "numpy", "numba", "torch", "gymnasium", "trimesh", "embreex", "python-fcl", "stable-baselines3",
-    "onnxruntime", "sbx-rl", "jax",
+    "onnxruntime", "sbx-rl", "jax", "casadi",
 )  # fmt: skip
 console = Console()
 

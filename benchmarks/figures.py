@@ -5,12 +5,17 @@ from __future__ import annotations
 from collections.abc import Sequence
 from typing import Any
 
+import numpy as np
+import pandas as pd
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.ticker import FuncFormatter, NullFormatter, NullLocator
 
 from dockctl.drawing import palette
-from dockctl.reports.style import legend_above, make_figure
+from dockctl.reports.plan_view import Track, close_view, draw_harbor, draw_paths
+from dockctl.reports.style import legend_above, make_axes, make_figure
+from dockctl.scenarios.loader import load
+from dockctl.sim.harbor.build import build_harbor, build_scene
 
 OURS, PEER = palette.SINGLE, palette.SECOND_MEAN
 Json = dict[str, Any]
@@ -112,4 +117,25 @@ def scan_figure(lidar: Json) -> Figure:
     ax.xaxis.set_major_formatter(FuncFormatter(lambda value, _: f"{value:g}"))
     ax.set_xlim(0.5 * times[-1][1], 3 * times[0][1])
     ax.set_ylim(len(times) - 0.5, -0.5)
+    return figure
+
+
+def docking_figure(optimal: Json) -> Figure:
+    """Return the plan view of the optimal ways of scenario 3 and of the policy's."""
+    loaded = load("s3")
+    names = {
+        "s3-direct": ("optimal, no intermediate pose", palette.PURPLE),
+        "s3": ("optimal", palette.BLUE),
+        "policy": ("policy", PEER),
+    }
+    tracks = []
+    for path, (name, color) in names.items():
+        table = pd.DataFrame(optimal["facts"]["paths"][path])
+        tracks.append(Track(f"{name}: {table['time_s'].iloc[-1]:.1f} s", color, table))
+    scenario = loaded.scenario
+    scene = build_scene(build_harbor(scenario.harbor, loaded.base_dir), scenario.vessel.hull)
+    points = np.concatenate([track.table[["x_m", "y_m"]].to_numpy(float) for track in tracks])
+    figure, ax = make_axes("Scenario 3 in minimum time", "outlines at equal intervals of time", (7.6, 7.2))
+    draw_harbor(ax, scene, close_view(scene, points))
+    draw_paths(ax, scene, tracks, scenario.task)
     return figure

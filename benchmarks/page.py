@@ -7,17 +7,21 @@ from __future__ import annotations
 
 import json
 from collections.abc import Callable, Iterator, Sequence
+from itertools import takewhile
 from pathlib import Path
 from textwrap import fill
 
 from bench import BUSY, RESULTS
-from figures import Json, boats_figure, growth_figure, number, scan_figure
+from figures import Json, boats_figure, docking_figure, growth_figure, number, scan_figure
 from matplotlib.figure import Figure
 
 from dockctl.reports.style import figure_style
 
 DOCS = Path(__file__).parents[1] / "docs"
-SCRIPTS = ("lidar", "reference", "environment", "growth", "learner", "gpu", "latency", "start", "training")
+SCRIPTS = (
+    "lidar", "reference", "environment", "growth", "learner", "gpu", "latency", "start", "training",
+    "optimal_control",
+)  # fmt: skip
 
 
 def results() -> dict[str, Json]:
@@ -235,10 +239,71 @@ def gpu_section(gpu: Json) -> str:
     return "## Learner on a GPU\n\n" + table(head, rows)
 
 
+def optimal_control_section(optimal: Json) -> str:
+    facts = optimal["facts"]
+
+    def policy(row: Json) -> str:
+        if row.get("policy_outcome") == "docked":
+            return f"{row['policy_s']:.1f}"
+        return row.get("policy_outcome", "")
+
+    def calm_row(row: Json) -> list[str]:
+        x, y, heading = row["start"]
+        docked = "optimum_s" in row and row.get("policy_outcome") == "docked"
+        return [
+            f"`{row['scenario']}` ({x:g}, {y:g}, {heading:g}°)",
+            f"{row['optimum_s']:.1f}" if "optimum_s" in row else "not found",
+            f"{row['simulated_s']:.1f}" if "simulated_s" in row else "",
+            policy(row),
+            f"{row['policy_s'] / row['simulated_s']:.2f}" if docked else "",
+        ]
+
+    def weather_row(what: str, direction: int) -> list[str]:
+        rows = [row for row in facts["weather"] if (row["what"], row["direction_deg"]) == (what, direction)]
+        found = [row for row in rows if "optimum_s" in row]
+        missed = [row for row in rows if "optimum_s" not in row]
+        docked = [*takewhile(lambda row: row["policy_outcome"] == "docked", rows)]
+        return [
+            f"{what}, toward {direction}°",
+            f"{found[-1]['speed_mps']:g} m/s" if found else "none",
+            f"{found[-1]['simulated_s']:.1f}" if found else "",
+            f"{missed[0]['speed_mps']:g} m/s" if missed else "",
+            f"{docked[-1]['speed_mps']:g} m/s" if docked else "none",
+        ]
+
+    kinds = dict.fromkeys((row["what"], row["direction_deg"]) for row in facts["weather"])
+    calm_head = ("start", "optimum [s]", "carried out [s]", "policy [s]", "ratio")
+    weather_head = ("s1 in", "strongest with a way", "time [s]", "weakest without", "policy docks up to")
+    return f"""## Optimal control
+
+![optimal and learned ways](figures/performance-docking.png)
+
+The minimum time of docking with full knowledge of harbor, wind and current, by CasADi and IPOPT, beside the
+shipped policies, one greedy episode from each start. The equations of motion, the wind forces and the
+tolerances are those of dockctl. "Carried out" is the plan in whole control periods of 0.5 s, whose commands
+the simulator followed until the boat docked, without a contact; the ratio is the time of the policy relative
+to it. Commands of a plan are continuous, those of a policy a grid of 77. Scenario 2 has five rows, the test
+poses of its table; `s3-direct` has no intermediate pose, and no shipped policy.
+
+{table(calm_head, [calm_row(row) for row in facts["calm"]])}
+
+The harbor is modeled by the convex outlines of what lies between keel and deck, from which the hull keeps
+{1e2 * facts["clearance_m"]:.0f} cm at the end of each period; only outlines that the simulator found in the
+way are added, and it tests every plan against the meshes.
+
+The strongest constant wind and current from the start of scenario 1 in which a way was found. The steps are
+1 m/s and 0.05 m/s; the weather is known to the plan and unknown to the policy, which was trained in calm
+water. IPOPT is a local solver that was started from a few guesses: a time is an upper bound of the minimum,
+and a way that was not found is no proof that there is none.
+
+{table(weather_head, [weather_row(*kind) for kind in kinds])}"""
+
+
 FIGURES: dict[str, tuple[str, Callable[[Json], Figure]]] = {
     "scan": ("lidar", scan_figure),
     "growth": ("growth", growth_figure),
     "boats": ("environment", boats_figure),
+    "docking": ("optimal_control", docking_figure),
 }
 SECTIONS: dict[str, Callable[[Json], str]] = {
     "lidar": scan_section,
@@ -250,16 +315,18 @@ SECTIONS: dict[str, Callable[[Json], str]] = {
     "latency": latency_section,
     "start": start_section,
     "training": training_section,
+    "optimal_control": optimal_control_section,
 }
 
 
 def page(found: dict[str, Json]) -> Iterator[str]:
     yield "# Performance"
     yield (
-        "Time and memory, compared with other libraries. `make bench` measures into `benchmarks/results/`,"
+        "Time and memory, compared with other libraries, and docking times, compared with optimal control."
+        " `make bench` measures into `benchmarks/results/`,"
         " and `python benchmarks/page.py` writes this page and its figures from there;"
-        " `benchmarks/training.py`, which takes minutes, and `benchmarks/gpu.py`, which needs a GPU, are run"
-        " separately."
+        " `benchmarks/training.py` and `benchmarks/optimal_control.py`, which take minutes, and"
+        " `benchmarks/gpu.py`, which needs a GPU, are run separately."
     )
     yield targets_section(found)
     for name, section in SECTIONS.items():

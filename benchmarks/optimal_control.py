@@ -1,0 +1,157 @@
+"""What is physically possible: docking in minimum time, planned with full knowledge, beside the policies.
+
+    python benchmarks/optimal_control.py
+
+The plan (`planning.py`) knows the harbor, the wind and the current, and its commands are continuous; those of
+the policies are a grid. IPOPT is a local solver: a time is an upper bound of the minimum, and a plan that is
+not found is no proof that there is none.
+"""
+
+from __future__ import annotations
+
+import argparse
+import math
+from collections.abc import Iterator
+from typing import Any
+
+import bench  # before numpy
+import numpy as np
+from planning import CLEARANCE_M, Docking, Optimum, Plan, followed, optimum, straight
+from rich.progress import track
+
+from dockctl.evaluation import Rollout, load_policy
+from dockctl.evaluation.rollout import Episode
+from dockctl.geometry import Floats
+from dockctl.scenarios.loader import load
+from dockctl.sim.starts import given_start, own_site
+
+CASES = (("s1", "s1"), ("s2", "s2-poses"), ("s3", "s3"), (None, "s3-direct"))
+"""Shipped policy, if there is one, and scenario."""
+SPEEDS_MPS = (0.3, 0.15, 0.065)
+"""Average speeds of the first guesses along straight lines; a plan has at most the time of its guess."""
+WEATHER = {
+    "beam wind": ("wind", (90, 270), np.arange(1, 13)),
+    "cross current": ("current", (90, 270), np.arange(1, 8) * 0.05),
+    "current out of the berth": ("current", (180,), np.arange(1, 9) * 0.05),
+}
+"""Condition, directions in which it flows [deg], and speeds [m/s], each constant, from the start of s1."""
+WEATHER_LIMIT_S = 15.0
+"""CPU time for a plan in weather, each of a few that are tried."""
+SLACK = 1.3
+"""Periods of a guess in stronger weather, relative to those needed in weaker."""
+KNOWN_S = 38.7
+"""Calm optimum of scenario 1 that another program found, in a corridor of 3.6 m in the berth."""
+
+
+def result(docking: Docking, found: Optimum | None, episode: Episode | None) -> dict[str, Any]:
+    """Return the row of one task: the optimum, its way through the simulator, and the episode of a policy."""
+    x, y, heading = docking.start.eta.tolist()
+    row: dict[str, Any] = {"start": [x, y, round(math.degrees(heading), 6)]}
+    if found:
+        row |= {
+            "optimum_s": found.time_s,
+            "simulated_s": found.run.steps * docking.control_period_s,
+            "off_m": found.run.off_m,
+            "off_deg": found.run.off_deg,
+            "obstacles": found.obstacles,
+        }
+    if episode:
+        row |= {"policy_outcome": episode.outcome, "policy_s": episode.steps * docking.control_period_s}
+    return row
+
+
+def path(poses: Floats, control_period_s: float) -> dict[str, list[float]]:
+    """Return time, position and heading of a path about every second, for the figure."""
+    rows = np.unique(np.append(np.arange(0, len(poses), round(1 / control_period_s)), len(poses) - 1))
+    x, y, heading = poses[rows].T
+    columns = {"time_s": rows * control_period_s, "x_m": x, "y_m": y, "heading_deg": np.degrees(heading)}
+    return {name: np.round(values, 3).tolist() for name, values in columns.items()}
+
+
+def calm(paths: dict[str, Any]) -> Iterator[dict[str, Any]]:
+    """Yield a row for each start of the scenarios, and add the paths of scenario 3 to `paths`."""
+    plans: list[Plan] = []
+    for name, scenario in CASES:
+        policy = load_policy(name) if name else None
+        loaded = policy.scenario(scenario) if policy else load(scenario)
+        rollout, site, task = Rollout(loaded), own_site(loaded.scenario), loaded.scenario.task
+        starts = [given_start(site, task, pose, index) for index, pose in enumerate(site.initial)]
+        episodes = rollout.run(policy.make(rollout.env()), starts) if policy else [None] * len(starts)
+        for start, episode in zip(starts, episodes, strict=True):
+            docking = Docking(loaded, rollout.worlds, start)
+            guesses = [straight(docking, mps) for mps in SPEEDS_MPS[:2]]
+            if episode and episode.docked:
+                guesses.append(followed(docking, episode))
+            if len(docking.goals) == 1:  # what docks by way of the intermediate pose also docks without it
+                guesses += [plan.in_one_leg for plan in plans if (plan.states[0, :3] == start.eta).all()]
+            tried = [optimum(docking, guess) for guess in guesses]
+            found = min((one for one in tried if one), key=lambda one: one.time_s, default=None)
+            if found:
+                plans.append(found.plan)
+            if scenario.startswith("s3"):
+                if found:
+                    paths[scenario] = path(found.plan.states[:, :3], docking.control_period_s)
+                if episode:
+                    paths["policy"] = path(episode.trajectory["pose"], docking.control_period_s)
+            yield {"scenario": scenario, "policy": name, **result(docking, found, episode)}
+
+
+def weather() -> Iterator[dict[str, Any]]:
+    """Yield a row for each strength and direction: scenario 1 in constant wind or current.
+
+    The first way that is found counts. After a strength without one, stronger ones are left out.
+    """
+    policy = load_policy("s1")
+    worlds = Rollout(policy.scenario()).worlds
+    for what, (kind, directions, speeds) in WEATHER.items():
+        for direction in directions:
+            weaker: list[Plan] = []
+            for speed in speeds.round(2).tolist():
+                condition = f"conditions.{kind}={{speed_mps: {speed}, direction_deg: {direction}}}"
+                loaded = policy.scenario("s1", [condition])
+                site = own_site(loaded.scenario)
+                start = given_start(site, loaded.scenario.task, site.initial[0], 0)
+                docking, rollout = Docking(loaded, worlds, start), Rollout(loaded, worlds)
+                (episode,) = rollout.run(policy.make(rollout.env()), [start], clearance=False)
+                guesses = weaker + [straight(docking, mps) for mps in SPEEDS_MPS]
+                tried = (optimum(docking, guess, WEATHER_LIMIT_S) for guess in guesses)
+                found = next((one for one in tried if one), None)
+                yield {
+                    "what": what,
+                    "direction_deg": direction,
+                    "speed_mps": speed,
+                    **result(docking, found, episode),
+                }
+                if found is None:
+                    break
+                weaker = [found.plan.resampled([math.ceil(SLACK * found.run.steps)])]
+
+
+def main() -> None:
+    argparse.ArgumentParser(description=__doc__.splitlines()[0]).parse_args()
+    report = bench.Report("optimal_control", "Docking in minimum time, planned with full knowledge")
+    paths: dict[str, Any] = {}
+    rows = [*track(calm(paths), "calm water", console=bench.console, transient=True)]
+    storms = [*track(weather(), "weather", console=bench.console, transient=True)]
+    report.facts = {"calm": rows, "weather": storms, "paths": paths, "clearance_m": CLEARANCE_M}
+    found = [row for row in rows + storms if "optimum_s" in row]
+    first = next(row for row in found if row["scenario"] == "s1")
+    report.targets = [
+        bench.Target(
+            f"minimum time of scenario 1, relative to {KNOWN_S} s of another program",
+            first["optimum_s"] / KNOWN_S,
+            at_most=1.02,
+            unit="×",
+        ),
+        bench.Target(
+            f"last pose in the simulator, off the plan, largest of {len(found)}",
+            1e3 * max(row["off_m"] for row in found),
+            at_most=1,
+            unit="mm",
+        ),
+    ]
+    report.write()
+
+
+if __name__ == "__main__":
+    main()
