@@ -7,6 +7,7 @@ is lost, another one resumes from what the head has.
 
 from __future__ import annotations
 
+import json
 import os
 import shutil
 import signal
@@ -27,10 +28,10 @@ from dockctl.agents.algorithms import remember_code
 from dockctl.cluster import require_version, write_files
 from dockctl.errors import DockctlError
 from dockctl.experiments.jobs import KilledError, LocalJob, open_log, remaining
-from dockctl.experiments.study import Experiment, Job
+from dockctl.experiments.study import Experiment, Job, Stage
 from dockctl.reading import read_bytes
-from dockctl.runs.directory import CHECKPOINTS, LAST, LEARNER_JSON
-from dockctl.runs.files import exclusive_lock, intact, is_locked, new_folder, writing
+from dockctl.runs.directory import CHECKPOINTS, LAST, LEARNER_JSON, PROVENANCE
+from dockctl.runs.files import exclusive_lock, intact, is_locked, json_text, new_folder, writing
 from dockctl.scenarios.content import SCENARIO_FILE, self_contained
 from dockctl.scenarios.loader import load
 
@@ -52,6 +53,7 @@ class Assignment:
         transfer: names of the latter.
         folder: of the runs.
         run: files of the run to resume or to measure, by path below `folder`.
+        training: its remaining part, as a job of this machine would run it.
     """
 
     version: str
@@ -61,6 +63,7 @@ class Assignment:
     transfer: tuple[str, ...]
     folder: Path
     run: Mapping[str, bytes]
+    training: Stage | None
 
     @classmethod
     def of(cls, job: Job) -> Assignment:
@@ -80,6 +83,7 @@ class Assignment:
             transfer=tuple(name for _, name in job.transfer),
             folder=Path(*(part for part in job.folder.parts if part not in (job.folder.anchor, ".."))),
             run={path.relative_to(job.folder).as_posix(): read_bytes(path) for path in paths},
+            training=job.training(),
         )
 
 
@@ -146,7 +150,8 @@ class Worker:
         for scenario in scenarios:
             remember_code(scenario)
         transfer = tuple((_place(number), name) for number, name in enumerate(given.transfer, 1))
-        self._job = LocalJob(Job(given.experiment, given.seed, scenarios[0], transfer, given.folder))
+        job = Job(given.experiment, given.seed, scenarios[0], transfer, given.folder)
+        self._job, self._trainings = LocalJob(job), (job.training(), given.training)
         self._sent = self._stats()
         self._saved = self._saves()
         threading.Thread(target=self._run, daemon=True).start()
@@ -172,7 +177,7 @@ class Worker:
             return Report(stages, output)
         with self._job.paused():  # a consistent state, as after a kill
             self._saved, stats = self._saves(), self._stats()
-            changed = {name: (self._folder / name).read_bytes() for name in stats.keys() - self._same(stats)}
+            changed = {name: self._content(name) for name in stats.keys() - self._same(stats)}
         self._sent = stats
         if ended is not None:
             self._locked.close()
@@ -181,6 +186,11 @@ class Worker:
     def stop(self) -> None:
         """See `RunningJob.stop`."""
         self._job.stop()
+
+    def _content(self, name: str) -> bytes:
+        content, (here, local) = (self._folder / name).read_bytes(), self._trainings
+        is_provenance = Path(name).name == PROVENANCE
+        return with_command(content, here, local) if is_provenance and here and local else content
 
     def _same(self, stats: Mapping[str, tuple[int, ...]]) -> set[str]:
         return {name for name, stat in stats.items() if self._sent.get(name) == stat}
@@ -203,6 +213,15 @@ class Worker:
 def _stat(path: Path) -> tuple[int, ...]:
     stat = path.stat()
     return stat.st_ino, stat.st_size, stat.st_mtime_ns
+
+
+def with_command(provenance: bytes, here: Stage, local: Stage) -> bytes:
+    """Return the provenance of a run as if `local` had been called, and not `here`."""
+    facts = json.loads(provenance)
+    for call in (facts, *facts.get("resumed", [])):
+        if call.get("command", [])[1:] == [*here.arguments]:
+            call["command"][1:] = local.arguments
+    return json_text(facts).encode()
 
 
 class RayJob:

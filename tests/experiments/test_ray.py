@@ -5,6 +5,7 @@
 
 from __future__ import annotations
 
+import json
 import os
 import socket
 import subprocess
@@ -21,7 +22,8 @@ from dockctl import cluster
 from dockctl.errors import DockctlError
 from dockctl.evaluation import evaluate
 from dockctl.experiments.runner import JobRunner
-from dockctl.experiments.study import Experiment, make_jobs
+from dockctl.experiments.study import Experiment, Stage, make_jobs
+from dockctl.runs.directory import PROVENANCE
 from tests.commands.conftest import QUICK, dockctl, only_run, quick_train
 
 TABLES = ("episodes.csv", "updates.csv", "evaluations.csv", "trajectories.csv")
@@ -49,6 +51,8 @@ def test_a_training_whose_worker_is_killed_ends_like_one_on_this_machine(tmp_pat
     settings = (*QUICK, "training.total_steps=600")
     experiment = {"name": "tiny", "group": "g", "scenario": "s1", "set": settings}
     (job,) = make_jobs([Experiment.model_validate(experiment)], tmp_path / "there")
+    started = job.training()
+    assert started is not None
     killed: list[int] = []
 
     def kill() -> None:
@@ -76,6 +80,25 @@ def test_a_training_whose_worker_is_killed_ends_like_one_on_this_machine(tmp_pat
     assert [*job.measurements()] == []
     for name in TABLES:
         assert (found / name).read_bytes() == (expected / name).read_bytes(), name
+    facts = json.loads((found / PROVENANCE).read_text())
+    assert facts["command"][1:] == [*started.arguments]
+    assert [call["command"][1:] for call in facts["resumed"]] == [["train", "--resume", str(found)]]
+
+
+@needs_ray
+def test_the_recorded_command_is_that_of_a_job_on_this_machine() -> None:
+    from dockctl.experiments.ray_jobs import with_command
+
+    here, local = Stage("train", ("train", "scenario.yaml")), Stage("train", ("train", "s1", "--set", "a=1"))
+    first, other = ["dockctl", *here.arguments], ["dockctl", "train", "--resume", "/runs/a"]
+    facts = {"seed": 0, "command": first, "resumed": [{"command": other}]}
+    found = json.loads(with_command(json.dumps(facts).encode(), here, local))
+    assert found == {**facts, "command": ["dockctl", *local.arguments]}
+    resumed = Stage("resume", ("train", "--resume", "runs/a"))
+    facts = {"command": first, "resumed": [{"command": other}, {"command": ["x", *resumed.arguments]}]}
+    there = Stage("resume", ("train", "--resume", "/runs/a"))
+    found = json.loads(with_command(json.dumps(facts).encode(), resumed, there))
+    assert found == {"command": first, "resumed": [{"command": other}, {"command": ["x", *other[1:]]}]}
 
 
 @needs_ray
