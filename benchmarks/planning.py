@@ -39,6 +39,8 @@ CLEARANCE_M = 0.05
 """Between the hull and the outlines in the way, at the end of every period."""
 WITHIN = 0.999
 """Share of the tolerances that a plan uses: they are strict, and the simulator rounds differently."""
+LIMIT_S = 6.0
+"""CPU time of the solver for one plan; most of those that are found take about one second."""
 SMOOTH_S = 1e-4
 """Weight of the squared changes of the commands against the time: commands without effect stay calm."""
 
@@ -173,15 +175,12 @@ def control_step(docking: Docking) -> ca.Function:
     return ca.Function("control_step", [state, command, length], [after])
 
 
-def solve(
-    docking: Docking, guess: Plan, obstacles: Sequence[Floats], *, held: bool = False, limit_s: float = 30.0
-) -> Plan | None:
+def solve(docking: Docking, guess: Plan, obstacles: Sequence[Floats], *, held: bool = False) -> Plan | None:
     """Return the plan of minimum time near a guess, in periods of at most the scenario's; None if not found.
 
     Args:
         obstacles: convex outlines (k, 2) to stay clear of [m].
         held: take periods of the scenario's length, and return the smoothest commands instead.
-        limit_s: CPU time of the solver.
     """
     opti, n, ends = ca.Opti(), sum(guess.periods), np.cumsum(guess.periods)
     states, commands = opti.variable(6, n + 1), opti.variable(2, n)  # commands relative to their limits
@@ -207,7 +206,7 @@ def solve(
     opti.set_initial(states, guess.states.T)
     opti.set_initial(commands, (guess.commands / limits).T)
     opti.set_initial(lengths, guess.period_s)
-    quiet = {"print_level": 0, "sb": "yes", "max_iter": 1000, "max_cpu_time": limit_s}
+    quiet = {"print_level": 0, "sb": "yes", "max_iter": 1000, "max_cpu_time": LIMIT_S}
     opti.solver("ipopt", {"print_time": False}, quiet)
     try:
         found = opti.solve()
@@ -299,14 +298,14 @@ class Optimum:
     obstacles: tuple[str, ...]
 
 
-def optimum(docking: Docking, guess: Plan, limit_s: float = 30.0) -> Optimum | None:
+def optimum(docking: Docking, guess: Plan) -> Optimum | None:
     """Return the fastest docking near a guess, or None if none is found that docks in the simulator."""
     outlines: dict[str, Floats] = {}
     while True:
-        fastest = solve(docking, guess, [*outlines.values()], limit_s=limit_s)
+        fastest = solve(docking, guess, [*outlines.values()])
         if fastest is None:
             return None
-        held = in_whole_periods(docking, fastest, [*outlines.values()], limit_s)
+        held = in_whole_periods(docking, fastest, [*outlines.values()])
         if held is None:
             return None
         run = carry_out(docking, held)
@@ -317,15 +316,13 @@ def optimum(docking: Docking, guess: Plan, limit_s: float = 30.0) -> Optimum | N
         outlines[run.contact] = docking.footprint(run.contact)
 
 
-def in_whole_periods(
-    docking: Docking, fastest: Plan, obstacles: Sequence[Floats], limit_s: float
-) -> Plan | None:
+def in_whole_periods(docking: Docking, fastest: Plan, obstacles: Sequence[Floats]) -> Plan | None:
     """Return a plan in the fewest control periods near the fastest one, up to two more than its time has."""
     legs = [count * length for count, length in zip(fastest.periods, fastest.period_s, strict=True)]
     fewest = [math.ceil(leg / docking.control_period_s - 1e-9) for leg in legs]
     for more in sorted(product(range(3), repeat=len(legs)), key=sum):
         counts = [count + extra for count, extra in zip(fewest, more, strict=True)]
-        held = solve(docking, fastest.resampled(counts), obstacles, held=True, limit_s=limit_s)
+        held = solve(docking, fastest.resampled(counts), obstacles, held=True)
         if held is not None:
             return held
     return None
