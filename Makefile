@@ -42,7 +42,7 @@ results: $(VENV)/.run
 	$(BIN)/python -m studies.thesis.build
 
 docs: $(VENV)/.docs
-	$(BIN)/mkdocs build --quiet --strict
+	NO_MKDOCS_2_WARNING=1 $(BIN)/mkdocs build --quiet --strict
 	@echo build/site/index.html
 
 bench: $(VENV)/.bench
