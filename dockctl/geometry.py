@@ -36,6 +36,13 @@ def pose_array(pose: DegreePose) -> Floats:
     return np.array([pose.x_m, pose.y_m, math.radians(pose.heading_deg)])
 
 
+def pose_label(x_m: float, y_m: float, heading_deg: float) -> str:
+    """Return a pose as text: ``(20, −2, 160°)``, rounded to two decimals, with the heading in 0 to 360."""
+    rounded = (round(x_m, 2), round(y_m, 2), round(heading_deg, 2) % 360)
+    x, y, heading = (f"{value + 0.0:g}".replace("-", "−") for value in rounded)
+    return f"({x}, {y}, {heading}°)"
+
+
 def wrap(angle: Floats) -> Floats:
     """Return the angle [rad] wrapped to (-pi, pi]; an angle inside is returned to the last bit."""
     turned = angle - 2 * np.pi * np.round(angle / (2 * np.pi))

@@ -9,7 +9,7 @@ import pytest
 from hypothesis import example, given
 from hypothesis import strategies as st
 
-from dockctl.geometry import relocate_poses, sector_edges_deg, sector_index, to_world, wrap
+from dockctl.geometry import pose_label, relocate_poses, sector_edges_deg, sector_index, to_world, wrap
 
 PI = math.pi
 coordinate, angle = st.floats(-50, 50), st.floats(-math.pi, math.pi)
@@ -82,3 +82,15 @@ def test_sectors_are_equal_and_begin_astern(theta: float, count: int) -> None:
 def test_the_point_right_astern_belongs_to_the_last_sector() -> None:
     assert sector_index(-1.0, 0.0, 8) == 7
     assert sector_index(-1.0, -0.0, 8) == 0
+
+
+@pytest.mark.parametrize(
+    ("pose", "text"),
+    [
+        ((20, 2, -200), "(20, 2, 160°)"),
+        ((-0.004, -1.25, 360), "(0, −1.25, 0°)"),
+        ((1, 1, 359.999), "(1, 1, 0°)"),
+    ],
+)
+def test_pose_labels(pose: tuple[float, float, float], text: str) -> None:
+    assert pose_label(*pose) == text

@@ -138,6 +138,7 @@ def evaluate(
 
 def _episode_table(result: Evaluation) -> Table:
     from dockctl.analysis.episodes import ending
+    from dockctl.geometry import pose_label
 
     units = {"time": "s", "δd": "m", "δψ": "°", "speed": "m/s", "path": "m", "clearance": "m"}
     table = make_table(
@@ -150,7 +151,7 @@ def _episode_table(result: Evaluation) -> Table:
         x, y, heading = episode.start.eta
         row = episode.row()
         table.add_row(
-            f"{x:g}, {y:g}, {math.degrees(heading):.4g}",
+            pose_label(x, y, math.degrees(heading)),
             f"[{'green' if episode.docked else 'red'}]{ending(row)}[/]",
             f"{episode.steps * result.control_period_s:g}",
             f"{row['distance_m']:.2f}",

@@ -20,7 +20,7 @@ from dockctl.drawing.scene import Scene
 from dockctl.evaluation.policies import LoadedPolicy, load_policy
 from dockctl.evaluation.rollout import Episode, Rollout
 from dockctl.evaluation.starts import checked_starts, trajectory_starts
-from dockctl.geometry import Floats
+from dockctl.geometry import Floats, pose_label
 from dockctl.scenarios.base import Pose
 from dockctl.scenarios.layouts import layouts
 from dockctl.scenarios.loader import LoadedScenario
@@ -253,7 +253,7 @@ def _titles(replay: Replay) -> list[str]:
     titles = []
     for track in replay.tracks:
         x, y, heading = track.start.eta
-        pose = f"({x:g}, {y:g}, {round(math.degrees(heading), 1) % 360:g}°)".replace("-", "−")
+        pose = pose_label(x, y, math.degrees(heading))
         titles.append(" ".join([track.policy] * policies + [pose] * (starts or not policies)))
     return titles
 

@@ -21,6 +21,7 @@ from dockctl.evaluation.policies import CheckpointPolicy, load_checkpoint
 from dockctl.evaluation.rollout import Episode, Rollout
 from dockctl.evaluation.starts import TRAINING, training_starts
 from dockctl.experiments.model_card import card_text, envelope_image, is_of_policy, read_evaluations
+from dockctl.geometry import pose_label
 from dockctl.runs.directory import (
     ENVELOPE,
     EVALUATION,
@@ -114,8 +115,8 @@ def export_checkpoint(
             x, y, heading = episode.start.eta
             print_text(
                 Console(stderr=True),
-                f"skipped {best.run.path}: from its training pose {x:g}, {y:g},"
-                f" {math.degrees(heading):.4g}°: {ending(episode.row())}",
+                f"skipped {best.run.path}: from its training pose"
+                f" {pose_label(x, y, math.degrees(heading))}: {ending(episode.row())}",
             )
     raise DockctlError("no policy docks from all its training poses; nothing was exported")
 

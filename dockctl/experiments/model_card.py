@@ -24,6 +24,7 @@ from dockctl.analysis.success_map import (
     within_heading,
 )
 from dockctl.errors import DockctlError
+from dockctl.geometry import pose_label
 from dockctl.reading import reading
 from dockctl.runs.directory import (
     ENVELOPE,
@@ -240,7 +241,7 @@ def _failures(groups: Sequence[tuple[str, str, pd.DataFrame]]) -> Iterator[dict[
         if failed.empty:
             continue
         endings = Counter(ending(row.to_dict()) for _, row in failed.iterrows())
-        poses = [f"({row.x_m:.2f}, {row.y_m:.2f}, {row.heading_deg:.0f}°)" for row in failed.itertuples()]
+        poses = [pose_label(*pose) for pose in failed[["x_m", "y_m", "heading_deg"]].to_numpy(float)]
         more = f" and {len(poses) - LISTED_FAILURES} more" if len(poses) > LISTED_FAILURES else ""
         yield {
             "scenario": name,

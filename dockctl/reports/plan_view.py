@@ -17,7 +17,7 @@ from matplotlib.transforms import ScaledTranslation
 
 from dockctl.drawing import palette
 from dockctl.drawing.scene import Scene, strokes, water
-from dockctl.geometry import Floats, pose_array, to_world
+from dockctl.geometry import Floats, pose_array, pose_label, to_world
 from dockctl.reports.style import HALO, label, legend_above
 from dockctl.scenarios.base import Pose
 from dockctl.scenarios.schema import Task
@@ -299,13 +299,6 @@ def task_points(task: Task, tests: Sequence[Pose] = ()) -> Floats:
     """Positions of the poses of a task and of its evaluation poses, (k, 2) [m]."""
     poses = [*task.initial, *tests, task.final, *([task.intermediate] if task.intermediate else [])]
     return np.array([[pose.x_m, pose.y_m] for pose in poses])
-
-
-def pose_label(x_m: float, y_m: float, heading_deg: float) -> str:
-    """Pose as text: ``(20, 2, 160°)``, at most two decimals, heading in 0 to 360, typographic minus signs."""
-    rounded = (round(x_m, 2), round(y_m, 2), round(heading_deg, 2) % 360)
-    x, y, heading = (f"{value + 0.0:g}".replace("-", "−") for value in rounded)
-    return f"({x}, {y}, {heading}°)"
 
 
 def pose_names(poses: Iterable[Pose]) -> str:

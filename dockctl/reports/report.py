@@ -235,10 +235,10 @@ def _evaluation_section(page: Page, run: Run) -> None:
 
 def _failure_section(page: Page, run: Run) -> None:
     """Add the episodes of the evaluation that do not dock."""
-    table = read_table(run.folder / f"{EVALUATION}.csv", ("start_kind", *EPISODE_RESULT))
+    table = read_table(run.folder / f"{EVALUATION}.csv", ("start_kind", "heading_deg", *EPISODE_RESULT))
     if table is None or not len(failed := table[table["outcome"] != "docked"]):
         return
-    listed = failed.head(MOST_ROWS)
+    listed = failed.head(MOST_ROWS).assign(heading_deg=lambda rows: rows["heading_deg"].round(2) % 360)
     columns = [name for name in FAILURE_COLUMNS if name in listed and listed[name].notna().any()]
     numeric = [i for i, name in enumerate(columns) if pd.api.types.is_numeric_dtype(listed[name])]
     rows = [[_cell(value) for value in row] for row in listed[columns].itertuples(index=False)]

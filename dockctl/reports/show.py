@@ -15,9 +15,8 @@ from matplotlib.patches import Circle, Polygon, Rectangle, Wedge
 
 from dockctl.drawing import palette
 from dockctl.drawing.scene import Scene, water
-from dockctl.geometry import Floats, sector_edges_deg, sector_index, to_world
+from dockctl.geometry import Floats, pose_label, sector_edges_deg, sector_index, to_world
 from dockctl.reports import plan_view, view3d
-from dockctl.reports.plan_view import pose_label
 from dockctl.reports.style import HALO, legend_above, make_axes, make_figure
 from dockctl.reports.view3d import Body, Camera
 from dockctl.scenarios.schema import Scenario

@@ -28,9 +28,8 @@ from dockctl.analysis.success_map import (
 )
 from dockctl.drawing import palette
 from dockctl.drawing.scene import Scene
-from dockctl.geometry import Floats
+from dockctl.geometry import Floats, pose_label
 from dockctl.reports import plan_view
-from dockctl.reports.plan_view import pose_label
 from dockctl.reports.style import HALO, draw_share, legend_above, make_figure, panel_title, panels, percent
 from dockctl.scenarios.schema import Task
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import csv
 import json
 import re
 import shutil
@@ -33,7 +34,7 @@ def runs(
             outcome = "docked" if docked else "timeout"
             phase, collided_with = 1, ""
             row = staticmethod(lambda: {"outcome": "docked", "phase": 1, "clearance_m": 1.5})
-            start = type("Start", (), {"eta": (20.0, 2.0, 2.8)})
+            start = type("Start", (), {"eta": (20.0, -2.0, -2.8)})
 
         return [One()]
 
@@ -72,7 +73,7 @@ def test_best_policy_that_docks_from_its_training_poses_is_exported(
     forget_interface(given[1])
     outcome = dockctl("export", *given, "--name", "mine", "--out", tmp_path / "out")
     assert outcome.code == 0, outcome.err
-    assert f"{given[2]}: " in outcome.err
+    assert f"{given[2]}: from its training pose (20, −2, 199.57°)" in outcome.err
     _, card = load_policy(tmp_path / "out" / "mine")
     assert (card.seed, card.interface is not None) == (1, True)
     shipped = (tmp_path / "out" / "mine" / "policy.safetensors").read_bytes()
@@ -81,6 +82,10 @@ def test_best_policy_that_docks_from_its_training_poses_is_exported(
     assert "| `s1` | training poses | 1 of 1 | 100.0% |" in text
     assert "| `s1` | random starts | 2 of 3 | 66.7% |" in text
     assert "1 of 3 failed: 1 collision with" in text
+    with (given[1] / "evaluation.csv").open() as file:
+        failed = [row for row in csv.DictReader(file) if row["outcome"] == "collision"]
+    headings = [float(heading) for heading in re.findall(r"([\d.]+)°\)", text)]
+    assert headings == [pytest.approx(float(row["heading_deg"]) % 360, abs=0.01) for row in failed]
     assert "best of 4 runs" in text
     monkeypatch.chdir(tmp_path / "out" / "mine")
     (command,) = re.findall(r"^```sh\n(.*?)^```", text, re.M | re.S)

@@ -18,7 +18,7 @@ from dockctl.drawing import palette
 from dockctl.drawing.scene import OPEN_WATER_M, Scene, strokes, water
 from dockctl.geometry import to_world
 from dockctl.reports import plan_view
-from dockctl.reports.plan_view import Track, pose_label, split_tracks
+from dockctl.reports.plan_view import Track, split_tracks
 from dockctl.reports.style import figure_style, make_axes
 from dockctl.scenarios.schema import Task
 from tests.reports import synthetic
@@ -147,18 +147,6 @@ def test_a_single_track() -> None:
     assert track.docked
     assert track.color == palette.SINGLE
     assert track.switch == 20
-
-
-@pytest.mark.parametrize(
-    ("pose", "text"),
-    [
-        ((20, 2, -200), "(20, 2, 160°)"),
-        ((-0.004, -1.25, 360), "(0, −1.25, 0°)"),
-        ((1, 1, 359.999), "(1, 1, 0°)"),
-    ],
-)
-def test_pose_labels(pose: tuple[float, float, float], text: str) -> None:
-    assert pose_label(*pose) == text
 
 
 def test_the_mean_current_and_wind_of_a_trajectory_are_arrows() -> None:

@@ -46,6 +46,7 @@ def run_folder(folder: Path, **options: Any) -> Path:
             "start_kind": ["pose", "random", "random"],
             "start": [0, 0, 1],
             "x_m": 20.0,
+            "heading_deg": [160.0, 150.0, -170.0],
             "outcome": ["docked", "docked", "collision"],
             "collided_with": ["", "", "quay <b>"],
             "phase": 1,
@@ -119,6 +120,7 @@ def test_the_page_is_one_file_and_escapes_text(tmp_path: Path) -> None:
     html = page_of(run_folder(tmp_path / "run", count=30)).html("<p>a replay</p>")
     assert not re.search(r"""(src|href)\s*=\s*["'](?!#)|@import|\bfetch\(|url\(\s*["']?http""", html)
     assert "quay &lt;b&gt;" in html
+    assert ">190<" in html  # the heading of the start that failed
     assert "9.8.7" in html
     packed = re.search(r'id="replay-page">(.*?)</script>', html)
     assert packed

@@ -29,6 +29,8 @@ function number(value) {
   const digits = { maximumFractionDigits: 10 };
   return Number(value.toPrecision(6)).toLocaleString("en-US", digits).replace("-", "\u2212");
 }
+/** A heading in 0 to 360. */
+const direction = (degrees) => number(((degrees % 360) + 360) % 360);
 const percent = (value, digits = 1) => (value === null ? "–" : `${(100 * value).toFixed(digits)} %`);
 
 /** Round numbers that cover a range. */
@@ -275,7 +277,7 @@ function drawPlan(figure, width) {
     for (const track of tracks) track.x.forEach((x, i) => { const away = Math.hypot(x - px, track.y[i] - py); if (away < best[0]) best = [away, track, i]; });
     const [away, track, i] = best;
     if (away * perMeter > 45) return leave();
-    const rows = [["position", `${number(track.x[i])}, ${number(track.y[i])} m`], ["heading", `${number(track.heading[i])}°`], ["surge", `${number(track.u[i])} m/s`], ["propeller", `${number(track.propeller[i])} N`], ["rudder", `${number(track.rudder[i])}°`], ["to the goal", `${number(track.distance[i])} m`]];
+    const rows = [["position", `${number(track.x[i])}, ${number(track.y[i])} m`], ["heading", `${direction(track.heading[i])}°`], ["surge", `${number(track.u[i])} m/s`], ["propeller", `${number(track.propeller[i])} N`], ["rudder", `${number(track.rudder[i])}°`], ["to the goal", `${number(track.distance[i])} m`]];
     show(event, `${track.name}, ${number(track.time[i])} s`, rows);
     figure.mark(track.time[i]);
     point(spec.group, track.time[i], figure);
@@ -302,7 +304,7 @@ function drawMap(figure, width) {
       const [px, py] = locate(event), i = cells.x.findIndex((x, k) => Math.abs(x - px) <= spec.side / 2 && Math.abs(cells.y[k] - py) <= spec.side / 2);
       if (i < 0) return leave();
       for (const [key, value] of [["x", cells.x[i] - spec.side / 2], ["y", cells.y[i] - spec.side / 2], ["visibility", "visible"]]) box.setAttribute(key, value);
-      const rows = [["start", `${number(cells.x[i])}, ${number(cells.y[i])} m`], ["heading", `${number(cells.heading[i])}°`]];
+      const rows = [["start", `${number(cells.x[i])}, ${number(cells.y[i])} m`], ["heading", `${direction(cells.heading[i])}°`]];
       if (cells.time?.[i] != null) rows.push(["time", `${number(cells.time[i])} s`]);
       show(event, cells.outcome[i], rows);
     });
