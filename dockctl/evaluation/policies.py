@@ -35,7 +35,7 @@ from dockctl.scenarios import catalog
 from dockctl.scenarios.catalog import SUFFIXES
 from dockctl.scenarios.content import first_difference
 from dockctl.scenarios.loader import LoadedScenario, load
-from dockctl.scenarios.schema import PolicyInterface, Scenario
+from dockctl.scenarios.schema import Scenario
 from dockctl.sim.world import load_checked
 from dockctl.trust import file_digest, require
 
@@ -135,7 +135,7 @@ class LoadedPolicy(ABC):
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class CheckpointPolicy(LoadedPolicy):
-    """A trained policy on disk. It uses its own observation and actions in every scenario.
+    """A trained policy on disk. It brings its `PolicyInterface` along to every scenario.
 
     Attributes:
         file: its JSON file.
@@ -185,11 +185,10 @@ class CheckpointPolicy(LoadedPolicy):
         """Load the scenario, with the observation and the actions of the policy; see `LoadedPolicy`."""
         source = source or self.own_scenario
         loaded = super().scenario(source, overrides)
-        given = PolicyInterface.of(loaded.scenario)
-        if overrides and self.card.interface:
+        if overrides and (interface := self.card.interface):
             unchanged = load(source, **self._plugins(source)).scenario
-            if PolicyInterface.of(unchanged) != given:
-                message = "--set: observation, actions and sensors.lidar.sectors belong to the policy"
+            if not interface.agrees(unchanged, loaded.scenario):
+                message = "--set: observation, actions and range sensor belong to the policy"
                 raise DockctlError(f"{message}; leave them out", code="mismatch")
         return replace(loaded, scenario=self._with_interface(loaded.scenario))
 

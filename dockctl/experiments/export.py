@@ -167,7 +167,7 @@ def write_checkpoint(
         DockctlError: it cannot be written.
     """
     scenario, card = loaded.scenario, best.policy.card
-    card = card.model_copy(update={"interface": card.interface or PolicyInterface.of(scenario)})
+    card = card.model_copy(update={"interface": PolicyInterface.of(scenario)})
     with new_folder(folder.resolve()) as new:
         save_policy(new, load_pair(best.policy.file)[0], card)
         checkpoint = RunDirectory(new)

@@ -209,11 +209,15 @@ class Scenario(Model):
 
 
 class PolicyInterface(Model):
-    """The parts of a policy's observation, the number of sectors of its range sensor, and its actions."""
+    """What a policy brings along to every scenario: its observation, range sensor and actions.
+
+    Cards of older policies have only the number of sectors; the rest of the sensor is that of the scenario.
+    """
 
     observation: tuple[ObservationPart, ...] = Field(min_length=1)
     lidar_sectors: Sectors
     actions: Annotated[ActionType, ACTION_KINDS]
+    lidar: Annotated[RangeSensorSpec, SENSOR_KINDS] | None = None
 
     @classmethod
     def of(cls, scenario: Scenario) -> Self:
@@ -222,15 +226,22 @@ class PolicyInterface(Model):
             observation=scenario.observation,
             lidar_sectors=scenario.sensors.lidar.sectors,
             actions=scenario.actions,
+            lidar=scenario.sensors.lidar,
         )
 
+    def agrees(self, scenario: Scenario, other: Scenario) -> bool:
+        """Return whether the scenarios are equal in what the policy brings along."""
+        one, two = self.of(scenario), self.of(other)
+        given = [name for name, value in self if value is not None]
+        return all(getattr(one, name) == getattr(two, name) for name in given)
+
     def on(self, scenario: Scenario) -> Scenario:
-        """Return `scenario` with the observation, sectors and actions of the policy.
+        """Return `scenario` with what the policy brings along.
 
         Raises:
             DockctlError: the policy's actions exceed the limits of the vessel.
         """
-        lidar = scenario.sensors.lidar.model_copy(update={"sectors": self.lidar_sectors})
+        lidar = self.lidar or scenario.sensors.lidar.model_copy(update={"sectors": self.lidar_sectors})
         changed = {
             "observation": self.observation,
             "actions": self.actions.model_copy(update=dict(self.actions)),  # given, not to be fitted

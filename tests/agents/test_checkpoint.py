@@ -104,6 +104,19 @@ def test_the_interface_comes_back(tmp_path: Path, network: DuelingQNetwork) -> N
     assert (transferred.name, transferred.task) == ("s1", load("s1").scenario.task)
 
 
+def test_a_policy_brings_its_range_sensor_along() -> None:
+    other = load("s1", overrides=["sensors.lidar.azimuth_steps=900", "sensors.lidar.sectors=12"]).scenario
+    s3 = load("s3").scenario
+    interface = PolicyInterface.of(other)
+    assert interface.on(s3).sensors == other.sensors
+    older = interface.model_copy(update={"lidar": None})
+    lidar = older.on(s3).sensors.lidar
+    assert lidar == s3.sensors.lidar.model_copy(update={"sectors": 12})
+    finer = load("s3", overrides=["sensors.lidar.azimuth_steps=3600"]).scenario
+    assert older.agrees(s3, finer) and not interface.agrees(s3, finer)
+    assert interface.agrees(s3, s3)
+
+
 @pytest.fixture
 def shipped(saved: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     """A package that ships `berthing` and `toy`; the working directory is empty."""
