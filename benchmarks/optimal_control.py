@@ -34,7 +34,7 @@ WEATHER = {
     "current out of the berth": ("current", (180,), np.arange(1, 9) * 0.05),
 }
 """Condition, directions in which it flows [deg], and speeds [m/s], each constant, from the start of s1."""
-SLACK = 1.3
+SLACK = 1.8
 """Periods of a guess in stronger weather, relative to those needed in weaker."""
 KNOWN_S = 38.7
 """Calm optimum of scenario 1 that another program found, in a corridor of 3.6 m in the berth."""
@@ -121,7 +121,8 @@ def weather() -> Iterator[dict[str, Any]]:
                 }
                 if found is None:
                     break
-                weaker = [found.plan.resampled([math.ceil(SLACK * found.run.steps)])]
+                periods = min(math.ceil(SLACK * found.run.steps), start.max_steps)
+                weaker = [found.plan.resampled([periods])]
 
 
 def shown(rows: Iterator[dict[str, Any]]) -> Iterator[dict[str, Any]]:
