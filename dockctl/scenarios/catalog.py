@@ -62,7 +62,10 @@ def _exists(path: Path) -> bool:
 
 
 def display_path(path: Path) -> str:
-    """Return `path` for messages: relative if it is below the working directory, else absolute."""
+    """Return `path` for messages: relative if it is below the working directory, else as it is."""
     normal = os.path.normpath(path)
-    relative = os.path.relpath(normal)
+    try:
+        relative = os.path.relpath(normal)
+    except FileNotFoundError:  # the working directory was replaced, by a recording of the same name
+        return normal
     return normal if relative.startswith("..") else relative
