@@ -214,8 +214,11 @@ def machine_section(found: dict[str, Json]) -> str:
         for name, result in found.items()
     ]
     missing = ", ".join(f"`benchmarks/{name}.py`" for name in SCRIPTS if name not in found)
-    latest = max(found.values(), key=lambda result: result["when"])
-    libraries = ", ".join(f"{name} {version}" for name, version in latest["libraries"].items())
+    in_order = sorted(found.values(), key=lambda result: result["when"])
+    latest, versions = in_order[-1], {}
+    for result in in_order:  # a script needs only some of them
+        versions |= result["libraries"]
+    libraries = ", ".join(f"{name} {version}" for name, version in versions.items())
     machine = latest["hardware"]
     return f"""## Machine and method
 
