@@ -308,7 +308,7 @@ class Trainer:
             self.algorithm.restore(saved.policy, tensors["algorithm"], facts["algorithm"])
             self.update_recorder.restore(facts["updates"])
             same_episodes = facts["environment"] is not None
-            if "monitor" in facts:  # not in states of early versions, whose checks start anew
+            if "monitor" in facts:  # not in states of early versions, whose checks start over
                 self._monitor.restore(tensors["monitor"], facts["monitor"], same_episodes=same_episodes)
             if same_episodes and isinstance(self.environment, Resumable):
                 self.episode_recorder.restore(tensors["episodes"], facts["terms"])
