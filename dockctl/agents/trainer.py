@@ -307,12 +307,13 @@ class Trainer:
             self._saved_at = self.progress.env_steps
             self.algorithm.restore(saved.policy, tensors["algorithm"], facts["algorithm"])
             self.update_recorder.restore(facts["updates"])
-            same_episodes = facts["environment"] is not None
+            environment: Any = None if facts["environment"] is None else self.environment
+            same_episodes = isinstance(environment, Resumable)
             if "monitor" in facts:  # not in states of early versions, whose checks start over
                 self._monitor.restore(tensors["monitor"], facts["monitor"], same_episodes=same_episodes)
-            if same_episodes and isinstance(self.environment, Resumable):
+            if isinstance(environment, Resumable):
                 self.episode_recorder.restore(tensors["episodes"], facts["terms"])
-                self._observation, _ = self.environment.restore(tensors["environment"], facts["environment"])
+                self._observation, _ = environment.restore(tensors["environment"], facts["environment"])
             else:
                 notes.append("the unfinished episodes could not be saved; new ones start")
             tables = [(table, facts["tables"][name]) for name, table in self.tables.items()]
