@@ -9,6 +9,7 @@ Written by the training:
 ``provenance.json``       commit, seed, command, library versions, hardware, start, end, stop reason
 ``scene.json``            plan view of the harbor and outline of the boat, for drawings
 ``plugins/, meshes/``     copies of the local files that the scenario uses
+``initial/``              copy of the policy that the training started from, if any
 ``episodes.csv``          training episodes
 ``updates.csv``           loss, TD error, Q and gradient norm, averaged over updates
 ``evaluations.csv``       greedy episodes during training
@@ -75,6 +76,7 @@ TRANSFER, FAILURES = "transfer", "failures"
 ARCHIVED_AS = "archived_as"
 """Key in the scene file of an archived run: relative path of the compressed scene that several runs share."""
 FIGURES, CHECKPOINTS, PLUGINS, MESHES = "figures", "checkpoints", "plugins", "meshes"
+INITIAL = "initial"
 BEST, LAST, BLOCKS = "best", "last", "blocks"
 POLICY_JSON, POLICY_TENSORS, LEARNER_JSON = "policy.json", "policy.safetensors", "learner.json"
 """Files of a checkpoint: facts and parameters of the policy, and facts of the state for resuming."""
