@@ -10,7 +10,8 @@ import typer
 from dockctl.commands.options import DEFAULT_SCENARIO, Plugins, Trust
 from dockctl.errors import DockctlError
 from dockctl.experiments.interrupt import INTERRUPTED
-from dockctl.runs.directory import RUNS, RunDirectory
+from dockctl.run_files import RUNS
+from dockctl.runs.directory import RunDirectory
 
 SWEEPS = RUNS / "sweep"
 FAILED = 1

@@ -13,7 +13,8 @@ from dockctl.agents.checkpoint import PolicyCard, find_policy, load_pair, rebuil
 from dockctl.agents.interface import Algorithm, FineTunable, Tensors
 from dockctl.envs.observation import ObservationEncoder
 from dockctl.errors import DockctlError
-from dockctl.runs.directory import INITIAL, RunDirectory
+from dockctl.run_files import INITIAL
+from dockctl.runs.directory import RunDirectory
 from dockctl.runs.files import make_folder
 from dockctl.scenarios.schema import PolicyInterface, Scenario
 

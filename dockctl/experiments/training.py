@@ -30,17 +30,9 @@ from dockctl.experiments.interrupt import interruptible
 from dockctl.experiments.live import TrainingDisplay, best, clock
 from dockctl.experiments.logs import logged, require_logs
 from dockctl.experiments.memory import Estimate, require_memory
+from dockctl.run_files import BEST, MESHES, PLUGINS, PROVENANCE, SCENARIO, SCENE, TRAJECTORIES_CSV
 from dockctl.runs import provenance
-from dockctl.runs.directory import (
-    BEST,
-    MESHES,
-    PLUGINS,
-    PROVENANCE,
-    SCENARIO,
-    SCENE,
-    TRAJECTORIES_CSV,
-    RunDirectory,
-)
+from dockctl.runs.directory import RunDirectory
 from dockctl.runs.files import exclusive_lock, require_writable
 from dockctl.runs.tables import RECENT, Value
 from dockctl.scenarios.content import mesh_files, with_paths
