@@ -44,6 +44,15 @@ def normal(seed: int | np.uint64, index: int) -> float:
     return radius * math.cos(2.0 * math.pi * uniform(seed, 2 * index + 1))
 
 
+@compiled(inline="always")
+def may_exceed(seed: int | np.uint64, index: int, share: float) -> bool:
+    """Return whether the size of a `normal` number may be above sqrt(-2 ln share), from half of its bits.
+
+    It is at most sqrt(-2 ln u) for the uniform number u of its radius; most are sorted out without the rest.
+    """
+    return 1.0 - uniform(seed, 2 * index) <= share
+
+
 @compiled()
 def normals(seeds: Seeds, index: Ints, count: int) -> Floats:
     """Return `count` standard normal numbers from `index` (n,) on for each of n seeds, (n, count)."""

@@ -83,7 +83,7 @@ class PlanarSensor:
 
     def noisy_sector_ranges(self, eta: Floats, noise: RangeNoise) -> Floats:
         """Return the nearest noisy return of each sector, (n, sectors) [m], from the poses (n, 3)."""
-        from dockctl.sim.lidar.noisy_scan import noisy_hits
+        from dockctl.sim.lidar.return_noise import noisy_hits
 
         nearest = np.full((len(eta), self.spec.sectors), self.spec.range_m)
         given = zip(noise.seeds, noise.sigma_m, noise.lost_returns, strict=True)

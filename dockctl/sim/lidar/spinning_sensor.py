@@ -17,11 +17,12 @@ from numpy.typing import NDArray
 from dockctl.compute import Arrays, cached, on_all_cores, usable_cores
 from dockctl.geometry import Floats, nearest_in_sectors
 from dockctl.scenarios.extensions import RangeNoise
-from dockctl.sim.lidar import height_grid, scan
+from dockctl.sim.lidar import height_grid, shell_table
 from dockctl.sim.lidar.height_grid import FINEST_CELL_M, MAX_CELLS, HeightGrid
-from dockctl.sim.lidar.noisy_scan import noisy_hits, noisy_sector_ranges
 from dockctl.sim.lidar.raycast import BoundingVolumes
-from dockctl.sim.lidar.scan import Levels, ShellTable, needed_radii, sector_ranges, work_arrays
+from dockctl.sim.lidar.return_noise import noisy_hits
+from dockctl.sim.lidar.scan import sector_ranges, work_arrays
+from dockctl.sim.lidar.shell_table import Levels, ShellTable, needed_radii
 from dockctl.sim.lidar.spinning import LidarMount, SpinningLidars
 
 Ints = NDArray[np.int32]
@@ -144,15 +145,7 @@ class SpinningSensor:
             (n, sectors) horizontal distance from the body origin [m]; the range of the sensor if there is no
             return.
         """
-        poses = np.ascontiguousarray(eta, np.float64).reshape(-1, 3)
-        out = np.empty((len(poses), self.spec.sectors))
-        tables = self._tables
-
-        def fill(rows: slice) -> None:
-            sector_ranges(*tables, self.spec.range_m, poses[rows], *work_arrays(tables[0]), out[rows])
-
-        on_all_cores(fill, _blocks(len(poses)))
-        return out
+        return self._scan(eta, None)
 
     def noisy_sector_ranges(self, eta: Floats, noise: RangeNoise) -> Floats:
         """Return the range of the nearest noisy return in each sector (n, sectors) [m]; exact.
@@ -161,14 +154,19 @@ class SpinningSensor:
             eta: (n, 3) x, y [m] and heading [rad].
             noise: of the n scans.
         """
+        return self._scan(eta, noise)
+
+    def _scan(self, eta: Floats, noise: RangeNoise | None) -> Floats:
         poses = np.ascontiguousarray(eta, np.float64).reshape(-1, 3)
         out = np.empty((len(poses), self.spec.sectors))
         tables = self._tables
 
         def fill(rows: slice) -> None:
-            seeds, sigma_m, lost = noise.seeds[rows], noise.sigma_m[rows], noise.lost_returns[rows]
-            work, range_m = np.empty(len(tables[0].bins)), self.spec.range_m
-            noisy_sector_ranges(*tables, range_m, poses[rows], seeds, sigma_m, lost, work, out[rows])
+            own = (
+                None if noise is None else (noise.seeds[rows], noise.sigma_m[rows], noise.lost_returns[rows])
+            )
+            work = work_arrays(tables[0])
+            sector_ranges(*tables, self.spec.range_m, poses[rows], own, *work, out[rows])
 
         on_all_cores(fill, _blocks(len(poses)))
         return out
@@ -207,7 +205,7 @@ def _shells(spec: SpinningLidars) -> ShellTable:
         beams = rays.origins, rays.directions, rays.reach, rays.channel
         return ShellTable.build(*beams, spec.sectors, spec.range_m)._asdict()
 
-    inputs = [spec.model_dump_json().encode(), _source(scan, height_grid)]
+    inputs = [spec.model_dump_json().encode(), _source(shell_table, height_grid)]
     return ShellTable(**cached("LiDAR rays", inputs, build))
 
 

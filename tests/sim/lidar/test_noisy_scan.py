@@ -6,13 +6,15 @@ import math
 
 import numpy as np
 import pytest
+import trimesh
 
 from dockctl.envs.vector import DockingVectorEnv
 from dockctl.errors import DockctlError
+from dockctl.noise import may_exceed, normal
 from dockctl.scenarios.extensions import RangeNoise
 from dockctl.scenarios.loader import load
 from dockctl.sim.lidar.planar import PlanarScanner
-from dockctl.sim.lidar.spinning import SpinningLidars
+from dockctl.sim.lidar.spinning import THESIS_MOUNTS, LidarMount, SpinningLidars
 from dockctl.sim.lidar.spinning_sensor import SpinningSensor
 from tests.sim.lidar.test_spinning_sensor import clutter
 
@@ -30,7 +32,9 @@ def poses(rows: int, seed: int, spread: float) -> np.ndarray:
 
 
 @pytest.mark.parametrize("seed", range(2))
-@pytest.mark.parametrize(("sigma_m", "lost"), [(0.03, 0.0), (0.3, 0.0), (0.03, 0.05), (0.0, 0.5), (1.0, 0.9)])
+@pytest.mark.parametrize(
+    ("sigma_m", "lost"), [(0.03, 0.0), (0.3, 0.0), (0.03, 0.05), (0.0, 0.5), (1.0, 0.9), (2.0, 0.0)]
+)
 def test_the_fast_scan_equals_the_full_scan_with_the_same_noise(
     sigma_m: float, lost: float, seed: int
 ) -> None:
@@ -41,6 +45,36 @@ def test_the_fast_scan_equals_the_full_scan_with_the_same_noise(
     fast = sensor.noisy_sector_ranges(eta, given)
     np.testing.assert_allclose(fast, sensor.sector_ranges_by_full_scan(eta, given), rtol=0, atol=1e-9)
     assert not np.array_equal(fast, sensor.sector_ranges(eta))
+
+
+@pytest.mark.parametrize(("sigma_m", "lost"), [(0.03, 0.03), (0.5, 0.3), (2.0, 0.0)])
+def test_beside_and_above_low_piers(sigma_m: float, lost: float) -> None:
+    """Most returns are then inside of the core; large errors move them past the boat, to any sector."""
+    steep = (
+        LidarMount(pitch_deg=75, yaw_deg=yaw, x_m=0, y_m=y, z_m=3) for yaw, y in ((90, 0.5), (270, -0.5))
+    )
+    piers = [
+        np.array(trimesh.creation.box(bounds=[[x, 0, 0], [x + 0.6, 12, height]]).triangles)
+        for x, height in ((0.0, 0.5), (5.0, 1.0), (10.0, 0.3))
+    ]
+    sensor = SpinningSensor(
+        SpinningLidars(azimuth_steps=180, sectors=16, mounts=(*THESIS_MOUNTS, *steep)), np.concatenate(piers)
+    )
+    x = np.concatenate([pier + np.linspace(-2.0, 2.5, 10) for pier in (0.0, 5.0, 10.0)])
+    rng = np.random.default_rng(3)
+    eta = np.column_stack([x, rng.uniform(-1, 13, len(x)), rng.uniform(-4, 4, len(x))])
+    given = noise(len(eta), sigma_m, lost)
+    exact = sensor.sector_ranges_by_full_scan(eta, given)
+    np.testing.assert_allclose(sensor.noisy_sector_ranges(eta, given), exact, rtol=0, atol=1e-9)
+
+
+@pytest.mark.parametrize("error", [0.0, 0.5, 2.0, 4.5, 6.0])
+def test_may_exceed_holds_of_every_number_that_does(error: float) -> None:
+    share = math.exp(-(error**2) / 2)
+    numbers = np.array([normal(7, index) for index in range(20_000)])
+    kept = np.array([may_exceed(7, index, share) for index in range(20_000)])
+    assert kept[abs(numbers) > error].all()
+    assert kept.mean() == pytest.approx(share, abs=4 * math.sqrt(share / 20_000))
 
 
 def test_without_noise_it_is_the_scan() -> None:
