@@ -18,13 +18,13 @@ import platformdirs
 
 from dockctl.errors import DockctlError
 from dockctl.reading import read_bytes, read_json
+from dockctl.run_files import BEST, CHECKPOINTS, LAST, POLICY_JSON, POLICY_TENSORS, PROVENANCE
 
 MARKS = (
-    "provenance.json",
-    "policy.json",
-    "policy.safetensors",
-    "checkpoints/best/policy.json",
-    "checkpoints/last/policy.json",
+    PROVENANCE,
+    POLICY_JSON,
+    POLICY_TENSORS,
+    *(f"{CHECKPOINTS}/{name}/{POLICY_JSON}" for name in (BEST, LAST)),
 )
 """A folder with one of these files, and everything below it, is a run folder or a checkpoint."""
 log = logging.getLogger(__name__)
@@ -129,6 +129,6 @@ def _recorded(file: Path) -> str:
     """Return the hash of ``<run>/plugins/<name>`` in the provenance of the run, or an empty string."""
     run = file.parent.parent
     try:
-        return str(read_json(run / MARKS[0])["plugins"][file.relative_to(run).as_posix()])
+        return str(read_json(run / PROVENANCE)["plugins"][file.relative_to(run).as_posix()])
     except (DockctlError, KeyError, TypeError):
         return ""

@@ -28,7 +28,8 @@ from dockctl.agents.interface import Policy, Spaces, Tensors
 from dockctl.errors import Code, DockctlError, UnknownNameError, nearest
 from dockctl.plugins import ALGORITHMS, Guard
 from dockctl.reading import read_bytes, read_json
-from dockctl.runs.directory import BEST, LAST, RunDirectory, named_checkpoints
+from dockctl.run_files import BEST, LAST
+from dockctl.runs.directory import RunDirectory, named_checkpoints
 from dockctl.runs.files import write_atomically, write_json
 from dockctl.scenarios.base import Model, Name
 from dockctl.scenarios.schema import PolicyInterface

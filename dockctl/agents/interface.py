@@ -156,6 +156,21 @@ class Dueling(Protocol):
 
 
 @runtime_checkable
+class FineTunable(Protocol):
+    """An algorithm that can start from a trained policy."""
+
+    def start_from(self, policy: Tensors, inputs: NDArray[np.int64]) -> None:
+        """Take over the parameters of a policy, before the first step.
+
+        Args:
+            policy: what `policy_tensors` returned.
+            inputs: (observation_size,) index of each number in the observation of the policy; -1 for a new
+                one, which must not change the actions.
+        """
+        ...
+
+
+@runtime_checkable
 class Mirrorable(Protocol):
     """An algorithm that can also learn from the mirror images of its transitions."""
 

@@ -29,7 +29,8 @@ from dockctl.agents.training_state import load_state, save_state
 from dockctl.compute import workers
 from dockctl.errors import PluginError
 from dockctl.plugins import runtime_error
-from dockctl.runs.directory import BEST, EPISODES_CSV, EVALUATIONS_CSV, TIMING_CSV, UPDATES_CSV, RunDirectory
+from dockctl.run_files import BEST, EPISODES_CSV, EVALUATIONS_CSV, TIMING_CSV, UPDATES_CSV
+from dockctl.runs.directory import RunDirectory
 from dockctl.runs.tables import EPISODES, EVALUATIONS, RECENT, TIMING, UPDATES, Value
 from dockctl.scenarios.training import Training
 

@@ -32,7 +32,8 @@ from dockctl.agents.checkpoint import (
 from dockctl.agents.interface import Tensors
 from dockctl.errors import DockctlError
 from dockctl.reading import read_json
-from dockctl.runs.directory import BLOCKS, CHECKPOINTS, LAST, RunDirectory
+from dockctl.run_files import BLOCKS, CHECKPOINTS, LAST
+from dockctl.runs.directory import RunDirectory
 from dockctl.runs.files import make_folder, write_atomically, writing
 
 LEARNER = "learner"

@@ -22,7 +22,7 @@ from dockctl.commands.options import (
     select_policy,
 )
 from dockctl.console import make_table, numeric, print_table, print_text
-from dockctl.runs.directory import ENVELOPE
+from dockctl.run_files import ENVELOPE
 from dockctl.runs.tables import ENVELOPE as COLUMNS
 from dockctl.runs.tables import to_csv
 

@@ -24,7 +24,7 @@ from dockctl.commands.options import (
     select_policy,
 )
 from dockctl.console import make_table, numeric, print_table, print_text
-from dockctl.runs.directory import MAP
+from dockctl.run_files import MAP
 
 if TYPE_CHECKING:
     from dockctl.evaluation.success_map import SuccessMap

@@ -14,7 +14,8 @@ from rich.console import Console
 
 from dockctl.console import print_text
 from dockctl.errors import DockctlError
-from dockctl.runs.directory import RUNS, RunDirectory, shipped
+from dockctl.run_files import RUNS
+from dockctl.runs.directory import RunDirectory, shipped
 from dockctl.runs.files import json_text, require_writable_file, write_json
 
 if TYPE_CHECKING:

@@ -22,7 +22,7 @@ def plot(
     Example: dockctl plot --out figures/latest
     """
     from dockctl.reports.figures import figures
-    from dockctl.runs.directory import DRAWN, FIGURES
+    from dockctl.run_files import DRAWN, FIGURES
     from dockctl.runs.reader import SOURCES, read_run
     from dockctl.runs.results import sha256_of, write_results
 

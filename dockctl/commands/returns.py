@@ -24,7 +24,7 @@ from dockctl.commands.options import (
 )
 from dockctl.console import make_table, numeric, print_table, print_text
 from dockctl.errors import DockctlError
-from dockctl.runs.directory import RETURNS
+from dockctl.run_files import RETURNS
 
 if TYPE_CHECKING:
     from dockctl.evaluation.returns import Returns

@@ -13,7 +13,7 @@ from rich.text import Text
 from dockctl.commands.options import Json
 from dockctl.console import make_table, numeric, print_table, print_text
 from dockctl.errors import DockctlError, nearest
-from dockctl.runs.directory import RUNS
+from dockctl.run_files import RUNS
 
 if TYPE_CHECKING:
     from dockctl.runs.listing import RunSummary

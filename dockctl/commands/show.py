@@ -19,7 +19,7 @@ from dockctl.commands.options import (
     save_figures,
 )
 from dockctl.console import make_table, numeric, print_table, print_text
-from dockctl.runs.directory import FIGURES
+from dockctl.run_files import FIGURES
 
 if TYPE_CHECKING:
     from dockctl.reports.show import Scan

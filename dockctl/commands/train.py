@@ -10,7 +10,8 @@ import typer
 from dockctl.commands.options import DEFAULT_SCENARIO, Plugins, Trust
 from dockctl.errors import DockctlError
 from dockctl.experiments.interrupt import INTERRUPTED
-from dockctl.runs.directory import RUNS, RunDirectory
+from dockctl.run_files import RUNS
+from dockctl.runs.directory import RunDirectory
 
 SWEEPS = RUNS / "sweep"
 FAILED = 1
@@ -58,6 +59,14 @@ def train(
     steps: Annotated[
         int | None, typer.Option(min=1, help="Maximum number of environment steps, summed over all boats.")
     ] = None,
+    from_: Annotated[
+        str | None,
+        typer.Option(
+            "--from",
+            metavar="POLICY",
+            help="Fine-tune a trained policy: run folder, checkpoint, or the name of a shipped policy.",
+        ),
+    ] = None,
     on_divergence: Annotated[
         str | None,
         typer.Option(
@@ -88,7 +97,7 @@ def train(
 
     start = {
         "SCENARIO": scenario, "--seed": seed, "--seeds": seeds, "--jobs": jobs, "--out": out, "--set": set_,
-        "--plugin": plugin, "--name": name, "--tag": tag,
+        "--from": from_, "--plugin": plugin, "--name": name, "--tag": tag,
     }  # fmt: skip
     if resume is not None:
         if extra := [option for option, value in start.items() if value not in (None, [])]:
@@ -100,6 +109,8 @@ def train(
     elif seeds is not None or any(map(is_list, set_ or ())):
         if seed is not None:
             raise DockctlError(f"--seed: {SEEDS}")
+        if from_ is not None:
+            raise DockctlError("--from: a sweep trains from the beginning; omit it, or train one policy")
         ending = sweep(
             DEFAULT_SCENARIO if scenario is None else scenario,
             set_ or (),
@@ -123,6 +134,7 @@ def train(
             DEFAULT_SCENARIO if scenario is None else scenario,
             seed=seed,
             steps=steps,
+            start_from=from_,
             on_divergence=on_divergence,
             overrides=set_ or (),
             plugin_files=plugin or (),

@@ -23,6 +23,7 @@ from dockctl.rewards.compose import RewardFunction
 from dockctl.scenarios.loader import LoadedScenario
 from dockctl.scenarios.schema import Scenario
 from dockctl.sim.goal import StepStatus
+from dockctl.sim.retries import FailedStarts
 from dockctl.sim.simulator import Simulator
 from dockctl.sim.starts import Start, StartSampler, free_sites, given_start, is_trained, own_site
 from dockctl.sim.world import World, build_worlds, load_checked, unreachable_in
@@ -103,6 +104,8 @@ class DockingVectorEnv(VectorEnv[Observations, NDArray[Any], NDArray[Any]]):
         self.observation_space = batch_space(self.single_observation_space, num_envs)
         self.action_space = batch_space(self.single_action_space, num_envs)
         self._rngs: list[np.random.Generator] = []
+        retried = self.scenario.training.retried_starts if exploring else None
+        self._failed = None if retried is None else FailedStarts(num_envs, retried.fraction)
         self._start_kind = np.full(num_envs, "", object)
         self._start_index = np.zeros(num_envs, np.int64)
         self._ended = np.ones(num_envs, bool)
@@ -185,6 +188,8 @@ class DockingVectorEnv(VectorEnv[Observations, NDArray[Any], NDArray[Any]]):
         terminated = status.terminated & ~over
         truncated = ~over & ~terminated & (self.simulator.steps >= self.simulator.max_steps)
         self._ended = terminated | truncated
+        if self._failed is not None:
+            self._failed.end(self._ended & ~status.reached_final)
         self._extend_trails()
         events = self._events(status, truncated, by_term)
         if over.any():
@@ -217,6 +222,7 @@ class DockingVectorEnv(VectorEnv[Observations, NDArray[Any], NDArray[Any]]):
             "start_index": self._start_index,
             "ended": self._ended,
             **({"past": [_by_boat(view) for view in self._past]} if self._past else {}),
+            **({} if self._failed is None else {"failed": self._failed.state()}),
         }
         try:
             return arrays, {key: pack(value, key, arrays) for key, value in own.items()}
@@ -238,6 +244,8 @@ class DockingVectorEnv(VectorEnv[Observations, NDArray[Any], NDArray[Any]]):
             if not {self.num_envs} == {len(kinds), len(indices), len(ended), len(rngs) or self.num_envs}:
                 raise ValueError("another number of boats")
             self.simulator.restore(own["simulator"])
+            if self._failed is not None:
+                self._failed.restore(own["failed"])
         except (KeyError, TypeError, ValueError, AttributeError) as error:
             message = f"not a state of '{self.scenario.name}' with {self.num_envs} boats: {error}"
             raise DockctlError(message, code="mismatch") from None
@@ -276,7 +284,11 @@ class DockingVectorEnv(VectorEnv[Observations, NDArray[Any], NDArray[Any]]):
         self._rngs = [np.random.default_rng(source) for source in sources]
 
     def _draw(self, rows: Ints) -> list[Start]:
-        return [self._sampler.draw(self._rngs[row]) for row in rows]
+        return [self._next_start(row, self._rngs[row]) for row in rows]
+
+    def _next_start(self, row: int, rng: np.random.Generator) -> Start:
+        failed = None if self._failed is None else self._failed.take(row, rng)
+        return failed or self._sampler.draw(rng)
 
     def _given(self, rows: Ints, options: dict[str, Any]) -> list[Start]:
         """Return the starts of these rows that the options give."""
@@ -306,6 +318,8 @@ class DockingVectorEnv(VectorEnv[Observations, NDArray[Any], NDArray[Any]]):
             self._past = self._past or tuple(first.copy() for _ in range(self._encoder.past_steps))
             for view in self._past:
                 view.set_rows(rows, first)
+        if self._failed is not None:
+            self._failed.begin(rows, starts)
         self._start_kind[rows] = [start.kind for start in starts]
         self._start_index[rows] = [start.index for start in starts]
         self._ended[rows] = False

@@ -15,7 +15,7 @@ from dockctl.evaluation.policies import LoadedPolicy, load_policy
 from dockctl.evaluation.record import Recording
 from dockctl.evaluation.rollout import Episode, Rollout
 from dockctl.evaluation.starts import checked_starts, evaluation_starts, testing_starts, trajectory_starts
-from dockctl.runs.directory import EVALUATION
+from dockctl.run_files import EVALUATION
 from dockctl.runs.results import setting_names
 from dockctl.runs.tables import START_KEYS, Value
 from dockctl.scenarios.base import Pose

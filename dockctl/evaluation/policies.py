@@ -30,7 +30,8 @@ from dockctl.errors import DockctlError, nearest, plugin_errors
 from dockctl.evaluation.libraries import CheckedPolicy, factory_of, imported, onnx_policy, sb3_policy
 from dockctl.plugins import OBSERVATION_PARTS, POLICIES, Entry
 from dockctl.reading import read_bytes
-from dockctl.runs.directory import POLICY_JSON, RUNS, SCENARIO, RunDirectory, named_checkpoints
+from dockctl.run_files import POLICY_JSON, RUNS, SCENARIO
+from dockctl.runs.directory import RunDirectory, named_checkpoints
 from dockctl.scenarios import catalog
 from dockctl.scenarios.catalog import SUFFIXES
 from dockctl.scenarios.content import first_difference

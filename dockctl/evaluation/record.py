@@ -9,7 +9,7 @@ from pathlib import Path
 from dockctl.drawing.scene import Scene
 from dockctl.evaluation.policies import LoadedPolicy
 from dockctl.evaluation.rollout import Episode, trajectories_csv
-from dockctl.runs.directory import RECORDING, SCENARIO, SCENE, TRAJECTORIES_CSV
+from dockctl.run_files import RECORDING, SCENARIO, SCENE, TRAJECTORIES_CSV
 from dockctl.runs.files import new_folder
 from dockctl.runs.results import sha256_of, write_results
 from dockctl.scenarios.loader import dump

@@ -14,7 +14,7 @@ from collections.abc import Callable
 from pathlib import Path
 
 from dockctl.reading import read_bytes, read_json, reading
-from dockctl.runs.directory import (
+from dockctl.run_files import (
     ARCHIVED_AS,
     EPISODES_CSV,
     EVALUATION,
@@ -29,8 +29,8 @@ from dockctl.runs.directory import (
     TRAJECTORIES_CSV,
     TRANSFER,
     UPDATES_CSV,
-    RunDirectory,
 )
+from dockctl.runs.directory import RunDirectory
 from dockctl.runs.files import new_folder, write_json, writing
 from dockctl.runs.tables import to_csv
 

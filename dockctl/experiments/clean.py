@@ -11,7 +11,8 @@ from typing import Any
 from dockctl.agents.checkpoint import load_policy
 from dockctl.agents.training_state import load_state, unused_blocks
 from dockctl.errors import DockctlError
-from dockctl.runs.directory import BEST, LAST, RunDirectory
+from dockctl.run_files import BEST, LAST
+from dockctl.runs.directory import RunDirectory
 from dockctl.runs.files import exclusive_lock, is_locked, writing
 from dockctl.runs.listing import FINISHED, size_of, state_of
 

@@ -16,8 +16,8 @@ from packaging.requirements import Requirement
 import dockctl
 from dockctl.agents.checkpoint import devices
 from dockctl.compute import cache_folder
+from dockctl.run_files import RUNS
 from dockctl.runs import provenance
-from dockctl.runs.directory import RUNS
 from dockctl.runs.listing import size_of
 from dockctl.trust import state_folder
 

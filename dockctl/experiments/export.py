@@ -22,16 +22,8 @@ from dockctl.evaluation.rollout import Episode, Rollout
 from dockctl.evaluation.starts import TRAINING, training_starts
 from dockctl.experiments.model_card import card_text, envelope_image, is_of_policy, read_evaluations
 from dockctl.geometry import pose_label
-from dockctl.runs.directory import (
-    ENVELOPE,
-    EVALUATION,
-    MESHES,
-    PLUGINS,
-    POLICY_JSON,
-    POLICY_TENSORS,
-    SCENARIO,
-    RunDirectory,
-)
+from dockctl.run_files import ENVELOPE, EVALUATION, MESHES, PLUGINS, POLICY_JSON, POLICY_TENSORS, SCENARIO
+from dockctl.runs.directory import RunDirectory
 from dockctl.runs.files import new_folder, require_replaceable
 from dockctl.scenarios.base import NAME
 from dockctl.scenarios.catalog import display_path

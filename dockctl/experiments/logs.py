@@ -15,14 +15,8 @@ from pathlib import Path
 from typing import Any, Protocol
 
 from dockctl.errors import DockctlError, nearest
-from dockctl.runs.directory import (
-    EPISODES_CSV,
-    EVALUATIONS_CSV,
-    SCENARIO,
-    TIMING_CSV,
-    UPDATES_CSV,
-    RunDirectory,
-)
+from dockctl.run_files import EPISODES_CSV, EVALUATIONS_CSV, SCENARIO, TIMING_CSV, UPDATES_CSV
+from dockctl.runs.directory import RunDirectory
 from dockctl.runs.files import writing
 from dockctl.runs.tables import Value
 from dockctl.scenarios.yaml_tree import read_file

@@ -26,15 +26,8 @@ from dockctl.analysis.success_map import (
 from dockctl.errors import DockctlError
 from dockctl.geometry import pose_label
 from dockctl.reading import reading
-from dockctl.runs.directory import (
-    ENVELOPE,
-    EVALUATION,
-    FIGURES,
-    LATENCY,
-    MAP,
-    PROVENANCE,
-    RunDirectory,
-)
+from dockctl.run_files import ENVELOPE, EVALUATION, FIGURES, LATENCY, MAP, PROVENANCE
+from dockctl.runs.directory import RunDirectory
 from dockctl.runs.provenance import git_commit
 from dockctl.runs.reader import read_table
 from dockctl.runs.results import policy_hash, read_results

@@ -11,7 +11,7 @@ from dockctl.errors import DockctlError
 from dockctl.evaluation.evaluate import Evaluation
 from dockctl.evaluation.policies import LoadedPolicy
 from dockctl.evaluation.record import FILES as RECORDING_FILES
-from dockctl.runs.directory import FIGURES, RECORDING, TRANSFER
+from dockctl.run_files import FIGURES, RECORDING, TRANSFER
 from dockctl.runs.files import (
     make_folder,
     require_replaceable,

@@ -30,7 +30,7 @@ from dockctl.errors import DockctlError
 from dockctl.experiments.jobs import KilledError, LocalJob, open_log, remaining
 from dockctl.experiments.study import Experiment, Job, Stage
 from dockctl.reading import read_bytes
-from dockctl.runs.directory import CHECKPOINTS, LAST, LEARNER_JSON, PROVENANCE
+from dockctl.run_files import CHECKPOINTS, LAST, LEARNER_JSON, PROVENANCE
 from dockctl.runs.files import exclusive_lock, intact, is_locked, json_text, new_folder, writing
 from dockctl.scenarios.content import SCENARIO_FILE, self_contained
 from dockctl.scenarios.loader import load

@@ -42,7 +42,8 @@ def _registered(listing: str) -> Iterator[Row]:
 
 
 def _checkpoints() -> Iterator[Row]:
-    from dockctl.runs.directory import POLICY_JSON, SCENARIO, RunDirectory, named_checkpoints, shipped
+    from dockctl.run_files import POLICY_JSON, SCENARIO
+    from dockctl.runs.directory import RunDirectory, named_checkpoints, shipped
     from dockctl.scenarios import loader
 
     for name, folder in named_checkpoints().items():

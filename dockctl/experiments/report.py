@@ -16,7 +16,8 @@ from dockctl.reading import read_json, reading
 from dockctl.reports import replay as replay_page
 from dockctl.reports.report import Page, run_page
 from dockctl.reports.study_report import Trial, comparison_page, study_page
-from dockctl.runs.directory import BEST, POLICY_JSON, PROVENANCE, SCENARIO, STUDY, RunDirectory
+from dockctl.run_files import BEST, POLICY_JSON, PROVENANCE, SCENARIO, STUDY
+from dockctl.runs.directory import RunDirectory
 from dockctl.runs.files import exclusive_lock, write_atomically
 from dockctl.runs.reader import SOURCES, read_run
 

@@ -26,7 +26,7 @@ from dockctl.experiments.interrupt import on_interrupt
 from dockctl.experiments.jobs import LocalJob, RunningJob, last_line
 from dockctl.experiments.live import clock
 from dockctl.experiments.study import Job, load_study, make_jobs
-from dockctl.runs.directory import STUDY
+from dockctl.run_files import STUDY
 from dockctl.runs.files import require_writable, write_json
 
 POLL_SECONDS = 0.25

@@ -15,7 +15,7 @@ from pydantic import Field, model_validator
 
 from dockctl.analysis.success_map import SMALL_OFFSET_DEG
 from dockctl.errors import DockctlError, nearest
-from dockctl.runs.directory import (
+from dockctl.run_files import (
     BEST,
     DRAWN,
     EVALUATION,
@@ -30,8 +30,8 @@ from dockctl.runs.directory import (
     RETURNS,
     SCENARIO,
     TRANSFER,
-    RunDirectory,
 )
+from dockctl.runs.directory import RunDirectory
 from dockctl.runs.results import policy_hash, read_results
 from dockctl.scenarios.base import NAME, Count, FieldError, Model, Name
 from dockctl.scenarios.catalog import SUFFIXES, display_path, packaged_folder

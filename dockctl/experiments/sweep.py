@@ -15,7 +15,7 @@ from dockctl.console import make_table, numeric, print_table, print_text
 from dockctl.errors import DockctlError
 from dockctl.experiments.runner import Ending, run_jobs
 from dockctl.experiments.study import Experiment, Job, make_jobs
-from dockctl.runs.directory import EVALUATION
+from dockctl.run_files import EVALUATION
 from dockctl.runs.files import require_writable
 from dockctl.runs.results import read_results
 from dockctl.runs.tables import START_KEYS, START_KINDS

@@ -5,7 +5,7 @@ from __future__ import annotations
 import json
 import sys
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -25,26 +25,19 @@ from dockctl.errors import DockctlError
 from dockctl.evaluation.rollout import Rollout, evaluation_rows, trajectories_csv
 from dockctl.evaluation.starts import evaluation_poses, trajectory_starts, validation_starts
 from dockctl.experiments.dry_run import build_algorithm, dry_run
+from dockctl.experiments.fine_tuning import InitialPolicy
 from dockctl.experiments.interrupt import interruptible
 from dockctl.experiments.live import TrainingDisplay, best, clock
 from dockctl.experiments.logs import logged, require_logs
 from dockctl.experiments.memory import Estimate, require_memory
+from dockctl.run_files import BEST, MESHES, PLUGINS, PROVENANCE, SCENARIO, SCENE, TRAJECTORIES_CSV
 from dockctl.runs import provenance
-from dockctl.runs.directory import (
-    BEST,
-    MESHES,
-    PLUGINS,
-    PROVENANCE,
-    SCENARIO,
-    SCENE,
-    TRAJECTORIES_CSV,
-    RunDirectory,
-)
+from dockctl.runs.directory import RunDirectory
 from dockctl.runs.files import exclusive_lock, require_writable
 from dockctl.runs.tables import RECENT, Value
 from dockctl.scenarios.content import mesh_files, with_paths
 from dockctl.scenarios.loader import LoadedScenario, dump
-from dockctl.scenarios.schema import PolicyInterface
+from dockctl.scenarios.schema import PolicyInterface, Scenario
 from dockctl.sim.starts import is_trained, own_site, sites
 from dockctl.sim.world import World, build_worlds, load_checked, notes
 
@@ -69,6 +62,7 @@ def train(
     *,
     seed: int | None = None,
     steps: int | None = None,
+    start_from: str | Path | None = None,
     on_divergence: str | None = None,
     overrides: Sequence[str] = (),
     plugin_files: Sequence[Path] = (),
@@ -86,6 +80,7 @@ def train(
         scenario: name or file of the scenario.
         seed: ``training.seed``.
         steps: ``training.total_steps``.
+        start_from: a trained policy to fine-tune: run folder, checkpoint, or its name.
         on_divergence: ``training.on_divergence``.
         overrides: values of the scenario to change, ``key=value``.
         plugin_files: local ``.py`` files to load.
@@ -113,12 +108,16 @@ def train(
     if loaded.is_given_by_others("training.algorithm.model"):
         assert isinstance(loaded.scenario.training.algorithm, AlgorithmSpec)
         require_imports(loaded.scenario.training.algorithm, trust=trust)
+    initial = None if start_from is None else InitialPolicy.load(start_from, trust=trust)
     require_writable(out)
-    session = _prepare(loaded, device)
+    session = _prepare(loaded, device, initial)
     run = RunDirectory.create(out, loaded.scenario.name, loaded.scenario.training.seed)
     with exclusive_lock(run.path):
         facts = provenance.collect(loaded.scenario.training.seed, sys.argv)
         facts |= {"name": name, "tags": [*tags]}
+        if initial is not None:
+            initial.save(run)
+            facts["initial"] = initial.facts
         facts["sequence"] = RunDirectory.next_sequence(out)
         facts["plugins"] = run.copy_files(PLUGINS, loaded.plugin_files)
         facts["meshes"] = run.copy_files(MESHES, mesh_files(loaded.scenario))
@@ -195,7 +194,7 @@ def replay(
     loaded = load_checked(run.path / SCENARIO, plugin_files=plugin_files, received=True, trust=trust)
     if isinstance(loaded.scenario.training.algorithm, AlgorithmSpec):
         require_imports(loaded.scenario.training.algorithm, trust=trust)
-    session = _prepare(loaded, "cpu")
+    session = _prepare(loaded, "cpu", InitialPolicy.of_run(run))
     repeated = RunDirectory.create(out, loaded.scenario.name, loaded.scenario.training.seed)
     repeated.write_json(PROVENANCE, provenance.collect(loaded.scenario.training.seed, sys.argv))
     _run(session, repeated, Console(quiet=True), resumed=False, until=steps)
@@ -253,20 +252,24 @@ class _Session:
     algorithm: Algorithm
 
 
-def _prepare(loaded: LoadedScenario, device: str) -> _Session:
+def _prepare(loaded: LoadedScenario, device: str, initial: InitialPolicy | None = None) -> _Session:
     """Build worlds, environment and algorithm, after a dry run.
 
     Raises:
-        DockctlError: a plugin fails, the algorithm does not fit, or device or memory are not available.
+        DockctlError: a plugin fails, the algorithm or the initial policy does not fit, or device or memory
+            are not available.
     """
     training = loaded.scenario.training
     dry_run(loaded)
     worlds = build_worlds(loaded.scenario, loaded.base_dir)
     used = sorted({site.harbor for site in sites(loaded.scenario) if is_trained(site)})
     memory = require_memory(loaded.scenario, [worlds[number] for number in used])
-    environment = DockingVectorEnv(loaded, training.boats, exploring=True, worlds=worlds)
+    stepped = replace(loaded, scenario=loaded.scenario.in_training())
+    environment = DockingVectorEnv(stepped, training.boats, exploring=True, worlds=worlds)
     environment.simulator.prepare(used)
     algorithm = build_algorithm(loaded, Spaces.from_env(environment), training.boats, device)
+    if initial is not None:
+        initial.start(algorithm, loaded.scenario)
     assert isinstance(training.algorithm, AlgorithmSpec)
     return _Session(loaded, worlds, memory, environment, training.algorithm, algorithm)
 
@@ -294,7 +297,6 @@ def _run(
         algorithm=training.algorithm.model_dump(mode="json"),
     )
     rollout = Rollout(loaded, session.worlds)
-    exploring = training.exploring_starts
     poses, starts = evaluation_poses(scenario), validation_starts(scenario, session.worlds)
 
     def evaluate(policy: Policy) -> list[dict[str, Value]]:
@@ -316,7 +318,7 @@ def _run(
                 session.algorithm, training, session.environment, run, card,
                 validate, evaluate if poses else None,
                 on_progress=display, interrupted=stopped, warn=warn,
-                step_limit=max(scenario.task.max_steps, exploring.steps if exploring else 0),
+                step_limit=_step_limit(scenario.in_training()),
             )  # fmt: skip
             if resumed:
                 warnings = trainer.restore()
@@ -339,6 +341,11 @@ def _run(
     result = TrainedRun(run.path, reason, trainer.progress)
     _report(console, result)
     return result
+
+
+def _step_limit(scenario: Scenario) -> int:
+    exploring = scenario.training.exploring_starts
+    return max(scenario.task.max_steps, exploring.steps if exploring else 0)
 
 
 def _report(console: Console, run: TrainedRun) -> None:

@@ -14,8 +14,9 @@ from typing import Any
 from dockctl.errors import DockctlError
 from dockctl.experiments.training import replay
 from dockctl.reading import read_bytes, reading
+from dockctl.run_files import EPISODES_CSV, EVALUATIONS_CSV, PROVENANCE, UPDATES_CSV
 from dockctl.runs import provenance
-from dockctl.runs.directory import EPISODES_CSV, EVALUATIONS_CSV, PROVENANCE, UPDATES_CSV, RunDirectory
+from dockctl.runs.directory import RunDirectory
 from dockctl.trust import file_digest
 
 STEPS = 10_000

@@ -35,16 +35,7 @@ from dockctl.reading import read_json, reading
 from dockctl.reports import charts
 from dockctl.reports.charts import Chart
 from dockctl.reports.plan_view import split_tracks
-from dockctl.runs.directory import (
-    EVALUATION,
-    LATENCY,
-    MAP,
-    PROVENANCE,
-    RETURNS,
-    SCENARIO,
-    TIMING_CSV,
-    TRANSFER,
-)
+from dockctl.run_files import EVALUATION, LATENCY, MAP, PROVENANCE, RETURNS, SCENARIO, TIMING_CSV, TRANSFER
 from dockctl.runs.reader import Run, read_run, read_table
 from dockctl.runs.tables import EPISODE_RESULT, START_KINDS, TIMING
 from dockctl.runs.tables import RETURNS as RETURNS_COLUMNS

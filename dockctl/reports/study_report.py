@@ -24,7 +24,7 @@ from dockctl.reports.report import (
     summaries,
     summary_cells,
 )
-from dockctl.runs.directory import EVALUATION
+from dockctl.run_files import EVALUATION
 from dockctl.runs.reader import Run
 from dockctl.runs.tables import START_KINDS
 

@@ -10,7 +10,8 @@ from typing import Any
 
 from dockctl.errors import DockctlError
 from dockctl.reading import read_bytes
-from dockctl.runs.directory import EVALUATION, EVALUATIONS_CSV, PROVENANCE, TIMING_CSV, RunDirectory
+from dockctl.run_files import EVALUATION, EVALUATIONS_CSV, PROVENANCE, TIMING_CSV
+from dockctl.runs.directory import RunDirectory
 from dockctl.runs.files import is_locked
 from dockctl.runs.tables import MAX_TABLE_BYTES, START_KEYS
 

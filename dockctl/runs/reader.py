@@ -14,7 +14,7 @@ import pandas as pd
 from dockctl.drawing.scene import Scene
 from dockctl.errors import DockctlError
 from dockctl.reading import MAX_VALUES, read_bytes, read_json, reading
-from dockctl.runs.directory import (
+from dockctl.run_files import (
     ARCHIVED_AS,
     EPISODES_CSV,
     EVALUATIONS_CSV,
@@ -22,8 +22,8 @@ from dockctl.runs.directory import (
     SCENE,
     TRAJECTORIES_CSV,
     UPDATES_CSV,
-    RunDirectory,
 )
+from dockctl.runs.directory import RunDirectory
 from dockctl.scenarios.base import Pose
 from dockctl.scenarios.schema import Task
 from dockctl.scenarios.training import Evaluation

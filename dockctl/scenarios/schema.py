@@ -192,6 +192,27 @@ class Scenario(Model):
         require_berths(self.harbor, self.task.berths)
         return self
 
+    def in_training(self) -> Self:
+        """Return the scenario whose control period is `training.action_repeat` of this one's periods.
+
+        Its steps are longer by this factor, and its step limits shorter.
+        """
+        repeat, vessel, task, exploring = (
+            self.training.action_repeat, self.vessel, self.task, self.training.exploring_starts
+        )  # fmt: skip
+        period = {"control_period_s": repeat * vessel.control_period_s, "substeps": repeat * vessel.substeps}
+        training = {}
+        if exploring is not None:
+            steps = -(-exploring.steps // repeat)
+            training["exploring_starts"] = exploring.model_copy(update={"steps": steps})
+        return self.model_copy(
+            update={
+                "vessel": vessel.model_copy(update=period),
+                "task": task.model_copy(update={"max_steps": -(-task.max_steps // repeat)}),
+                "training": self.training.model_copy(update=training),
+            }
+        )
+
     @model_validator(mode="after")
     def _boat_fits_generated_berths(self) -> Self:
         hull = self.vessel.hull

@@ -36,7 +36,7 @@ class Epsilon(Model):
 
     start: Fraction = 1.0
     end: Fraction = 0.03
-    decay_steps: Count = 50_000
+    decay_steps: Count = 25_000
 
     def at(self, env_steps: float) -> float:
         """Return the probability after `env_steps`."""
@@ -61,6 +61,12 @@ class CloseStarts(Model):
 
     fraction: Fraction = 0.5
     within_m: Positive = 1.0
+
+
+class RetriedStarts(Model):
+    """Training episodes that start where an earlier one failed."""
+
+    fraction: Fraction = 0.3
 
 
 class ValidationStarts(Model):
@@ -105,6 +111,7 @@ THESIS: dict[str, Any] = {
     "gradient_clip": None,
     "target_update_interval": 500,
     "averaged_copies": None,
+    "action_repeat": 1,
     "epsilon": {"start": 1.0, "end": 0.01, "decay_steps": 500_000},
     "warmup_steps": 32,
     "reward_scale": 1.0,
@@ -123,6 +130,9 @@ class Training(Model):
     total_steps: Count = Field(default=500_000, description="environment steps, all boats together")
     max_episodes: Count | None = None
     boats: Count = Field(default=16, le=4096, description="boats in parallel")
+    action_repeat: Count = Field(
+        default=2, le=100, description="control periods for which an action is held, in training only"
+    )
     hidden_sizes: tuple[Layer, ...] = Field(default=(256, 128, 64), min_length=1, max_length=16)
     gamma: Fraction = 0.99
     n_step: Count = Field(default=10, le=1000)
@@ -146,6 +156,7 @@ class Training(Model):
     epsilon: Epsilon = Epsilon()
     exploring_starts: ExploringStarts | None = ExploringStarts()
     close_starts: CloseStarts | None = None
+    retried_starts: RetriedStarts | None = None
     stop: StopRule | None = StopRule()
     mirrored: Flag = Field(default=False, description="half of each batch are mirror images of transitions")
     on_divergence: Literal["stop", "rollback", "continue"] = "stop"

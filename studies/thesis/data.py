@@ -28,7 +28,7 @@ from dockctl.errors import DockctlError
 from dockctl.experiments.study import Experiment, Study
 from dockctl.reading import read_json, reading
 from dockctl.reports.plan_view import Track, split_tracks
-from dockctl.runs.directory import (
+from dockctl.run_files import (
     EVALUATION,
     LATENCY,
     MAP,

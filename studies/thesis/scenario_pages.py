@@ -23,7 +23,7 @@ from dockctl.reports.figures import overview
 from dockctl.reports.plan_view import pose_names
 from dockctl.reports.style import label
 from dockctl.reports.success_map import map_figure
-from dockctl.runs.directory import FAILURES
+from dockctl.run_files import FAILURES
 from dockctl.runs.tables import START_KINDS
 from dockctl.scenarios.base import Pose
 from dockctl.scenarios.loader import load

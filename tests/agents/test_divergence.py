@@ -15,7 +15,8 @@ from dockctl.agents.divergence import DivergenceError, Monitor
 from dockctl.agents.dqn.algorithm import DQN
 from dockctl.agents.trainer import MAX_ROLLBACKS, Trainer
 from dockctl.agents.training_state import LEARNER
-from dockctl.runs.directory import LAST, RunDirectory
+from dockctl.run_files import LAST
+from dockctl.runs.directory import RunDirectory
 from dockctl.scenarios.training import Training
 from tests.agents.test_trainer import SETTINGS, read_table, trainer_in
 

@@ -357,7 +357,7 @@ CURRENT = "conditions={current: {speed_mps: [0.0, 0.2], direction_deg: [0, 360]}
     ("scenario", "overrides"),
     [
         ("s2", (*OVERRIDES, "sensors.lidar={kind: planar}", CURRENT)),
-        ("s3", OVERRIDES),
+        ("s3", (*OVERRIDES, "training.retried_starts={fraction: 0.6}")),
     ],
 )
 def test_docking_boats_resume_in_the_middle_of_their_episodes(

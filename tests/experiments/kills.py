@@ -24,7 +24,8 @@ from pathlib import Path
 from dockctl.agents.progress import Progress
 from dockctl.experiments.live import TrainingDisplay
 from dockctl.experiments.training import resume, train
-from dockctl.runs.directory import LAST, PROVENANCE, TIMING_CSV, RunDirectory
+from dockctl.run_files import LAST, PROVENANCE, TIMING_CSV
+from dockctl.runs.directory import RunDirectory
 from tests.commands.conftest import QUICK
 
 STEPS, EVERY = 600, 100

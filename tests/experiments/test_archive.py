@@ -10,7 +10,7 @@ import pytest
 
 from dockctl.errors import DockctlError
 from dockctl.experiments.archive import TRAJECTORIES, UPDATE_ROWS, archive
-from dockctl.runs.directory import TRANSFER
+from dockctl.run_files import TRANSFER
 from dockctl.runs.reader import read_run, read_table
 from tests.reports.synthetic import marina, track, write_run
 

@@ -23,7 +23,7 @@ from dockctl.errors import DockctlError
 from dockctl.evaluation import evaluate
 from dockctl.experiments.runner import JobRunner
 from dockctl.experiments.study import Experiment, Stage, make_jobs
-from dockctl.runs.directory import PROVENANCE
+from dockctl.run_files import PROVENANCE
 from tests.commands.conftest import QUICK, dockctl, only_run, quick_train
 
 TABLES = ("episodes.csv", "updates.csv", "evaluations.csv", "trajectories.csv")

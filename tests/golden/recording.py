@@ -43,6 +43,7 @@ TRAINING = (
     "training.replay_capacity=2000", "training.evaluate_every_steps=800", "training.hidden_sizes=[32, 16]",
     "training.exploring_starts.steps=60", "task.max_steps=80", "training.target_update_interval=50",
     "training.epsilon.decay_steps=1500", "training.stop=null",
+    "training.action_repeat=1",
     "training.validation={starts: 6, every_steps: 800}",
 )  # fmt: skip
 TABLES = ("episodes.csv", "updates.csv", "evaluations.csv", "trajectories.csv")

@@ -12,10 +12,10 @@ from typing import Any
 
 import pytest
 
-from dockctl import trust
 from dockctl.errors import DockctlError
+from dockctl.run_files import RUNS
 from dockctl.runs import directory
-from dockctl.runs.directory import RUNS, RunDirectory
+from dockctl.runs.directory import RunDirectory
 from dockctl.runs.files import require_replaceable, require_writable
 
 
@@ -190,10 +190,3 @@ def test_an_inaccessible_place_is_reported(
     assert RunDirectory.containing(tmp_path / "closed" / "checkpoints" / "best" / "policy.json") is None
     with pytest.raises(DockctlError, check=has_code("not_found")):
         RunDirectory.open(tmp_path / "closed")
-
-
-def test_received_code_is_looked_for_in_every_run_folder_and_checkpoint() -> None:
-    """`dockctl.trust` is below this package, so that it repeats the names of the files."""
-    names = (directory.PROVENANCE, directory.POLICY_JSON, directory.POLICY_TENSORS)
-    saved = [f"{directory.CHECKPOINTS}/{name}/{names[1]}" for name in (directory.BEST, directory.LAST)]
-    assert (*names, *saved) == trust.MARKS

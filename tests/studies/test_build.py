@@ -16,7 +16,7 @@ from matplotlib.figure import Figure
 from dockctl.errors import DockctlError
 from dockctl.experiments.study import load_study, make_jobs
 from dockctl.reports.style import figure_style
-from dockctl.runs.directory import SCENARIO
+from dockctl.run_files import SCENARIO
 from dockctl.scenarios.content import first_difference
 from dockctl.scenarios.loader import load
 from dockctl.scenarios.schema import Scenario

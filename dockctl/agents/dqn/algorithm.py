@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from pydantic import Field, NonNegativeInt
 
 from dockctl.agents.checkpoint import flatten, load_parameters, nest, numpy_tensors
-from dockctl.agents.dqn.network import DuelingQNetwork, GreedyPolicy
+from dockctl.agents.dqn.network import FIRST_LAYER, DuelingQNetwork, GreedyPolicy
 from dockctl.agents.dqn.replay import Batch, NStep, Replay, mirror_every_second
 from dockctl.agents.dqn.update import DoubleDQN
 from dockctl.agents.interface import Metrics, Mirror, Step, Tensors
@@ -86,6 +86,14 @@ class DQN:
         if self.mirror:
             mirror_every_second(drawn, self.mirror)
         return drawn
+
+    def start_from(self, policy: Tensors, inputs: NDArray[np.int64]) -> None:
+        """Take over the parameters of all networks; new inputs have no weight yet. See `FineTunable`."""
+        first, known = policy[FIRST_LAYER], inputs >= 0
+        weights = np.zeros((len(first), len(inputs)), first.dtype)
+        weights[:, known] = first[:, inputs[known]]
+        for network in (self.learner.online, self.learner.target, self.learner.evaluated):
+            load_parameters(network, {**policy, FIRST_LAYER: weights})
 
     def learn_mirrored(self, mirror: Mirror) -> None:
         """Replace half of the transitions by their mirror images; see `Mirrorable`."""

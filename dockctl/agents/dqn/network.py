@@ -13,6 +13,9 @@ from torch import Tensor, nn
 
 from dockctl.agents.interface import Info, Policy
 
+FIRST_LAYER = "shared.0.weight"
+"""Name of the weights (width, observation_size) that observations are multiplied by."""
+
 
 class DuelingQNetwork(nn.Module):
     """Action values of a batch of observations, ``Q = V + A - mean A`` (eq. 2.56).

@@ -1,0 +1,98 @@
+"""Fine-tuning: a training that starts from the parameters of a trained policy."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from dockctl.agents.checkpoint import PolicyCard, find_policy, load_pair, rebuild_policy, save_policy
+from dockctl.agents.interface import Algorithm, FineTunable, Tensors
+from dockctl.envs.observation import ObservationEncoder
+from dockctl.errors import DockctlError
+from dockctl.run_files import INITIAL
+from dockctl.runs.directory import RunDirectory
+from dockctl.runs.files import make_folder
+from dockctl.scenarios.schema import PolicyInterface, Scenario
+
+
+@dataclass(frozen=True, eq=False)
+class InitialPolicy:
+    """The policy that a training starts from.
+
+    Attributes:
+        source: where it was read, for messages.
+        tensors, card: its parameters and description.
+    """
+
+    source: str
+    tensors: Tensors
+    card: PolicyCard
+
+    @classmethod
+    def load(cls, source: str | Path, *, trust: bool = False) -> InitialPolicy:
+        """Load the policy of a run folder or of a checkpoint, by path or name.
+
+        Raises:
+            DockctlError: there is none, or it is damaged.
+        """
+        file = find_policy(Path(source))
+        tensors, facts = load_pair(file)
+        _, card = rebuild_policy(file, tensors, facts, trust=trust)
+        return cls(str(source), tensors, card)
+
+    @classmethod
+    def of_run(cls, run: RunDirectory) -> InitialPolicy | None:
+        """Return the policy that the training of `run` started from, or None if it started from none."""
+        folder = run.path / INITIAL
+        return cls.load(folder) if folder.is_dir() else None
+
+    def save(self, run: RunDirectory) -> None:
+        """Keep a copy in the run folder, so that the training can be repeated."""
+        folder = run.path / INITIAL
+        make_folder(folder)
+        save_policy(folder, self.tensors, self.card)
+
+    def start(self, algorithm: Algorithm, scenario: Scenario) -> None:
+        """Give an algorithm that has not learned yet the parameters of the policy.
+
+        The scenario may observe more than the policy: the weights of new inputs are zero.
+
+        Raises:
+            DockctlError: the policy was trained with another algorithm or network, other actions or another
+                range sensor, or it observes what the scenario does not.
+        """
+        card, training, new = self.card, scenario.training, PolicyInterface.of(scenario)
+        own = card.interface
+        if not isinstance(algorithm, FineTunable) or card.algorithm["kind"] != training.algorithm.kind:
+            kinds = f"'{card.algorithm['kind']}', and the training is by '{training.algorithm.kind}'"
+            raise self._mismatch(f"its algorithm is {kinds}; fine-tuning is possible with 'dqn'")
+        if own is None or own.lidar is None:
+            raise self._mismatch("it does not say what its range sensor is; it is of an earlier version")
+        if card.hidden_sizes != training.hidden_sizes:
+            sizes = f"hidden_sizes: {list(card.hidden_sizes)}"
+            raise self._mismatch(f"its network is another one; set training: {{{sizes}}}")
+        for name in ("actions", "lidar"):
+            if getattr(own, name) != getattr(new, name):
+                field = "sensors.lidar" if name == "lidar" else name
+                raise self._mismatch(f"{field} of the scenario is not that of the policy")
+        lacking = [part.part for part in own.observation if part not in new.observation]
+        if lacking:
+            raise self._mismatch(f"the scenario does not observe {', '.join(lacking)} as the policy does")
+        algorithm.start_from(self.tensors, self._inputs(own, new))
+
+    def _inputs(self, own: PolicyInterface, new: PolicyInterface) -> NDArray[np.int64]:
+        """Return for each number of the new observation its index in that of the policy, or -1."""
+        before, now = (ObservationEncoder(i.observation, i.lidar_sectors).names for i in (own, new))
+        return np.array([before.index(name) if name in before else -1 for name in now])
+
+    def _mismatch(self, reason: str) -> DockctlError:
+        return DockctlError(f"--from {self.source}: {reason}", code="mismatch")
+
+    @property
+    def facts(self) -> dict[str, Any]:
+        """Return what the provenance of the training says about it."""
+        return {"policy": self.source, "scenario": self.card.scenario, "sha256": self.card.sha256}
