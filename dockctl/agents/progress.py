@@ -39,6 +39,7 @@ class Progress:
             initial pose.
         best: docked episodes, episodes and mean return of the best validation.
         validated_at: environment steps at the latest validation, 0 before the first.
+        validation_docked, validation_episodes: result of that validation.
         evaluated_at: environment steps at the latest evaluation, 0 before the first.
         evaluation_docked, evaluation_episodes: result of that evaluation.
         rollbacks: how many times the training went back to a checkpoint because it diverged.
@@ -53,6 +54,8 @@ class Progress:
     recent: list[Annotated[list[bool], Field(min_length=2, max_length=2)]] = field(default_factory=list)
     best: Annotated[list[float], Field(min_length=3, max_length=3)] | None = None
     validated_at: NonNegativeInt = 0
+    validation_docked: NonNegativeInt = 0
+    validation_episodes: NonNegativeInt = 0
     evaluated_at: NonNegativeInt = 0
     evaluation_docked: NonNegativeInt = 0
     evaluation_episodes: NonNegativeInt = 0
@@ -78,7 +81,7 @@ class Progress:
         return sum(docked for docked, _ in self.recent[-RECENT:])
 
     def mastered(self, rule: StopRule) -> bool:
-        """Return whether the stop rule holds.
+        """Return whether the stop rule holds, apart from the validation.
 
         Enough of the last episodes docked, both of all of them and of those from the initial poses, and the
         greedy policy docked from every start of the latest evaluation.
@@ -92,10 +95,12 @@ class Progress:
             and 0 < self.evaluation_episodes == self.evaluation_docked
         )
 
-    def reason_to_stop(self, training: Training) -> str | None:
-        """Return why the training is over, a key of `REASONS`, or None while it is not."""
-        if training.stop is not None and self.mastered(training.stop):
-            return "mastered"
+    def validated(self, rule: StopRule) -> bool:
+        """Return whether the policy docked from as large a share of the latest validation starts."""
+        return self.validation_docked * rule.episodes >= rule.docked * self.validation_episodes > 0
+
+    def reached_limit(self, training: Training) -> str | None:
+        """Return which limit of the training is reached, a key of `REASONS`, or None."""
         if training.max_episodes is not None and self.episodes >= training.max_episodes:
             return "episodes"
         if self.env_steps >= training.total_steps:

@@ -32,7 +32,7 @@ from dockctl.plugins import runtime_error
 from dockctl.run_files import BEST, EPISODES_CSV, EVALUATIONS_CSV, TIMING_CSV, UPDATES_CSV
 from dockctl.runs.directory import RunDirectory
 from dockctl.runs.tables import EPISODES, EVALUATIONS, RECENT, TIMING, UPDATES, Value
-from dockctl.scenarios.training import Training
+from dockctl.scenarios.training import StopRule, Training
 
 TABLES = {EPISODES_CSV: EPISODES, UPDATES_CSV: UPDATES, EVALUATIONS_CSV: EVALUATIONS, TIMING_CSV: TIMING}
 UPDATE_ROWS = 2000
@@ -129,7 +129,7 @@ class Trainer:
                 self._evaluate()
             self.on_progress(progress)
         if reason != "interrupted" and progress.validated_at < progress.env_steps:
-            self._evaluate(over=True)
+            self._evaluate(validated=True)
         elif self._saved_at != progress.env_steps:
             self._save_last()
         return reason
@@ -172,7 +172,21 @@ class Trainer:
         self.warn(f"{error.message}; back to step {self.progress.env_steps:,}, attempt {attempt}")
 
     def _reason_to_stop(self) -> str | None:
-        return "interrupted" if self.interrupted() else self.progress.reason_to_stop(self.training)
+        if self.interrupted():
+            return "interrupted"
+        rule = self.training.stop
+        if rule is not None and self.progress.mastered(rule) and self._confirmed(rule):
+            return "mastered"
+        return self.progress.reached_limit(self.training)
+
+    def _confirmed(self, rule: StopRule) -> bool:
+        """Return whether a recent validation agrees that training may stop; validate if there is none."""
+        progress = self.progress
+        if self.validate is None or self.evaluate is None:  # the rule is about the validation starts already
+            return True
+        if progress.env_steps - progress.validated_at >= self.training.evaluate_every_steps:
+            self._evaluate(validated=True)
+        return progress.mastered(rule) and progress.validated(rule)
 
     def _step(self, observation: NDArray[Any]) -> NDArray[Any]:
         """Step all boats while the algorithm learns, store the step, and return the next observation."""
@@ -218,17 +232,17 @@ class Trainer:
         if logged:
             self._check(self._monitor.check_networks, self.algorithm)
 
-    def _evaluate(self, *, over: bool = False) -> None:
+    def _evaluate(self, *, validated: bool = False) -> None:
         """Run the greedy episodes that are due, save the policy if it is the best so far, and save the state.
 
         Args:
-            over: the training ends, and its policy is validated.
+            validated: also validate when no validation is due.
         """
         progress, every, is_best = self.progress, self.training.validation.every_steps, False
         poses, starts = list[dict[str, Value]](), list[dict[str, Value]]()
         if self.evaluate is not None and progress.evaluated_at < progress.env_steps:
             poses += self.evaluate(self.algorithm.policy)
-        if self.validate is not None and (over or progress.crossed(every, since=progress.validated_at)):
+        if self.validate is not None and (validated or progress.crossed(every, since=progress.validated_at)):
             starts += self.validate(self.algorithm.policy)
             is_best = self._select(starts)
         if progress.evaluated_at < progress.env_steps:
@@ -244,6 +258,7 @@ class Trainer:
         """Save the policy if it docks from as many starts as any before, and return whether it does."""
         progress, docked, tensors = self.progress, _docked(validation), self.algorithm.policy_tensors()
         progress.validated_at = progress.env_steps
+        progress.validation_docked, progress.validation_episodes = docked, len(validation)
         if progress.best is not None and docked < progress.best[0]:
             return False
         if not self._check(self._monitor.check_parameters, tensors):

@@ -80,9 +80,10 @@ class ValidationStarts(Model):
 
 
 class StopRule(Model):
-    """Training ends when `docked` of the last `episodes` episodes docked and the greedy policy always does.
+    """Training ends when `docked` of the last `episodes` episodes docked and the greedy policy does as well.
 
-    The greedy policy starts from the evaluation poses, on a task with berths from the validation starts.
+    That is from every evaluation pose, and from the same share of the validation starts; on a task with
+    berths from every validation start.
     """
 
     docked: Count = 95

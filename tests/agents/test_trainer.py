@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import csv
+from itertools import pairwise
 from pathlib import Path
 from typing import Any
 
@@ -114,6 +115,29 @@ def test_best_docks_from_the_most_validation_starts_and_of_equal_ones_is_the_lat
     assert validated == {1_000: "1", 2_000: "1", 3_000: "0", 4_000: "1", 4_400: "0"}
     evaluated = [int(row["env_steps"]) for row in rows if row["start_kind"] == "pose"]
     assert evaluated == [504, 1_000, 1_504, 2_000, 2_504, 3_000, 3_504, 4_000, 4_400]
+
+
+def test_training_goes_on_until_enough_validation_starts_dock_too(tmp_path: Path) -> None:
+    """The pose is docked from long before; of 20 validation starts 18 are too few, 19 are 95 %."""
+    docked = [18, 18, 19]
+
+    def validate(policy: Policy) -> list[dict[str, Value]]:
+        now = docked.pop(0) if len(docked) > 1 else docked[0]
+        outcomes = ["docked"] * now + ["timeout"] * (20 - now)
+        return [{"start_kind": "validation", "outcome": outcome, "return": 0.0} for outcome in outcomes]
+
+    def evaluate(policy: Policy) -> list[dict[str, Value]]:
+        return [{"start_kind": "pose", "outcome": "docked", "return": 0.0}]
+
+    training = Training(**{**SETTINGS, "validation": {"every_steps": 100_000}})
+    run = RunDirectory.create(tmp_path, "toy", 0)
+    learner = trainer_in(run, training, validate=validate, evaluate=evaluate)
+    assert learner.run() == "mastered"
+    rows = read_table(run.path / "evaluations.csv")
+    at = sorted({int(row["env_steps"]) for row in rows if row["start_kind"] == "validation"})
+    assert docked == [19]
+    assert len(at) in (3, 4)  # the policy of the last step is validated as well
+    assert all(later - earlier >= training.evaluate_every_steps for earlier, later in pairwise(at[:3]))
 
 
 def test_the_policy_at_the_end_is_validated(tmp_path: Path) -> None:
