@@ -225,8 +225,9 @@ class Simulator:
         def ranges_of(world: World, rows: Ints) -> Floats:
             if noise is None:
                 return world.lidar.sector_ranges(self.eta[rows])
-            assert isinstance(world.lidar, NoisyRangeSensor)  # by `__init__`
-            return world.lidar.noisy_sector_ranges(self.eta[rows], noise.of(rows))
+            # Checked by `__init__`; isinstance of a protocol evaluates all its properties, in every scan.
+            sensor = cast(NoisyRangeSensor, world.lidar)
+            return sensor.noisy_sector_ranges(self.eta[rows], noise.of(rows))
 
         with self._sensor:
             ranges = self.in_harbors(ranges_of, rows)
