@@ -102,5 +102,6 @@ def _random_view(scenario: Scenario, past_steps: int, rng: np.random.Generator) 
         command_limit=limit,
         sector_ranges_m=rng.uniform(0, 10, (TRIALS, scenario.sensors.lidar.sectors)),
         apparent_wind=rng.uniform(-5, 5, (TRIALS, 2)),
+        through_water=rng.uniform([-0.4, -0.1], [0.4, 0.1], (TRIALS, 2)),
     )
     return replace(view, past=tuple(_random_view(scenario, 0, rng) for _ in range(past_steps)))

@@ -43,6 +43,7 @@ class View:
         command_limit: (2,) greatest propeller force [N] and rudder angle [rad] of the vessel.
         sector_ranges_m: (n, sectors) nearest return of each sector of the range sensor [m].
         apparent_wind: (n, 2) velocity of the air relative to the boat [m/s], body frame.
+        through_water: (n, 2) surge and sway relative to the water [m/s], body frame, as a speed log measures.
         past: earlier views, the latest first; those before the start of the episode are its first.
     """
 
@@ -56,6 +57,7 @@ class View:
     command_limit: Floats
     sector_ranges_m: Floats
     apparent_wind: Floats
+    through_water: Floats
     past: tuple[View, ...] = ()
 
     @classmethod
@@ -63,8 +65,11 @@ class View:
         """Return the view of a simulator's boats with these ranges (n, sectors) [m] and earlier views."""
         eta, nu, goal = simulator.measured_pose(), simulator.measured_velocity(), simulator.goal
         distance, heading_error = measure(eta, goal)
-        x, y = simulator.wind().T
-        along, across = rotate(x, y, -simulator.eta[:, 2])
+
+        def relative_to(world_velocity: Floats) -> Floats:
+            x, y = world_velocity.T
+            return np.column_stack(rotate(x, y, -simulator.eta[:, 2])) - simulator.nu[:, :2]
+
         return cls(
             phase=simulator.phase,
             distance_m=distance,
@@ -75,7 +80,8 @@ class View:
             command=simulator.command,
             command_limit=simulator.vessel.command_limit,
             sector_ranges_m=sector_ranges_m,
-            apparent_wind=np.column_stack([along, across]) - simulator.nu[:, :2],
+            apparent_wind=relative_to(simulator.wind()),
+            through_water=-relative_to(simulator.current()),
             past=past,
         )
 
@@ -91,6 +97,7 @@ class View:
             command=self.command * vector,
             sector_ranges_m=self.sector_ranges_m[:, ::-1],
             apparent_wind=self.apparent_wind * vector,
+            through_water=self.through_water * vector,
             past=tuple(view.mirrored() for view in self.past),
         )
 
@@ -224,6 +231,15 @@ def apparent_wind(view: View, *, scale_mps: Positive = 5.0, cap: Positive = 5.0)
     """Return the velocity of the air relative to the boat, ahead and to port, divided by the scale."""
     names, units = ["wind_ahead", "wind_port"], ["m/s", "m/s"]
     return Columns(names, view.apparent_wind, -cap, cap, scale_mps, units)
+
+
+@observation_part("through_water", source="not in the thesis")
+def through_water(
+    view: View, *, surge_mps: Positive = 0.4, sway_mps: Positive = 0.1, cap: Positive = 5.0
+) -> Columns:
+    """Return surge and sway relative to the water, of a speed log, each divided by its scale."""
+    names, units = ["u_water", "v_water"], ["m/s", "m/s"]
+    return Columns(names, view.through_water, -cap, cap, [surge_mps, sway_mps], units)
 
 
 @observation_part("course", source="not in the thesis")
@@ -366,4 +382,5 @@ def blank_view(sectors: int, command_limit: Floats | None = None) -> View:
         command_limit=np.ones(2) if command_limit is None else command_limit,
         sector_ranges_m=zeros((n, sectors)),
         apparent_wind=zeros((n, 2)),
+        through_water=zeros((n, 2)),
     )

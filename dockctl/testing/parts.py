@@ -283,6 +283,7 @@ def _view_values() -> Rows:
     return {
         **{key: value for key, value in _step_values().items() if key in shared},
         "apparent_wind": rng.uniform(-12, 12, (BOATS, 2)),
+        "through_water": rng.uniform(-1, 1, (BOATS, 2)),
         "goal": rng.uniform(-1, 1, (BOATS, 3)) * [50.0, 50.0, np.pi],
     }
 

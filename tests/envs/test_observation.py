@@ -32,6 +32,7 @@ VIEW = View(
     command_limit=np.array([50.0, math.radians(30)]),
     sector_ranges_m=np.array([[5.0, 10.0, 20.0, 21.0, 100.0, 1.0, 2.0, 3.0]]),
     apparent_wind=np.array([[-2.5, 1.0]]),
+    through_water=np.array([[0.3, -0.02]]),
 )
 RANGES = [0.5, 1.0, 2.0, 2.0, 2.0, 0.1, 0.2, 0.3]
 
@@ -103,6 +104,7 @@ def test_every_view_is_within_the_bounds(values: Sequence[float], phase: int) ->
         command_limit=VIEW.command_limit,
         sector_ranges_m=abs(x[:, 7:15]),
         apparent_wind=x[:, 3:5],
+        through_water=x[:, 5:7],
     )
     encode = encoder("phase", "distance", "heading_error", "velocity", "command", "lidar", "bearing")
     assert encode.space.contains(encode(view)[0])
@@ -150,6 +152,23 @@ def test_apparent_wind_and_course() -> None:
     course = math.pi / 2 + drift - math.pi
     expected = [-0.5, 0.2, speed / 0.4, math.sin(course), math.cos(course)]
     assert encode(VIEW)[0] == pytest.approx(expected, rel=1e-6)
+
+
+def test_speed_through_the_water() -> None:
+    """A boat that drifts with the water has none; without a current it is the speed over ground."""
+    assert encoder("through_water")(VIEW)[0] == pytest.approx([0.75, -0.2], rel=1e-6)
+    current = {"current": {"speed_mps": 0.3, "direction_deg": 90}}
+    for conditions in ({}, current):
+        loaded = load("s1", overrides=[f"conditions={conditions}", "observation=[velocity, through_water]"])
+        env = DockingVectorEnv(loaded, 1, autoreset_mode="Disabled", worlds=[walled()])
+        env.reset(seed=0, options={"poses": np.array([[20.0, 2.0, math.pi / 2]])})
+        observation, *_ = env.step(np.array([38]))
+        u, v, _, u_water, v_water = observation[0] * [0.4, 0.1, 0.04, 0.4, 0.1]
+        heading = env.simulator.eta[0, 2]
+        east, north = (0.0, 0.3) if conditions else (0.0, 0.0)
+        along = east * math.cos(heading) + north * math.sin(heading)
+        to_port = -east * math.sin(heading) + north * math.cos(heading)
+        assert (u_water, v_water) == pytest.approx((u - along, v - to_port), abs=1e-6)
 
 
 def test_history_is_what_was_observed_before() -> None:

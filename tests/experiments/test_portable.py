@@ -46,6 +46,7 @@ def view(n: int) -> View:
         command_limit=np.array([50, np.radians(30)]),
         sector_ranges_m=rng.uniform(0, 30, (n, 8)),
         apparent_wind=np.zeros((n, 2)),
+        through_water=np.zeros((n, 2)),
     )
 
 
