@@ -22,6 +22,7 @@ FILES = [
 
 VARIANTS = {
     "marina-l-basin",
+    "marina-smooth",
     "marina-stern-to",
     "marina-t-head",
     "marina-unseen",
