@@ -70,14 +70,17 @@ class InitialPolicy:
         if not isinstance(algorithm, FineTunable) or card.algorithm["kind"] != training.algorithm.kind:
             kinds = f"'{card.algorithm['kind']}', and the training is by '{training.algorithm.kind}'"
             raise self._mismatch(f"its algorithm is {kinds}; fine-tuning is possible with 'dqn'")
-        if own is None or own.lidar is None:
-            raise self._mismatch("it does not say what its range sensor is; it is of an earlier version")
+        if own is None:
+            raise self._mismatch("it does not say what it observes; it is of an earlier version")
         if card.hidden_sizes != training.hidden_sizes:
             sizes = f"hidden_sizes: {list(card.hidden_sizes)}"
             raise self._mismatch(f"its network is another one; set training: {{{sizes}}}")
-        for name in ("actions", "lidar"):
-            if getattr(own, name) != getattr(new, name):
-                field = "sensors.lidar" if name == "lidar" else name
+        for name, field in (
+            ("actions", "actions"),
+            ("lidar_sectors", "sensors.lidar.sectors"),
+            ("lidar", "sensors.lidar"),
+        ):
+            if getattr(own, name) not in (None, getattr(new, name)):
                 raise self._mismatch(f"{field} of the scenario is not that of the policy")
         lacking = [part.part for part in own.observation if part not in new.observation]
         if lacking:
