@@ -96,7 +96,7 @@ def read_evaluations(run: RunDirectory, card: PolicyCard) -> dict[str, pd.DataFr
 
 
 def is_of_policy(card: PolicyCard, run: RunDirectory, measurement: str) -> bool:
-    """Return whether the run has a measurement, a name in `dockctl.runs.directory`, and it is of this policy.
+    """Return whether the run has a measurement, a name in `dockctl.run_files`, and it is of this policy.
 
     Raises:
         DockctlError: a file of it cannot be read, or its table is of another measurement.
@@ -139,11 +139,10 @@ def _facts(
     parts = ", ".join(map(_part, scenario.observation))
     yield "observation", f"{card.observation_size} numbers: {parts}; {sectors} LiDAR sectors"
     yield "actions", f"{scenario.actions.describe()}, every {scenario.vessel.control_period_s:g} s"
-    yield (
-        "trained with",
-        f"dockctl {provenance.get('dockctl')}, commit `{provenance.get('git_commit')}`,"
-        f" {provenance.get('started')}",
-    )
+    if initial := provenance.get("initial"):
+        yield "fine-tuned from", f"`{initial['scenario']}`, a policy with the hash `{initial['sha256'][:12]}`"
+    commit = f"commit `{provenance['git_commit']}`, " if provenance.get("git_commit") else ""
+    yield "trained with", f"dockctl {provenance.get('dockctl')}, {commit}{provenance.get('started')}"
     yield "exported with", f"dockctl {dockctl.__version__}, commit `{git_commit()}`"
     yield "training data", "simulation only"
 
