@@ -18,9 +18,9 @@ from dockctl.scenarios.content import first_difference
 from dockctl.scenarios.loader import load
 from tests.commands.conftest import dockctl
 
-NAMES = {"s1", "s2", "s3", "marina", "marina-smooth", "marinas"}
-EPISODES = {"marina": 4, "marina-smooth": 4, "marinas": 3}
-"""How many starts of its training are tried; one where nothing stands here."""
+NAMES = {"s1", "s2", "s3", "marina", "marina-smooth", "marinas", "marinas-weather"}
+EPISODES = {"marina": (4, 4), "marina-smooth": (4, 4), "marinas": (3, 3), "marinas-weather": (16, 5)}
+"""How many starts of its training are tried, and how many must dock; one where nothing stands here."""
 
 NAMED = sorted(shipped())
 each = pytest.mark.parametrize("name", NAMED)
@@ -56,7 +56,8 @@ def test_it_was_trained_on_the_scenario_as_it_stands(name: str) -> None:
 @pytest.mark.parametrize(
     "name",
     [
-        pytest.param(name, marks=[pytest.mark.thorough] if name == "marinas" else [])  # builds 80 layouts
+        # these build 80 layouts
+        pytest.param(name, marks=[pytest.mark.thorough] if name in ("marinas", "marinas-weather") else [])
         for name in NAMED
     ],
 )
@@ -68,6 +69,7 @@ def test_it_docks_from_starts_of_its_training(
     rollout = Rollout(policy.scenario())
     loaded, worlds = rollout.loaded, rollout.worlds
     starts = evaluation_starts if loaded.scenario.task.berths else training_starts
-    some = starts(loaded.scenario, worlds)[: EPISODES.get(name, 1)]
+    tried, least = EPISODES.get(name, (1, 1))
+    some = starts(loaded.scenario, worlds)[:tried]
     played = rollout.run(policy.make(rollout.env()), some)
-    assert [one.outcome for one in played] == ["docked"] * len(some)
+    assert sum(one.docked for one in played) >= least
