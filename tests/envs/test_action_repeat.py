@@ -34,10 +34,12 @@ def test_a_step_of_training_is_as_many_control_periods(repeat: int) -> None:
 def test_step_limits_last_as_long(repeat: int) -> None:
     own = scenario(repeat, "task.max_steps=100", "training.exploring_starts.steps=40")
     stepped = own.in_training()
+    exploring, shortened = own.training.exploring_starts, stepped.training.exploring_starts
+    assert exploring is not None and shortened is not None
     assert stepped.vessel.control_period_s == repeat * own.vessel.control_period_s
     for before, after in (
         (own.task.max_steps, stepped.task.max_steps),
-        (own.training.exploring_starts.steps, stepped.training.exploring_starts.steps),  # type: ignore[union-attr]
+        (exploring.steps, shortened.steps),
     ):
         assert before <= after * repeat < before + repeat
 

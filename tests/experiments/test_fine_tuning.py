@@ -47,7 +47,7 @@ def test_the_run_folder_suffices_to_repeat_the_training(run: TrainedRun, tmp_pat
     result = verify(tuned.path, 50)
     assert result.is_equal
     assert result.tables[1].rows > 0
-    (tuned.path / "initial").rename(tmp_path / "elsewhere")
+    (tuned.path / "initial").rename(tmp_path / "moved")
     assert not verify(tuned.path, 50).is_equal
 
 
