@@ -77,14 +77,14 @@ def without_floor(scenario: Scenario) -> list[dict[str, Any]]:
 
 
 def test_archived_runs_are_of_the_current_scenarios() -> None:
-    """Except for what was new later: the unit of the floor of the speed term, and averaged copies."""
+    """Except for what was new later: the floor of the speed term, averaged copies and held actions."""
     archive = Archive(STUDY, build.RESULTS)
     jobs = {(job.experiment.name, job.seed): job for job in make_jobs(STUDY.experiments, build.RESULTS)}
     runs = [(e.name, run) for e in STUDY.experiments for run in archive[e.name]]
     assert {(name, run.seed) for name, run in runs} == {*jobs}
     for name, run in runs:
         current = jobs[name, run.seed].scenario
-        earlier = ["training.averaged_copies=null"]
+        earlier = ["training.averaged_copies=null", "training.action_repeat=1"]
         archived = load(run.folder / SCENARIO, received=True, overrides=earlier).scenario
         assert first_difference(current, archived, ignore=("reward",)) is None, run.folder
         assert without_floor(current) == without_floor(archived), run.folder
