@@ -115,5 +115,5 @@ def test_a_run_that_is_archived(tmp_path: Path) -> None:
 
 
 def test_the_memory_of_these_tests_is_measured() -> None:
-    with pytest.raises(AssertionError), at_most_mb(30):
-        np.ones(60 * MB // 8).sum()
+    with pytest.raises(AssertionError), at_most_mb(300):  # the system may take other pages back meanwhile
+        np.ones(800 * MB // 8).sum()
