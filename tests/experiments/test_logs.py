@@ -6,6 +6,7 @@ import csv
 import json
 import signal
 import struct
+import time
 from collections.abc import Iterator, Sequence
 from importlib import metadata
 from pathlib import Path
@@ -153,14 +154,16 @@ def test_the_log_changes_no_table(tmp_path: Path) -> None:
 
 
 def wandb_records(file: Path) -> Iterator[bytes]:
-    """Yield the records of a log of wandb: LevelDB's format, after a header of 7 bytes."""
+    """Yield the whole records in a log of wandb: LevelDB's format, after a header of 7 bytes."""
     content, at, parts = file.read_bytes(), 7, b""
-    assert content[:4] == b":W&B"
+    assert content[:4] in (b":W&B", b"")
     while at + 7 <= len(content):
         if (left := 32_768 - at % 32_768) < 7:
             at += left
             continue
         length, kind = struct.unpack("<HB", content[at + 4 : at + 7])
+        if at + 7 + length > len(content):  # still being written
+            return
         parts += content[at + 7 : at + 7 + length]
         at += 7 + length
         if kind in (1, 4):  # a whole record, or the last part of one
@@ -177,10 +180,14 @@ def test_wandb_has_the_numbers_of_the_tables(tmp_path: Path, monkeypatch: pytest
     assert quick_train(tmp_path / "runs", "s1", "--steps", 200, "--log", "wandb").code == 0
     run = only_run(tmp_path / "runs")
     (file,) = (run / "wandb").glob("offline-run-*/*.wandb")
+    deadline = time.monotonic() + 60  # the service process of wandb may still be writing
+    while not (records := list(map(wandb_internal_pb2.Record.FromString, wandb_records(file)))) or not (
+        records[-1].HasField("exit")
+    ):
+        assert time.monotonic() < deadline
+        time.sleep(0.1)
     found: Points = {}
-    for content in wandb_records(file):
-        record = wandb_internal_pb2.Record()
-        record.ParseFromString(content)
+    for record in records:
         items = {
             "/".join(item.nested_key) or item.key: json.loads(item.value_json) for item in record.history.item
         }
