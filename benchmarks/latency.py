@@ -16,7 +16,9 @@ import numpy as np
 import torch
 from numpy.typing import NDArray
 
-from dockctl.agents.dqn.network import DuelingQNetwork, GreedyPolicy
+from dockctl.agents.dqn.network import DuelingQNetwork
+from dockctl.agents.dqn.policy import GreedyPolicy
+from dockctl.agents.tensors import numpy_tensors
 from dockctl.envs.vector import DockingVectorEnv
 from dockctl.evaluation.latency import time_decisions
 from dockctl.sim.lidar import spinning_sensor as lidar_module
@@ -45,7 +47,7 @@ def main() -> None:
     observation, _ = env.reset(seed=0)
     training = env.scenario.training
     network = DuelingQNetwork(observation.shape[1], int(env.single_action_space.n), training.hidden_sizes)
-    policy = GreedyPolicy(network)
+    policy = GreedyPolicy(numpy_tensors(network.state_dict()))
     report = bench.Report("latency", "Latency: one boat, one core")
     forward = microseconds(lambda: policy.act(observation, {}), FORWARDS)[WARM_UP:]
     decisions = time_decisions(env, policy, arguments.decisions)

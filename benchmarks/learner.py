@@ -27,9 +27,11 @@ import torch
 from numpy.typing import NDArray
 from torch import nn
 
-from dockctl.agents.dqn.network import DuelingQNetwork, GreedyPolicy
+from dockctl.agents.dqn.network import DuelingQNetwork
+from dockctl.agents.dqn.policy import GreedyPolicy
 from dockctl.agents.dqn.replay import Batch, Replay, Transitions
 from dockctl.agents.dqn.update import DoubleDQN
+from dockctl.agents.tensors import numpy_tensors
 from dockctl.envs.single import DockingEnv
 from dockctl.scenarios.training import Training
 
@@ -148,7 +150,10 @@ def learners(env: DockingEnv, batch: int, count: int) -> dict[str, bench.Case]:
 
 def forwards(env: DockingEnv, count: int) -> dict[str, bench.Case]:
     net = network(env)
-    policy, observation = GreedyPolicy(net), np.ones((1, net.observation_size), np.float32)
+    policy, observation = (
+        GreedyPolicy(numpy_tensors(net.state_dict())),
+        np.ones((1, net.observation_size), np.float32),
+    )
     made = {OURS: lambda rows: policy.act(rows, {})}
     if bench.installed("onnxruntime") and bench.installed("onnx"):
         made[ONNX] = exported(net)

@@ -75,7 +75,6 @@ if hasattr(os, "register_at_fork"):
     os.register_at_fork(after_in_child=_WORKERS.clear)  # a forked child has none of its parent's threads
 
 
-@cache
 def limit_blas_threads() -> None:
     """Keep BLAS in the calling thread: the matrices are small, and the simulator uses the other cores."""
     threadpool_limits(1, user_api="blas")

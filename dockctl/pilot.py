@@ -18,15 +18,15 @@ from __future__ import annotations
 import io
 import math
 import zipfile
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import dataclass, field
-from itertools import pairwise
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from dockctl.dueling import Layers
 from dockctl.errors import DockctlError
 from dockctl.geometry import MAX_SECTORS, Floats, nearest_in_sectors
 from dockctl.reading import FOREIGN, parse_json, read_bytes
@@ -42,56 +42,6 @@ RANGE_MARGIN = 1.1
 """A point may be farther from the body's origin than from its LiDAR."""
 MAX_MAGNITUDE = 1e9
 """Of positions, headings and velocities, as in the simulator."""
-
-Tensors = Mapping[str, NDArray[Any]]
-Layer = tuple[NDArray[Any], NDArray[Any]]
-
-
-class Layers(NamedTuple):
-    """Weights (outputs, inputs) and biases of a dueling network: shared layers and the two streams."""
-
-    shared: list[Layer]
-    value: list[Layer]
-    advantage: list[Layer]
-
-    @classmethod
-    def of(cls, tensors: Tensors) -> Layers:
-        """Return the layers of the tensors of a checkpoint.
-
-        Raises:
-            ValueError: the tensors are not those of a dueling network.
-        """
-        streams: list[list[Layer]] = []
-        for name in cls._fields:
-            found = {key for key in tensors if key.startswith(f"{name}.")}
-            numbers = range(0, len(found), 2)  # every second module is an activation
-            streams.append([(tensors[f"{name}.{i}.weight"], tensors[f"{name}.{i}.bias"]) for i in numbers])
-        layers = cls(*streams)
-        if sum(2 * len(stream) for stream in layers) != len(tensors) or not all(layers):
-            raise ValueError("expected the tensors of a dueling network: shared, value and advantage")
-        width = len(layers.shared[-1][1])
-        for inputs, stream in ((None, layers.shared), (width, layers.value), (width, layers.advantage)):
-            sizes = [inputs or stream[0][0].shape[1], *(len(bias) for _, bias in stream)]
-            shapes = [weight.shape for weight, _ in stream]
-            if shapes != [(outputs, inputs) for inputs, outputs in pairwise(sizes)]:
-                raise ValueError(f"the layers of shapes {shapes} do not fit together")
-        if len(layers.value[-1][1]) != 1:
-            raise ValueError("the value stream has more than one output")
-        return layers
-
-    def q_values(self, observation: NDArray[np.float32]) -> NDArray[np.float32]:
-        """Return the action values (n, actions) of observations (n, k), ``V + A - mean A`` (eq. 2.56)."""
-        features = _forward(self.shared, observation, activate_last=True)
-        value, advantage = (_forward(stream, features) for stream in (self.value, self.advantage))
-        return np.asarray(value + advantage - advantage.mean(axis=1, keepdims=True))
-
-
-def _forward(layers: Sequence[Layer], x: NDArray[Any], *, activate_last: bool = False) -> NDArray[Any]:
-    for number, (weight, bias) in enumerate(layers, start=1):
-        x = x @ weight.T + bias
-        if activate_last or number < len(layers):
-            x = np.maximum(x, 0)
-    return x
 
 
 @dataclass(frozen=True)

@@ -13,9 +13,12 @@ from typing import Any
 
 import numpy as np
 import pytest
+import torch
 
 from benchmarks.pilot import compare
-from dockctl.agents.dqn.network import GreedyPolicy
+from dockctl.agents.checkpoint import load_pair
+from dockctl.agents.dqn.network import DuelingQNetwork
+from dockctl.agents.tensors import load_parameters
 from dockctl.errors import DockctlError
 from dockctl.evaluation import load_policy
 from dockctl.evaluation.policies import CheckpointPolicy
@@ -92,10 +95,13 @@ def test_the_description_is_that_of_the_scenario(pilot: Pilot) -> None:
 
 def test_the_network_is_that_of_torch(pilot: Pilot) -> None:
     loaded = load_policy("s3")
-    assert isinstance(loaded, CheckpointPolicy) and isinstance(loaded.policy, GreedyPolicy)
+    assert isinstance(loaded, CheckpointPolicy)
+    network = DuelingQNetwork(16, 77, loaded.card.hidden_sizes)
+    load_parameters(network, load_pair(loaded.file)[0])
     bounds = [[column[side] for column in pilot.description["observation"]] for side in ("low", "high")]
     observations = np.random.default_rng(0).uniform(*bounds, (2000, 16)).astype(np.float32)
-    expected = loaded.policy.q_values(observations)
+    with torch.no_grad():
+        expected = network(torch.from_numpy(observations)).numpy()
     found = pilot.layers.q_values(observations)
     assert found.dtype == np.float32
     assert found == pytest.approx(expected, rel=1e-4, abs=1e-3)

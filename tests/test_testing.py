@@ -10,7 +10,7 @@ import pytest
 from gymnasium.spaces import Box, Discrete, Space
 
 from dockctl import testing
-from dockctl.agents.dqn.network import GreedyPolicy
+from dockctl.agents.dqn.policy import GreedyPolicy
 from dockctl.envs.actions import GridActions
 from dockctl.envs.observation import Columns, View, observation_part
 from dockctl.envs.vector import DockingVectorEnv

@@ -15,6 +15,10 @@ from itertools import pairwise
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal
 
+import numpy as np
+
+from dockctl.compute import limit_blas_threads
+from dockctl.dueling import shapes
 from dockctl.errors import DockctlError
 from dockctl.plugins import ALGORITHMS
 from dockctl.scenarios.base import FieldError, NonNegative
@@ -74,23 +78,20 @@ class Dqn(AlgorithmSpec):
     kind: Literal["dqn"] = "dqn"
 
     def build(self, spaces: Spaces, training: Training, device: str) -> Algorithm:
-        from dockctl.agents.checkpoint import torch_device
         from dockctl.agents.dqn.algorithm import DQN
+        from dockctl.agents.tensors import torch_device
 
         size, actions = _discrete(spaces)
         return DQN(size, actions, training, torch_device(device))
 
     def load_policy(self, tensors: Tensors, spaces: Spaces, hidden_sizes: tuple[int, ...]) -> Policy:
-        from dockctl.agents.checkpoint import load_parameters
-        from dockctl.agents.dqn.network import DuelingQNetwork, GreedyPolicy, network_size
+        from dockctl.agents.dqn.policy import GreedyPolicy
 
-        sizes = (*_discrete(spaces), hidden_sizes)
-        given, expected = sum(array.size for array in tensors.values()), network_size(*sizes)[0]
-        if given != expected:  # before the network is allocated
-            raise ValueError(f"{given:,} weights for a network of {expected:,}")
-        network = DuelingQNetwork(*sizes)
-        load_parameters(network, tensors)
-        return GreedyPolicy(network)
+        expected = shapes(*_discrete(spaces), hidden_sizes)
+        if (given := {name: array.shape for name, array in tensors.items()}) != expected:
+            raise ValueError(f"weights of shapes {given}, expected {expected}")
+        limit_blas_threads()
+        return GreedyPolicy({name: np.array(array, np.float32) for name, array in tensors.items()})
 
 
 def _discrete(spaces: Spaces) -> tuple[int, int]:
@@ -138,17 +139,16 @@ class StableBaselines3(AlgorithmSpec):
         return (module,) if colon else ()
 
     def build(self, spaces: Spaces, training: Training, device: str) -> Algorithm:
-        from dockctl.agents.checkpoint import torch_device
-
         _require_stable_baselines()
         from dockctl.agents.stable_baselines import StableBaselines
+        from dockctl.agents.tensors import torch_device
 
         return StableBaselines(self, spaces, training, torch_device(device))
 
     def load_policy(self, tensors: Tensors, spaces: Spaces, hidden_sizes: tuple[int, ...]) -> Policy:
         _require_stable_baselines()
-        from dockctl.agents.checkpoint import load_parameters
         from dockctl.agents.stable_baselines import GreedyPolicy, make_model
+        from dockctl.agents.tensors import load_parameters
 
         given = sum(array.size for array in tensors.values())
         for layers in _layers([list(hidden_sizes), self.hyperparameters.get("policy_kwargs")]):

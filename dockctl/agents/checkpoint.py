@@ -13,7 +13,6 @@ from typing import Annotated, Any, Self
 
 import numpy as np
 import psutil
-import torch
 from gymnasium.spaces import Box, Discrete
 from numpy.typing import NDArray
 from pydantic import ConfigDict, Field, Strict, ValidationError
@@ -241,44 +240,6 @@ def require_imports(spec: AlgorithmSpec, *, trust: bool) -> None:
     require(((f"module '{module}'", text_digest(module), "") for module in spec.imports), trust=trust)
 
 
-def numpy_tensors(tensors: Mapping[str, torch.Tensor]) -> dict[str, NDArray[Any]]:
-    """Copy named tensors into arrays."""
-    return {name: tensor.detach().cpu().numpy().copy() for name, tensor in tensors.items()}
-
-
-def load_parameters(network: torch.nn.Module, tensors: Tensors) -> None:
-    """Copy named arrays into the parameters of `network`.
-
-    Raises:
-        RuntimeError: a parameter is missing, has another shape, or is not one of the network's.
-    """
-    network.load_state_dict({name: torch.from_numpy(array) for name, array in tensors.items()})
-
-
-def optimizer_tensors(optimizer: torch.optim.Optimizer) -> dict[str, NDArray[Any]]:
-    """Return the optimizer's moments as arrays named ``<number of the parameter>.<moment>``."""
-    state = optimizer.state_dict()["state"]
-    named = {f"{i}.{key}": value for i, moments in state.items() for key, value in moments.items()}
-    return numpy_tensors(named)
-
-
-def load_optimizer(optimizer: torch.optim.Optimizer, tensors: Tensors) -> None:
-    """Continue with the moments that `optimizer_tensors` returned.
-
-    Raises:
-        ValueError: a moment has another shape or type than its parameter.
-    """
-    parameters = [parameter for group in optimizer.param_groups for parameter in group["params"]]
-    state: dict[int, dict[str, torch.Tensor]] = {}
-    for name, array in tensors.items():
-        number, key = name.split(".")
-        parameter, moment = parameters[int(number)], torch.from_numpy(array)
-        if (moment.dtype, moment.shape) != (parameter.dtype, () if key == "step" else parameter.shape):
-            raise ValueError(f"the moment '{name}' does not fit its parameter")  # torch does not check
-        state.setdefault(int(number), {})[key] = moment
-    optimizer.load_state_dict({**optimizer.state_dict(), "state": state})
-
-
 def flatten(groups: Mapping[str, Tensors], separator: str = ".") -> dict[str, NDArray[Any]]:
     """Return the tensors of all groups, named ``<group><separator><name>``."""
     return {
@@ -295,27 +256,6 @@ def nest(tensors: Tensors, separator: str = ".") -> Mapping[str, dict[str, NDArr
         group, _, rest = name.partition(separator)
         groups[group][rest] = array
     return groups
-
-
-def torch_device(name: str) -> torch.device:
-    """Return the torch device `name`, for example ``cpu`` or ``cuda``.
-
-    Raises:
-        DockctlError: the device is not available.
-    """
-    try:
-        device = torch.device(name)
-        torch.zeros(1, device=device).cpu()  # fails for `meta`, which has no data
-    except (RuntimeError, AssertionError) as error:  # without CUDA support torch raises AssertionError
-        reason = str(error).partition("\n")[0]
-        raise DockctlError(f"device '{name}' cannot be used: {reason}", code="unavailable") from None
-    return device
-
-
-def devices() -> list[str]:
-    """Return the torch devices of this machine, with the names of GPUs."""
-    gpus = [f"cuda:{i} ({torch.cuda.get_device_name(i)})" for i in range(torch.cuda.device_count())]
-    return ["cpu", *gpus, *(["mps"] if torch.backends.mps.is_available() else [])]
 
 
 def find_policy(path: Path) -> Path:

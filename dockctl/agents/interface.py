@@ -92,7 +92,7 @@ class Algorithm(Protocol):
     environment steps, then `store`.
 
     Attributes:
-        policy: the greedy policy; it follows the learning.
+        policy: the greedy policy of what was learned so far.
         epsilon: probability of a random action at the latest `act`; None if exploration has no such number.
         updates: gradient steps so far.
     """

@@ -23,15 +23,9 @@ from stable_baselines3.common.policies import BasePolicy
 from stable_baselines3.common.vec_env import DummyVecEnv
 
 from dockctl.agents.algorithms import StableBaselines3
-from dockctl.agents.checkpoint import (
-    flatten,
-    load_optimizer,
-    load_parameters,
-    nest,
-    numpy_tensors,
-    optimizer_tensors,
-)
+from dockctl.agents.checkpoint import flatten, nest
 from dockctl.agents.interface import Info, Metrics, Policy, Spaces, Step, Tensors
+from dockctl.agents.tensors import load_optimizer, load_parameters, numpy_tensors, optimizer_tensors
 from dockctl.errors import nearest
 from dockctl.scenarios.base import FieldError
 from dockctl.scenarios.training import Training

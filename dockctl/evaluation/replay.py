@@ -11,7 +11,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from dockctl.agents.dqn.network import GreedyPolicy
+from dockctl.agents.dqn.policy import GreedyPolicy
 from dockctl.agents.interface import Policy
 from dockctl.analysis.episodes import ending
 from dockctl.compute import workers

@@ -14,7 +14,7 @@ import platformdirs
 from packaging.requirements import Requirement
 
 import dockctl
-from dockctl.agents.checkpoint import devices
+from dockctl.agents.tensors import devices
 from dockctl.compute import cache_folder
 from dockctl.run_files import RUNS
 from dockctl.runs import provenance

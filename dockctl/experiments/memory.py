@@ -11,8 +11,8 @@ from typing import NamedTuple
 import psutil
 from gymnasium.spaces import flatdim
 
-from dockctl.agents.dqn.network import network_size
 from dockctl.agents.dqn.replay import Replay
+from dockctl.dueling import network_size
 from dockctl.envs.observation import ObservationEncoder
 from dockctl.errors import DockctlError
 from dockctl.scenarios.schema import Scenario

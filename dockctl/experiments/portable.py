@@ -19,11 +19,12 @@ from rich.console import Console
 import dockctl
 from dockctl.agents.checkpoint import load_pair
 from dockctl.console import print_text
+from dockctl.dueling import Layers
 from dockctl.envs.observation import ObservationEncoder, blank_view
 from dockctl.errors import DockctlError
 from dockctl.evaluation.policies import CheckpointPolicy, load_checkpoint
 from dockctl.geometry import pose_array
-from dockctl.pilot import DESCRIPTION, FORMAT, PARTS, Layers
+from dockctl.pilot import DESCRIPTION, FORMAT, PARTS
 from dockctl.plugins import OBSERVATION_PARTS, PACKAGE_ORIGIN
 from dockctl.runs.files import require_writable_file, write_atomically
 from dockctl.scenarios.schema import Scenario, Tolerance

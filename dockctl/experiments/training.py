@@ -13,10 +13,11 @@ from gymnasium.vector import VectorEnv
 from rich.console import Console
 
 from dockctl.agents.algorithms import AlgorithmSpec, remember_code
-from dockctl.agents.checkpoint import PolicyCard, load_policy, require_imports, torch_device
+from dockctl.agents.checkpoint import PolicyCard, load_policy, require_imports
 from dockctl.agents.divergence import DivergenceError
 from dockctl.agents.interface import Algorithm, Policy, Spaces
 from dockctl.agents.progress import REASONS, Progress
+from dockctl.agents.tensors import torch_device
 from dockctl.agents.trainer import Trainer
 from dockctl.agents.training_state import load_state
 from dockctl.console import command_line, count, print_text

@@ -7,7 +7,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from dockctl.agents.dqn.network import network_size
+from dockctl.dueling import network_size
 from dockctl.errors import DockctlError
 from dockctl.experiments import memory
 from dockctl.experiments.memory import available_bytes, estimate, require_memory

@@ -14,8 +14,9 @@ import numpy as np
 import pytest
 from safetensors.numpy import save
 
-from dockctl.agents.checkpoint import CheckpointError, PolicyCard, load_policy, numpy_tensors
+from dockctl.agents.checkpoint import CheckpointError, PolicyCard, load_policy
 from dockctl.agents.dqn.network import DuelingQNetwork
+from dockctl.agents.tensors import numpy_tensors
 from dockctl.errors import DockctlError
 from dockctl.evaluation import load_policy as load_any_policy
 from dockctl.trust import UntrustedError

@@ -12,11 +12,13 @@ import torch
 from numpy.typing import NDArray
 from pydantic import Field, NonNegativeInt
 
-from dockctl.agents.checkpoint import flatten, load_parameters, nest, numpy_tensors
-from dockctl.agents.dqn.network import FIRST_LAYER, DuelingQNetwork, GreedyPolicy
+from dockctl.agents.checkpoint import flatten, nest
+from dockctl.agents.dqn.network import FIRST_LAYER, DuelingQNetwork
+from dockctl.agents.dqn.policy import GreedyPolicy
 from dockctl.agents.dqn.replay import Batch, NStep, Replay, mirror_every_second
 from dockctl.agents.dqn.update import DoubleDQN
 from dockctl.agents.interface import Metrics, Mirror, Step, Tensors
+from dockctl.agents.tensors import load_parameters, numpy_tensors
 from dockctl.scenarios.training import Training
 
 DRAWN_BYTES = 2**25
@@ -42,11 +44,11 @@ class DQN:
     """
 
     def __init__(self, observation_size: int, actions: int, training: Training, device: torch.device) -> None:
+        torch.set_num_threads(1)  # the matrices are small, and the simulator uses the other cores
         self.training, self.actions, self.device = training, actions, device
         generator = torch.Generator().manual_seed(training.seed)
         network = DuelingQNetwork(observation_size, actions, training.hidden_sizes, generator).to(device)
         self.learner = DoubleDQN(network, training)
-        self.policy = GreedyPolicy(self.learner.evaluated)
         self.exploration = np.random.default_rng((training.seed, 1))
         self.n_step = NStep(training.boats, training.n_step, training.gamma, observation_size)
         sampling = np.random.default_rng((training.seed, 2))
@@ -54,6 +56,11 @@ class DQN:
         self.epsilon: float | None = training.epsilon.start
         self.slowdown = 1.0
         self.mirror: Mirror | None = None
+
+    @property
+    def policy(self) -> GreedyPolicy:
+        """The greedy policy of the evaluated network as it is now."""
+        return GreedyPolicy(self.policy_tensors())
 
     @property
     def updates(self) -> int:
@@ -80,7 +87,7 @@ class DQN:
 
     def _draw(self, due: int) -> Batch:
         """Return the transitions for `due` updates, or for as many of them as `DRAWN_BYTES` allow."""
-        size, batch = self.policy.network.observation_size, self.training.batch_size
+        size, batch = self.learner.online.observation_size, self.training.batch_size
         updates = min(due, max(1, DRAWN_BYTES // Replay.bytes_needed(batch, size)))
         drawn = self.replay.sample(updates * batch)
         if self.mirror:
@@ -124,14 +131,14 @@ class DQN:
     def recover(self, attempt: int) -> None:
         """Halve the learning rate, draw other random numbers, start new episodes; see `Recoverable`."""
         self.slowdown = 0.5**attempt
-        training, size = self.training, self.policy.network.observation_size
+        training, size = self.training, self.learner.online.observation_size
         self.n_step = NStep(training.boats, training.n_step, training.gamma, size)
         self.exploration = np.random.default_rng((training.seed, 1, attempt))
         self.replay.rng = np.random.default_rng((training.seed, 2, attempt))
 
     def policy_tensors(self) -> Tensors:
         """Return the parameters of the evaluated network; see `Algorithm`."""
-        return numpy_tensors(self.policy.network.state_dict())
+        return numpy_tensors(self.learner.evaluated.state_dict())
 
     def state(self) -> tuple[Tensors, dict[str, Any]]:
         """Return the other networks, optimizer, replay, n-step windows and generators; see `Algorithm`."""

@@ -14,11 +14,11 @@ from torch import Tensor, nn
 from torch.nn import functional
 from torch.nn.utils import clip_grad_norm_
 
-from dockctl.agents.checkpoint import load_optimizer, optimizer_tensors
 from dockctl.agents.dqn.compiled import DECAYS, CompiledSteps
 from dockctl.agents.dqn.network import DuelingQNetwork
 from dockctl.agents.dqn.replay import Batch, Transitions
 from dockctl.agents.interface import Metrics, Tensors
+from dockctl.agents.tensors import load_optimizer, optimizer_tensors
 from dockctl.scenarios.training import Training
 
 QFunction = Callable[[Tensor], Tensor]

@@ -7,7 +7,10 @@ import pytest
 import torch
 
 from dockctl.agents.dqn.algorithm import DQN
-from dockctl.agents.dqn.network import DuelingQNetwork, GreedyPolicy
+from dockctl.agents.dqn.network import DuelingQNetwork
+from dockctl.agents.dqn.policy import GreedyPolicy
+from dockctl.agents.tensors import numpy_tensors
+from dockctl.dueling import shapes
 from dockctl.scenarios.training import Training
 
 HAND_COUNTED = {
@@ -15,6 +18,10 @@ HAND_COUNTED = {
     15: 15 * 256 + 256 + 256 * 128 + 128 + 128 * 64 + 64 + 64 * 64 + 64 + 65 + 64 * 77 + 77 + 77 * 77 + 77,
     16: 60_740,
 }
+
+
+def greedy(network: DuelingQNetwork) -> GreedyPolicy:
+    return GreedyPolicy(numpy_tensors(network.state_dict()))
 
 
 @pytest.mark.parametrize(("observation_size", "parameters"), HAND_COUNTED.items())
@@ -53,18 +60,36 @@ def test_the_generator_decides_the_weights() -> None:
 @pytest.mark.parametrize("shape", [(5,), (2, 4), (2, 6), (1, 1, 5)])
 def test_observations_of_another_shape_are_rejected(shape: tuple[int, ...]) -> None:
     with pytest.raises(ValueError, match="shape"):
-        GreedyPolicy(DuelingQNetwork(5, 3, (8,))).act(np.zeros(shape, np.float32), {})
+        greedy(DuelingQNetwork(5, 3, (8,))).act(np.zeros(shape, np.float32), {})
 
 
-def test_the_greedy_policy_follows_the_network_as_it_learns() -> None:
-    network, other = (DuelingQNetwork(5, 7, (24, 12), torch.Generator().manual_seed(i)) for i in (0, 1))
-    policy, observation = GreedyPolicy(network), np.random.default_rng(0).normal(size=(50, 5))
-    network.load_state_dict(other.state_dict())
+@pytest.mark.parametrize("hidden_sizes", [(8,), (256, 128, 64)])
+def test_the_tensors_have_the_shapes_that_are_known_without_torch(hidden_sizes: tuple[int, ...]) -> None:
+    network = DuelingQNetwork(5, 3, hidden_sizes)
+    given = {name: tuple(tensor.shape) for name, tensor in network.state_dict().items()}
+    assert shapes(5, 3, hidden_sizes) == given
+
+
+def test_the_greedy_policy_computes_the_values_of_torch() -> None:
+    network = DuelingQNetwork(16, 77, generator=torch.Generator().manual_seed(0))
+    observation = np.random.default_rng(0).normal(size=(500, 16))
     with torch.no_grad():
-        best = other(torch.from_numpy(observation).float()).argmax(dim=1).numpy()
+        expected = network(torch.from_numpy(observation).float()).numpy()
+    policy = greedy(network)
+    found = policy.q_values(observation)
+    assert found.dtype == np.float32
+    np.testing.assert_allclose(found, expected, rtol=0, atol=1e-6 * np.abs(expected).max())
     chosen = policy.act(observation, {})
-    np.testing.assert_array_equal(chosen, best)
+    np.testing.assert_array_equal(chosen, expected.argmax(axis=1))
     assert chosen.dtype == np.int64
+
+
+def test_the_policy_of_the_algorithm_is_that_of_the_evaluated_network_as_it_is_now() -> None:
+    dqn = DQN(5, 7, Training(hidden_sizes=(24, 12), replay_capacity=10), torch.device("cpu"))
+    other = DuelingQNetwork(5, 7, (24, 12), torch.Generator().manual_seed(1))
+    observation = np.random.default_rng(0).normal(size=(50, 5))
+    dqn.learner.evaluated.load_state_dict(other.state_dict())
+    np.testing.assert_array_equal(dqn.policy.act(observation, {}), greedy(other).act(observation, {}))
 
 
 @pytest.mark.parametrize("epsilon", [0.0, 0.3, 1.0])

@@ -1,0 +1,46 @@
+"""The greedy policy of a dueling network, without torch."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from dockctl.agents.interface import Info, Policy, Tensors
+from dockctl.dueling import Layers
+
+
+class GreedyPolicy(Policy):
+    """The action of the highest value.
+
+    Args:
+        tensors: of the network, in float32.
+
+    Raises:
+        KeyError, ValueError: they are not those of a dueling network.
+    """
+
+    def __init__(self, tensors: Tensors) -> None:
+        self._layers = Layers.of(tensors)
+
+    def act(self, observation: NDArray[Any], info: Info) -> NDArray[np.int64]:
+        """Return the action of the highest value for each boat; see `Policy`.
+
+        Raises:
+            ValueError: see `q_values`.
+        """
+        best: NDArray[np.int64] = self.q_values(observation).argmax(axis=1)
+        return best
+
+    def q_values(self, observation: NDArray[Any]) -> NDArray[np.float32]:
+        """Return the values of all actions, (n, observation_size) -> (n, actions).
+
+        Raises:
+            ValueError: `observation` is not (n, observation_size).
+        """
+        size = self._layers.shared[0][0].shape[1]
+        if observation.ndim != 2 or observation.shape[1] != size:
+            expected = f"(n, {size})"
+            raise ValueError(f"the policy takes observations of shape {expected}, not {observation.shape}")
+        return self._layers.q_values(observation.astype(np.float32, copy=False))
