@@ -9,7 +9,16 @@ from typing import Annotated, Literal, NamedTuple, Self, get_args
 from pydantic import AfterValidator, Field, model_validator
 
 from dockctl.errors import nearest
-from dockctl.scenarios.base import Coordinate, Count, FieldError, Flag, Length, Model, Positive
+from dockctl.scenarios.base import (
+    Coordinate,
+    Count,
+    FieldError,
+    Flag,
+    Fraction,
+    Length,
+    Model,
+    Positive,
+)
 
 VESSEL_MODELS = Path(__file__).parents[1] / "sim" / "harbor" / "vessels"
 """Folder of the moored vessels' mesh files; the name of a model is the name of its file."""
@@ -272,6 +281,9 @@ class Generated(Model):
     berth_width_m: Interval = Field(default=(2.6, 4.6), description="between center lines in one bay")
     finger_width_m: Interval = (0.6, 1.2)
     berths_between_fingers: Counts = (1, 3)
+    without_fingers: Fraction = Field(
+        default=0.0, description="probability that the boats of a row lie side by side, without fingers"
+    )
     piers: Counts = Field(default=(0, 1), description="walkways with berths on both sides")
     free_berths: Counts = Field(default=(3, 8), description="berths without a moored vessel in each layout")
 

@@ -116,7 +116,7 @@ class _Draws:
 
 @dataclass(frozen=True)
 class _Style:
-    """How the berths of one row are divided, lengths in cm."""
+    """How the berths of one row are divided, lengths in cm; a row without fingers has `finger` 0."""
 
     berth: int
     finger: int
@@ -127,6 +127,8 @@ class _Style:
     def draw(cls, spec: Generated, draws: _Draws) -> _Style:
         berth, finger = draws.length(spec.berth_width_m), draws.length(spec.finger_width_m)
         between = draws.integer(*spec.berths_between_fingers)
+        if spec.without_fingers and draws.chance(spec.without_fingers):
+            return cls(berth, 0, 1, 0)
         longest = _longest(berth)
         return cls(berth, finger, between, draws.integer(longest * 7 // 10 // 50 * 50, longest, 50))
 
@@ -251,7 +253,7 @@ def _row(
     bays = (high - low - style.finger) // bay
     slack = high - low - style.finger - bays * bay
     start = low + (slack if edge is not None and draws.chance(0.5) else draws.integer(0, slack, 10))
-    fingers = [start + style.finger // 2 + bay * number for number in range(bays + 1)]
+    fingers = [start + style.finger // 2 + bay * i for i in range(bays + 1)] if style.finger else []
     if bays > 1 and between > 1 and draws.chance(OPEN_BAY):
         fingers = fingers[1:]
     first = start + style.finger + style.berth // 2
@@ -304,8 +306,11 @@ def _placed(row: _Row, free: set[int], dx: int, dy: int) -> SideRow | EndRow:
     }
     data |= {
         "side": row.side,
-        "finger_length_m": row.style.finger_length / 100,
-        "finger_width_m": row.style.finger / 100,
         "edge_m": None if row.edge is None else (row.edge + across) / 100,
     }
+    if row.fingers:
+        data |= {
+            "finger_length_m": row.style.finger_length / 100,
+            "finger_width_m": row.style.finger / 100,
+        }
     return (SideRow if axis == "y" else EndRow).model_validate(data)

@@ -38,11 +38,13 @@ SMALL = Generated(
     basin_length_m=(40, 41),
     piers=(0, 4),
 )
+SIDE_BY_SIDE = Generated(kind="generated", without_fingers=0.5, fairway_m=(10, 14))
 SEEDS = range(int(os.environ.get("DOCKCTL_LAYOUTS", "2")))
 """Layouts whose meshes are built and tested, in about 0.3 s each."""
 CELL_M = 0.2
 OUTSIDE_M = 20.0
 HAND_DRAWN = ("t-head", "l-basin", "stern-to")
+EACH = [*((DEFAULT, seed) for seed in SEEDS), *((SIDE_BY_SIDE, seed) for seed in SEEDS), *HAND_DRAWN]
 
 
 @cache
@@ -90,16 +92,18 @@ def free_berths(marina: Marina) -> list[tuple[float, float, float]]:
     return [berth_pose(marina, BerthPlace(row.side, at)) for row in marina.rows for at in row.free]
 
 
-def marina_of(name_or_seed: str | int) -> Marina:
-    if isinstance(name_or_seed, int):
-        return generate(DEFAULT, name_or_seed)
-    spec = load_harbor(name_or_seed)
+def marina_of(which: str | tuple[Generated, int]) -> Marina:
+    if not isinstance(which, str):
+        return generate(*which)
+    spec = load_harbor(which)
     assert isinstance(spec, Marina)
     return spec
 
 
-@pytest.mark.parametrize("which", [*SEEDS, *HAND_DRAWN])
-def test_every_free_berth_is_reached_from_the_sea_with_space_to_turn(which: str | int) -> None:
+@pytest.mark.parametrize("which", EACH)
+def test_every_free_berth_is_reached_from_the_sea_with_space_to_turn(
+    which: str | tuple[Generated, int],
+) -> None:
     """A circle as wide as the boat and 0.3 m on each side gets from the sea into the berth, and before the
     berth, at the most 16 m from the docked boat, the boat can turn around and leave."""
     marina = marina_of(which)
@@ -120,8 +124,8 @@ def test_every_free_berth_is_reached_from_the_sea_with_space_to_turn(which: str 
         assert all(narrow[grid.cell(xy)] for xy in ahead[:to_turn])
 
 
-@pytest.mark.parametrize("which", [*SEEDS, *HAND_DRAWN])
-def test_moored_vessels_overlap_nothing(which: str | int) -> None:
+@pytest.mark.parametrize("which", EACH)
+def test_moored_vessels_overlap_nothing(which: str | tuple[Generated, int]) -> None:
     boxes = extents(build_harbor(marina_of(which), Path()))
     for (name, mine), (other, theirs) in combinations(boxes.items(), 2):
         if name.startswith("moored") or other.startswith("moored"):
@@ -142,7 +146,7 @@ def test_a_free_berth_is_wider_than_the_boat(seed: int) -> None:
             assert (low >= (x, y) + reach).any() or (high <= (x, y) - reach).any()
 
 
-@pytest.mark.parametrize("spec", [DEFAULT, SMALL], ids=["default", "extreme"])
+@pytest.mark.parametrize("spec", [DEFAULT, SMALL, SIDE_BY_SIDE], ids=["default", "extreme", "side by side"])
 def test_fingers_walkways_and_berths_of_many_layouts_do_not_overlap(spec: Generated) -> None:
     """Rectangles: every berth as long as its longest boat, every finger, and every walkway."""
     for seed in range(200):
@@ -193,6 +197,13 @@ def test_a_seed_gives_the_same_layout_everywhere_whatever_the_number_of_layouts(
     assert layouts(few.harbor, few.task.berths)[:3] == tuple(
         layout._replace(harbor=layout.harbor) for layout in layouts(many.harbor, many.task.berths)[:3]
     )
+
+
+def test_rows_without_fingers() -> None:
+    rows = [row for seed in range(200) for row in generate(SIDE_BY_SIDE, seed).rows]
+    without = sum(not row.fingers for row in rows)
+    assert abs(without / len(rows) - 0.5) < 4 * math.sqrt(0.25 / len(rows))
+    assert all(row.fingers for seed in range(200) for row in generate(DEFAULT, seed).rows)
 
 
 def test_layouts_differ() -> None:
