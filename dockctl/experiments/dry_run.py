@@ -29,7 +29,8 @@ from dockctl.plugins import (
 from dockctl.scenarios.base import FieldError
 from dockctl.scenarios.layouts import layouts
 from dockctl.scenarios.loader import LoadedScenario
-from dockctl.sim.world import in_open_water
+from dockctl.sim.vessel import ReferenceVesselModel
+from dockctl.sim.world import NothingInRange, in_open_water
 
 BOATS, STEPS = 4, 3
 WALL = np.array([[[10, -9, -1], [10, 9, -1], [10, 9, 6]], [[10, -9, -1], [10, 9, 6], [10, -9, 6]]], float)
@@ -39,7 +40,8 @@ WALL = np.array([[[10, -9, -1], [10, 9, -1], [10, 9, 6]], [[10, -9, -1], [10, 9,
 def dry_run(loaded: LoadedScenario) -> None:
     """Step a few boats in open water: through starts, steps, each event, the end of an episode, and a save.
 
-    The algorithm of a plugin is built, and acts once; those of dockctl take longer to import.
+    The range sensor and the algorithm of a plugin are built and used; those of dockctl take longer to load
+    than everything else here, and so does the compiled vessel.
 
     Raises:
         InputError: the algorithm does not fit the scenario.
@@ -47,10 +49,13 @@ def dry_run(loaded: LoadedScenario) -> None:
         DockctlError: the state of a condition cannot be saved.
     """
     scenario = loaded.scenario
-    with Guard(RANGE_SENSORS, scenario.sensors.lidar.kind):
-        world = in_open_water(scenario.sensors.lidar.build(WALL))
+    lidar = scenario.sensors.lidar
+    with Guard(RANGE_SENSORS, lidar.kind):
+        is_own = RANGE_SENSORS.origin(lidar.kind) == PACKAGE_ORIGIN
+        world = in_open_water(NothingInRange(lidar) if is_own else lidar.build(WALL))
     worlds = [world] * len(layouts(scenario.harbor, scenario.task.berths))
     env = DockingVectorEnv(loaded, BOATS, exploring=True, worlds=worlds)
+    env.simulator.vessel = ReferenceVesselModel(scenario.vessel)
     env.action_space.seed(0)
     env.reset(seed=0)
     for _ in range(STEPS):
@@ -73,7 +78,7 @@ def dry_run(loaded: LoadedScenario) -> None:
             for values in hooks:
                 _require_finite(CONDITIONS, condition.kind, values)
         observation, _, _, _, info = env.step(actions)
-        _require_finite(RANGE_SENSORS, scenario.sensors.lidar.kind, env.simulator.sector_ranges_m)
+        _require_finite(RANGE_SENSORS, lidar.kind, env.simulator.sector_ranges_m)
         for part, values in zip(env.observation_parts, observation.T, strict=True):
             _require_finite(OBSERVATION_PARTS, part, values)
         _require_finite_terms(info["reward_terms"])

@@ -10,7 +10,6 @@ from numpy.typing import NDArray
 
 from dockctl.errors import DockctlError, require_shape
 from dockctl.geometry import Bools, Floats, Ints, rotate
-from dockctl.noise import uniforms
 from dockctl.plugins import CONDITIONS, RANGE_SENSORS, Guard
 from dockctl.scenarios.extensions import Disturbance, NoisyRangeSensor, RangeNoise
 from dockctl.scenarios.schema import Scenario
@@ -233,6 +232,8 @@ class Simulator:
             ranges = self.in_harbors(ranges_of, rows)
             require_shape("the range sensor", ranges.shape, (boats if rows is None else len(rows), sectors))
         if noise is not None:
+            from dockctl.noise import uniforms  # compiles on import
+
             own = noise if rows is None else noise.of(rows)
             lost = uniforms(own.seeds + np.uint64(2), sectors) < own.lost_sectors[:, None]
             ranges = np.where(lost, self._range_m, ranges)

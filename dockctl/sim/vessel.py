@@ -1,7 +1,7 @@
 """Equations of motion of a 3-DOF vessel in the plane (thesis eqs. 2.5-2.23), for n boats at once.
 
-The matrices follow the thesis and are the reference implementation. `_integrate` is the same arithmetic,
-written out by element for speed; tests compare the two.
+The matrices follow the thesis and are the reference implementation. `dockctl.sim.integration` is the same
+arithmetic, written out by element for speed; tests compare the two.
 
 The yaw mode of the thesis' boat has its pole at -9.43 1/s. A single Runge-Kutta step over the control period
 of 0.5 s would be unstable (the limit is 0.295 s), so the integration uses substeps.
@@ -9,17 +9,45 @@ of 0.5 s would be unstable (the limit is 0.295 s), so the integration uses subst
 
 from __future__ import annotations
 
-import math
-from typing import Any
+from typing import NamedTuple
 
 import numpy as np
 
-from dockctl.compute import compiled
 from dockctl.geometry import Floats
 from dockctl.scenarios.vessel import Vessel
 
+NONZERO = ((0, 0), (1, 1), (1, 2), (2, 1), (2, 2))
+"""Elements of the inverse of the inertia matrix that are not zero."""
 
-def coriolis(vessel: Vessel, nu: Floats) -> Floats:
+
+class Coefficients(NamedTuple):
+    """The numbers of the equations of motion of n vessels, (n,) each; or of one, for any number of boats.
+
+    Attributes:
+        i00, i11, i12, i21, i22: elements of the inverse of the inertia matrix; the others are zero.
+        mass_kg, ...: as of a `Vessel`.
+    """
+
+    i00: Floats
+    i11: Floats
+    i12: Floats
+    i21: Floats
+    i22: Floats
+    mass_kg: Floats
+    X_udot_kg: Floats
+    Y_vdot_kg: Floats
+    Y_rdot_kgm: Floats
+    X_u_kgps: Floats
+    X_uu_kgpm: Floats
+    Y_v_kgps: Floats
+    Y_vv_kgpm: Floats
+    Y_r_kgmps: Floats
+    N_v_kgmps: Floats
+    N_r_kgm2ps: Floats
+    N_rr_kgm2: Floats
+
+
+def coriolis(vessel: Vessel | Coefficients, nu: Floats) -> Floats:
     """Return C(nu) (n, 3, 3), rigid body and added mass (eq. 2.18), skew-symmetric."""
     u, v, r = nu.T
     matrix = np.zeros((len(nu), 3, 3))
@@ -29,7 +57,7 @@ def coriolis(vessel: Vessel, nu: Floats) -> Floats:
     return matrix - matrix.transpose(0, 2, 1)
 
 
-def damping(vessel: Vessel, nu: Floats) -> Floats:
+def damping(vessel: Vessel | Coefficients, nu: Floats) -> Floats:
     """Return D(nu) (n, 3, 3), linear and quadratic damping (eq. 2.22)."""
     u, v, r = np.abs(nu).T
     matrix = np.zeros((len(nu), 3, 3))
@@ -56,7 +84,6 @@ class VesselModel:
 
     def __init__(self, vessel: Vessel) -> None:
         self.vessel = vessel
-        self._inverse_inertia: Floats = np.linalg.inv(vessel.inertia).astype(float)
         self.coefficients = coefficients(vessel)[None]
 
     @property
@@ -75,10 +102,18 @@ class VesselModel:
         surge = force * np.cos(rudder)
         return np.stack([surge, -sideways, self.vessel.propeller_arm_m * sideways], axis=-1)
 
-    def nu_dot(self, nu: Floats, tau: Floats) -> Floats:
-        """Return nu' (n, 3) in the body frame, from M nu' = tau - C(nu) nu - D(nu) nu (eq. 2.5)."""
-        resistance = (coriolis(self.vessel, nu) + damping(self.vessel, nu)) @ nu[:, :, None]
-        return (tau - resistance[:, :, 0]) @ self._inverse_inertia.T
+    def nu_dot(self, nu: Floats, tau: Floats, coefficients: Floats | None = None) -> Floats:
+        """Return nu' (n, 3) in the body frame, from M nu' = tau - C(nu) nu - D(nu) nu (eq. 2.5).
+
+        Args:
+            coefficients: as in `step_and_travel`.
+        """
+        own = Coefficients(*(self.coefficients if coefficients is None else coefficients).T)
+        inverse_inertia = np.zeros((len(own.i00), 3, 3))
+        for row, column in NONZERO:
+            inverse_inertia[:, row, column] = getattr(own, f"i{row}{column}")
+        resistance = (coriolis(own, nu) + damping(own, nu)) @ nu[:, :, None]
+        return np.asarray(inverse_inertia @ (tau[:, :, None] - resistance))[:, :, 0]
 
     def eta_dot(self, eta: Floats, nu: Floats) -> Floats:
         """Return the velocity (n, 3) in the world frame, R(psi) nu (eq. 2.8)."""
@@ -120,98 +155,48 @@ class VesselModel:
     def _integrate(
         self, eta: Floats, nu: Floats, tau: Floats, coefficients: Floats | None, states: Floats
     ) -> tuple[Floats, Floats, Floats]:
+        from dockctl.sim.integration import integrate  # compiles on import: not for a dry run
+
         period, substeps = self.vessel.control_period_s, self.vessel.substeps
         own = self.coefficients if coefficients is None else coefficients
-        after: tuple[Floats, Floats, Floats] = _integrate(
+        after: tuple[Floats, Floats, Floats] = integrate(
             eta, nu, tau, own, period / substeps, substeps, self.vessel.hull.reach_m, states
         )
         return after
 
-    def step_reference(self, eta: Floats, nu: Floats, command: Floats) -> tuple[Floats, Floats]:
-        """Reference implementation of `step`: classical Runge-Kutta with the matrices above."""
-        tau, h = self.tau(command), self.vessel.control_period_s / self.vessel.substeps
 
-        def rate(state: Floats) -> Floats:
+class ReferenceVesselModel(VesselModel):
+    """The reference implementation: classical Runge-Kutta with the matrices above. It compiles nothing."""
+
+    def _integrate(
+        self, eta: Floats, nu: Floats, tau: Floats, coefficients: Floats | None, states: Floats
+    ) -> tuple[Floats, Floats, Floats]:
+        substeps, reach = self.vessel.substeps, self.vessel.hull.reach_m
+        h = self.vessel.control_period_s / substeps
+
+        def rate(state: Floats, tau: Floats) -> Floats:
             eta, nu = state[:, :3], state[:, 3:]
-            return np.hstack([self.eta_dot(eta, nu), self.nu_dot(nu, tau)])
+            return np.hstack([self.eta_dot(eta, nu), self.nu_dot(nu, tau, coefficients)])
 
-        state = np.hstack([eta, nu])
-        for _ in range(self.vessel.substeps):
-            k1 = rate(state)
-            k2 = rate(state + h / 2 * k1)
-            k3 = rate(state + h / 2 * k2)
-            k4 = rate(state + h * k3)
-            state = state + h / 6 * (k1 + 2 * k2 + 2 * k3 + k4)
-        return state[:, :3], state[:, 3:]
+        state, travel = np.hstack([eta, nu]), np.zeros(len(eta))
+        for number in range(substeps):
+            if len(states):
+                states[:, number] = state
+            force = tau[:, number * tau.shape[1] // substeps]
+            k1 = rate(state, force)
+            k2 = rate(state + h / 2 * k1, force)
+            k3 = rate(state + h / 2 * k2, force)
+            k4 = rate(state + h * k3, force)
+            change = h / 6 * (k1 + 2 * k2 + 2 * k3 + k4)
+            travel += np.hypot(change[:, 0], change[:, 1]) + reach * np.abs(change[:, 2])
+            state = state + change
+        if len(states):
+            states[:, substeps] = state
+        return state[:, :3], state[:, 3:], travel
 
 
 def coefficients(vessel: Vessel) -> Floats:
-    """Return the numbers (17,) of the equations of motion in the order in which `_rate` unpacks them."""
+    """Return the numbers (17,) of the equations of motion in the order of `Coefficients`."""
     inverse = np.linalg.inv(vessel.inertia)
-    return np.array(
-        [
-            *(inverse[index] for index in ((0, 0), (1, 1), (1, 2), (2, 1), (2, 2))),
-            *(vessel.mass_kg, vessel.X_udot_kg, vessel.Y_vdot_kg, vessel.Y_rdot_kgm),
-            *(vessel.X_u_kgps, vessel.X_uu_kgpm, vessel.Y_v_kgps, vessel.Y_vv_kgpm),
-            *(vessel.Y_r_kgmps, vessel.N_v_kgmps, vessel.N_r_kgm2ps, vessel.N_rr_kgm2),
-        ]
-    )
-
-
-@compiled(inline="always")
-def _rate(psi: float, u: float, v: float, r: float, tau: Any, coefficients: Any) -> Any:
-    """Return the time derivatives of x, y, psi, u, v, r of one boat."""
-    i00, i11, i12, i21, i22, m, Xud, Yvd, Yrd, Xu, Xuu, Yv, Yvv, Yr, Nv, Nr, Nrr = coefficients
-    added = Yvd * v + Yrd * r
-    X = tau[0] + m * r * v - added * r - (Xu + Xuu * abs(u)) * u
-    Y = tau[1] - m * r * u + Xud * u * r - (Yv + Yvv * abs(v)) * v - Yr * r
-    N = tau[2] + added * u - Xud * u * v - Nv * v - (Nr + Nrr * abs(r)) * r
-    c, s = np.cos(psi), np.sin(psi)
-    return c * u - s * v, s * u + c * v, r, i00 * X, i11 * Y + i12 * N, i21 * Y + i22 * N
-
-
-@compiled(inline="always")
-def _write(row: Any, values: Any) -> None:
-    """Assign each value; for `row[:] = values`, numba would compile the message of an error, for seconds."""
-    for i, value in enumerate(values):
-        row[i] = value
-
-
-@compiled()
-def _integrate(
-    eta: Any, nu: Any, tau: Any, coefficients: Any, h: float, substeps: int, reach: float, states: Any
-) -> Any:
-    """Take `substeps` Runge-Kutta steps of h seconds for every row; returns new arrays.
-
-    `tau` is (n, k, 3), one row for every substeps / k steps; `coefficients` are (n, 17), or (1, 17) for all
-    boats. The third result sums the motion of the outermost point, at `reach`. All states are written to
-    `states` (n, substeps + 1, 6), unless it is empty.
-    """
-    eta, nu, travel = eta.copy(), nu.copy(), np.zeros(len(eta))
-    a, b = h / 2, h / 6
-    for i in range(len(eta)):
-        x, y, p = eta[i]
-        u, v, r = nu[i]
-        c = coefficients[min(i, len(coefficients) - 1)]
-        for j in range(substeps):
-            part = j * tau.shape[1] // substeps
-            f = (tau[i, part, 0], tau[i, part, 1], tau[i, part, 2])
-            if len(states):
-                _write(states[i, j], (x, y, p, u, v, r))
-            x0, y0, p0 = x, y, p
-            x1, y1, p1, u1, v1, r1 = _rate(p, u, v, r, f, c)
-            x2, y2, p2, u2, v2, r2 = _rate(p + a * p1, u + a * u1, v + a * v1, r + a * r1, f, c)
-            x3, y3, p3, u3, v3, r3 = _rate(p + a * p2, u + a * u2, v + a * v2, r + a * r2, f, c)
-            x4, y4, p4, u4, v4, r4 = _rate(p + h * p3, u + h * u3, v + h * v3, r + h * r3, f, c)
-            x += b * (x1 + 2 * x2 + 2 * x3 + x4)
-            y += b * (y1 + 2 * y2 + 2 * y3 + y4)
-            p += b * (p1 + 2 * p2 + 2 * p3 + p4)
-            u += b * (u1 + 2 * u2 + 2 * u3 + u4)
-            v += b * (v1 + 2 * v2 + 2 * v3 + v4)
-            r += b * (r1 + 2 * r2 + 2 * r3 + r4)
-            travel[i] += math.hypot(x - x0, y - y0) + reach * abs(p - p0)
-        eta[i, 0], eta[i, 1], eta[i, 2] = x, y, p
-        nu[i, 0], nu[i, 1], nu[i, 2] = u, v, r
-        if len(states):
-            _write(states[i, substeps], (x, y, p, u, v, r))
-    return eta, nu, travel
+    named = (getattr(vessel, name) for name in Coefficients._fields[len(NONZERO) :])
+    return np.array([*(inverse[index] for index in NONZERO), *named])

@@ -17,7 +17,7 @@ from dockctl.errors import InputError
 from dockctl.geometry import Bools, Floats, pose_array, to_world
 from dockctl.plugins import RANGE_SENSORS, Guard
 from dockctl.scenarios.base import Pose
-from dockctl.scenarios.extensions import RangeSensor, RangeSensorSpec
+from dockctl.scenarios.extensions import RangeNoise, RangeSensor, RangeSensorSpec
 from dockctl.scenarios.harbor import Generated, HarborSpec
 from dockctl.scenarios.layouts import layouts
 from dockctl.scenarios.loader import LoadedScenario, load
@@ -176,6 +176,23 @@ class _NoObstacles:
 
     def clearance_below(self, eta: Floats, limit_m: float) -> Floats:
         return np.minimum(self.clearance(eta), limit_m)
+
+
+@dataclass(frozen=True)
+class NothingInRange:
+    """A range sensor that never gets a return."""
+
+    spec: RangeSensorSpec
+    table_bytes = 0
+
+    def sector_ranges(self, eta: Floats) -> Floats:
+        return np.full((len(eta), self.spec.sectors), self.spec.range_m)
+
+    def noisy_sector_ranges(self, eta: Floats, noise: RangeNoise) -> Floats:
+        return self.sector_ranges(eta)
+
+    def points(self, pose: Floats) -> Floats:
+        return np.empty((0, 3))
 
 
 def prepare(worlds: Sequence[World]) -> None:

@@ -36,7 +36,7 @@ from dockctl.sim.goal import StepStatus
 from dockctl.sim.harbor.build import build_harbor, build_scene
 from dockctl.sim.simulator import Simulator
 from dockctl.sim.starts import given_start, own_site
-from dockctl.sim.vessel import VesselModel
+from dockctl.sim.vessel import ReferenceVesselModel, VesselModel
 from dockctl.testing.environments import SECTORS, Rows, check_environment, open_water
 
 BOATS = 7
@@ -187,12 +187,13 @@ def check_algorithm(kind: str, action_space: Space[Any], **keys: Any) -> None:
 
 def check_vessel(source: str | Path) -> None:
     """Check that a vessel loads, moves, stays finite, and that the fast step agrees with the matrices."""
-    model, what = VesselModel(load_vessel(source)), f"vessel '{source}'"
+    vessel, what = load_vessel(source), f"vessel '{source}'"
+    model, reference = VesselModel(vessel), ReferenceVesselModel(vessel)
     rng = np.random.default_rng(0)
     eta, nu = np.zeros((BOATS, 3)), np.zeros((BOATS, 3))
     for _ in range(100):
         command = model.command_limit * rng.uniform(-1, 1, (BOATS, 2))
-        slow = np.hstack(model.step_reference(eta, nu, command))
+        slow = np.hstack(reference.step(eta, nu, command))
         alone = np.hstack(model.step(eta[:1], nu[:1], command[:1]))
         eta, nu = model.step(eta, nu, command)
         fast = np.hstack([eta, nu])

@@ -16,7 +16,7 @@ from scipy.integrate import solve_ivp
 from dockctl.geometry import Floats
 from dockctl.scenarios.base import FieldError
 from dockctl.scenarios.vessel import MAX_SPEED_MPS, Vessel
-from dockctl.sim.vessel import VesselModel, coriolis
+from dockctl.sim.vessel import ReferenceVesselModel, VesselModel, coriolis
 from tests.sim.vessels import THESIS, vessels
 
 EXAMPLES = int(os.environ.get("DOCKCTL_EXAMPLES", settings.default.max_examples))
@@ -171,10 +171,29 @@ def test_the_motion_does_not_depend_on_position_and_direction(
 def test_the_fast_kernel_equals_the_matrices(
     vessel: Vessel, nu: tuple[float, ...], command: tuple[float, float], heading: float
 ) -> None:
-    model, eta = VesselModel(vessel), rows((20, -3, heading))
-    fast, plain = model.step(eta, rows(nu), rows(command)), model.step_reference(eta, rows(nu), rows(command))
+    eta = rows((20, -3, heading))
+    fast, plain = (
+        model(vessel).step(eta, rows(nu), rows(command)) for model in (VesselModel, ReferenceVesselModel)
+    )
     assert fast[0] == pytest.approx(plain[0], abs=1e-12)
     assert fast[1] == pytest.approx(plain[1], abs=1e-12)
+
+
+@pytest.mark.parametrize("own", [False, True], ids=["one vessel", "own coefficients"])
+@pytest.mark.parametrize("parts", [1, 5])
+def test_the_fast_kernel_equals_the_matrices_for_forces_and_coefficients_of_each_boat(
+    parts: int, own: bool
+) -> None:
+    rng = np.random.default_rng(0)
+    eta, nu = rng.normal(size=(4, 3)), rng.uniform(-0.4, 0.4, (4, 3))
+    tau, fast, plain = rng.uniform(-50, 50, (4, parts, 3)), VesselModel(THESIS), ReferenceVesselModel(THESIS)
+    scaled = fast.coefficients * rng.uniform(0.8, 1.2, (4, 17)) if own else None
+    for one, other in zip(
+        [*fast.step_and_travel(eta, nu, tau, scaled), fast.path(eta, nu, tau, scaled)],
+        [*plain.step_and_travel(eta, nu, tau, scaled), plain.path(eta, nu, tau, scaled)],
+        strict=True,
+    ):
+        assert one == pytest.approx(other, abs=1e-12)
 
 
 @pytest.mark.parametrize(("substeps", "tolerance"), [(5, 2e-4), (50, 2e-8), (250, 2e-10)])

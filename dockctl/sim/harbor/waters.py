@@ -5,7 +5,6 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from dockctl.compute import compiled
 from dockctl.geometry import Bools, Floats, Ints
 from dockctl.scenarios.vessel import Hull
 from dockctl.sim.harbor.solids import hull_outline
@@ -41,7 +40,6 @@ def cross_section(triangles: Floats, z: float) -> tuple[Floats, Ints]:
     return np.stack(ends, axis=1), mixed
 
 
-@compiled()
 def connected_cells(cells: Bools) -> tuple[NDArray[np.int32], int]:
     """Number the sets of true cells (rows, columns) that are connected by sides, from 1; the others are 0.
 
@@ -49,25 +47,28 @@ def connected_cells(cells: Bools) -> tuple[NDArray[np.int32], int]:
         the number of each cell's set, (rows, columns), and how many sets there are.
     """
     # `scipy.ndimage.label` gives the same numbers; importing it takes longer than everything else here.
-    rows, columns = cells.shape
-    numbers = np.zeros((rows, columns), np.int32)
-    found = np.empty(cells.size, np.int32)  # cells of the current set whose neighbors are not yet numbered
-    count = 0
-    for first in range(cells.size):
-        if not cells[first // columns, first % columns] or numbers[first // columns, first % columns]:
-            continue
-        count += 1
-        numbers[first // columns, first % columns] = count
-        found[0], waiting = first, 1
-        while waiting:
-            waiting -= 1
-            row, column = found[waiting] // columns, found[waiting] % columns
-            for i, j in ((row - 1, column), (row + 1, column), (row, column - 1), (row, column + 1)):
-                if 0 <= i < rows and 0 <= j < columns and cells[i, j] and not numbers[i, j]:
-                    numbers[i, j] = count
-                    found[waiting] = i * columns + j
-                    waiting += 1
-    return numbers, count
+    # Runs of true cells in a row, as positions in rows that one false cell separates.
+    width = cells.shape[1] + 1
+    separated = np.zeros((len(cells), width), np.int8)
+    separated[:, :-1] = cells
+    steps = np.diff(separated.ravel(), prepend=0, append=0)
+    begin, end = np.flatnonzero(steps > 0), np.flatnonzero(steps < 0)
+    sets = list(range(len(begin)))  # of each run an earlier one of its set, or itself
+
+    def first_of(run: int) -> int:
+        while sets[run] != run:
+            sets[run] = run = sets[sets[run]]
+        return run
+
+    below = np.searchsorted(end, begin + width, side="right"), np.searchsorted(begin, end + width)
+    for run, touched in enumerate(zip(*(limit.tolist() for limit in below), strict=True)):
+        for other in range(*touched):
+            first, second = sorted((first_of(run), first_of(other)))
+            sets[second] = first
+    firsts, number = np.unique([first_of(run) for run in range(len(sets))], return_inverse=True)
+    numbers = np.zeros(cells.shape, np.int32)
+    numbers[cells] = np.repeat(number + 1, end - begin)
+    return numbers, len(firsts)
 
 
 class Waters:

@@ -13,7 +13,7 @@ from dockctl.scenarios.vessel import Vessel
 from dockctl.sim.conditions.shallow_water import ShallowWater, depth_factors
 from dockctl.sim.conditions.uncertainty import DAMPING, MASSES
 from dockctl.sim.simulator import Simulator
-from dockctl.sim.vessel import VesselModel
+from dockctl.sim.vessel import ReferenceVesselModel
 from tests.sim.conditions.conditions import simulator
 
 VESSEL = load_vessel("eilbrecht")
@@ -34,8 +34,8 @@ def test_each_boat_moves_as_a_vessel_with_its_coefficients(text: str) -> None:
         sim.step(command)
         for row in range(4):
             scaled = {name: getattr(VESSEL, name) * factor for name, factor in factors_of(sim, row).items()}
-            model = VesselModel(Vessel.model_validate({**dict(VESSEL), **scaled}))
-            own = model.step_reference(eta[[row]], nu[[row]], command[[row]])
+            model = ReferenceVesselModel(Vessel.model_validate({**dict(VESSEL), **scaled}))
+            own = model.step(eta[[row]], nu[[row]], command[[row]])
             eta[row], nu[row] = own[0][0], own[1][0]
     np.testing.assert_allclose(np.hstack([sim.eta, sim.nu]), np.hstack([eta, nu]), atol=1e-9)
     assert len(np.unique(sim.eta, axis=0)) == 4
