@@ -85,6 +85,7 @@ class Trainer:
         self.progress = Progress()
         self._observation: NDArray[Any] | None = None  # of a restored environment
         self._saved_at: int | None = None
+        self._blocks = set[str]()  # of the latest checkpoint
         self.episode_recorder = EpisodeRecorder(training.boats)
         updates = training.updates_due(training.total_steps)
         self.update_recorder = UpdateRecorder(stride=max(1, updates // UPDATE_ROWS))
@@ -301,7 +302,8 @@ class Trainer:
             "updates": self.update_recorder.state(),
             "tables": tables,
         }
-        save_state(self.run_directory, policy, self._card(), flatten(groups, "/"), saved)
+        state = flatten(groups, "/"), saved
+        self._blocks = save_state(self.run_directory, policy, self._card(), *state, self._blocks)
         self._saved_at = self.progress.env_steps
 
     def restore(self) -> list[str]:
@@ -320,7 +322,7 @@ class Trainer:
         notes = [f"{text}; {saved.folder} is used instead" for text in saved.damaged]
         try:
             self.progress = Progress(**facts["progress"])
-            self._saved_at = self.progress.env_steps
+            self._saved_at, self._blocks = self.progress.env_steps, saved.blocks
             self.algorithm.restore(saved.policy, tensors["algorithm"], facts["algorithm"])
             self.update_recorder.restore(facts["updates"])
             environment: Any = None if facts["environment"] is None else self.environment

@@ -9,7 +9,7 @@ from __future__ import annotations
 import hashlib
 import os
 import re
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Collection, Iterable, Iterator, Mapping
 from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
@@ -60,29 +60,45 @@ class TrainingState:
         """Environment steps at the save."""
         return int(self.facts["progress"]["env_steps"])
 
+    @property
+    def blocks(self) -> set[str]:
+        """Names of the blocks that were read."""
+        return _names(self.facts)
+
 
 def save_state(
-    run: RunDirectory, policy: Tensors, card: PolicyCard, tensors: Tensors, facts: Mapping[str, Any]
-) -> None:
-    """Save a training as the newest checkpoint `LAST`.
+    run: RunDirectory,
+    policy: Tensors,
+    card: PolicyCard,
+    tensors: Tensors,
+    facts: Mapping[str, Any],
+    intact: Collection[str],
+) -> set[str]:
+    """Save a training as the newest checkpoint `LAST`, and return the names of its blocks.
 
     Args:
         policy: parameters of the policy.
-        tensors: everything else; rows of large ones that have not changed are not written again.
+        tensors: everything else.
         facts: for JSON.
+        intact: names of blocks that this process has read or written, which are not written again. Other
+            blocks on the disk may be damaged.
 
     Raises:
         DockctlError: a file cannot be written.
     """
     large = {name: tensor for name, tensor in tensors.items() if tensor.nbytes > BLOCK_BYTES}
-    blocks = {name: [_save_block(run, rows) for rows in _split(tensor)] for name, tensor in large.items()}
+    blocks = {
+        name: [_save_block(run, rows, intact) for rows in _split(tensor)] for name, tensor in large.items()
+    }
     small = {name: tensor for name, tensor in tensors.items() if name not in large}
     with run.new_checkpoint(LAST) as folder:
         save_policy(folder, policy, card)
         of_policy = read_json(folder / f"{POLICY}.json")["facts_sha256"]
         save_pair(folder, LEARNER, small, {**facts, "blocks": blocks, "policy_facts_sha256": of_policy})
     for file in unused_blocks(run, run.checkpoints(LAST)):
-        file.unlink(missing_ok=True)
+        with suppress(OSError):  # it only takes space
+            file.unlink()
+    return _names({"blocks": blocks})
 
 
 def load_state(run: RunDirectory) -> TrainingState:
@@ -116,11 +132,11 @@ def _split(tensor: NDArray[Any]) -> Iterator[NDArray[Any]]:
     return (tensor[first : first + rows] for first in range(0, len(tensor), rows))
 
 
-def _save_block(run: RunDirectory, rows: NDArray[Any]) -> str:
-    """Write a block unless it exists, and return its name."""
+def _save_block(run: RunDirectory, rows: NDArray[Any], intact: Collection[str]) -> str:
+    """Write a block unless it exists and is intact, and return its name."""
     name = _name(rows)
     file = _block_file(run, name)
-    if not os.path.exists(file):
+    if name not in intact or not os.path.exists(file):
         with writing(file):
             make_folder(file.parent)
         write_atomically(file, save_tensors({"rows": np.ascontiguousarray(rows)}))
@@ -167,6 +183,15 @@ def _blocks(facts: Mapping[str, Any]) -> dict[str, list[str]]:
     raise CheckpointError(f"'blocks' must list hashes, not {str(blocks)[:80]}")
 
 
+def _names(facts: Mapping[str, Any]) -> set[str]:
+    """Return the names of all blocks.
+
+    Raises:
+        CheckpointError: they are not hashes.
+    """
+    return {name for names in _blocks(facts).values() for name in names}
+
+
 def _block_file(run: RunDirectory, name: str) -> Path:
     return run.path / CHECKPOINTS / BLOCKS / f"{name}.safetensors"
 
@@ -176,6 +201,5 @@ def unused_blocks(run: RunDirectory, folders: Iterable[Path]) -> list[Path]:
     used: set[str] = set()
     for folder in folders:
         with suppress(DockctlError):
-            blocks = _blocks(read_json(folder / f"{LEARNER}.json"))
-            used |= {name for names in blocks.values() for name in names}
+            used |= _names(read_json(folder / f"{LEARNER}.json"))
     return [file for file in (run.path / CHECKPOINTS / BLOCKS).glob("*") if file.stem not in used]

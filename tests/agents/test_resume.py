@@ -304,6 +304,27 @@ def test_a_damaged_block_is_detected(tmp_path: Path, how: str, monkeypatch: pyte
         load_state(run)
 
 
+@pytest.mark.parametrize("how", ["gone", "torn", "changed"])
+def test_a_damaged_block_is_written_again_by_the_next_save_that_needs_it(
+    tmp_path: Path, how: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Else the training would go on to save checkpoints that nothing can be resumed from."""
+    monkeypatch.setattr(training_state, "BLOCK_BYTES", 3_200)
+    run = new_run(tmp_path)
+    for steps in (304, 640):
+        stop_at(steps, run)
+    of_last, of_previous = (
+        {*json.loads((folder / "learner.json").read_text())["blocks"][REPLAY]}
+        for folder in run.checkpoints("last")[:2]
+    )
+    damage(run.path / "checkpoints" / "blocks" / f"{min(of_last - of_previous)}.safetensors", how)
+    trainer = toy(run, interrupted=lambda: trainer.progress.env_steps >= 640)
+    assert len(trainer.restore()) == 1
+    assert trainer.run() == "interrupted"
+    state = load_state(run)
+    assert (state.damaged, state.env_steps) == ((), 640)
+
+
 def cart_poles(run: RunDirectory, **options: Any) -> Trainer:
     environment: VectorEnv[Any, Any, Any] = gymnasium.make_vec(
         "CartPole-v1", TRAINING.boats, "sync", vector_kwargs={"autoreset_mode": AutoresetMode.SAME_STEP}
