@@ -12,6 +12,7 @@ import numpy as np
 from gymnasium.vector import VectorEnv
 from numpy.typing import NDArray
 
+import dockctl
 from dockctl.agents.checkpoint import CheckpointError, PolicyCard, flatten, nest, save_policy, saved_steps
 from dockctl.agents.divergence import DivergenceError, Monitor
 from dockctl.agents.interface import (
@@ -25,7 +26,7 @@ from dockctl.agents.interface import (
     final_observation,
 )
 from dockctl.agents.progress import EpisodeRecorder, Progress, UpdateRecorder
-from dockctl.agents.training_state import load_state, save_state
+from dockctl.agents.training_state import TrainingState, load_state, save_state
 from dockctl.compute import workers
 from dockctl.errors import PluginError
 from dockctl.plugins import runtime_error
@@ -336,11 +337,7 @@ class Trainer:
                 notes.append("the unfinished episodes could not be saved; new ones start")
             tables = [(table, facts["tables"][name]) for name, table in self.tables.items()]
         except KeyError as error:
-            message = (
-                f"{saved.folder}: saved by another version of dockctl, without {error}: this version cannot"
-                " continue its training, but evaluates its policy"
-            )
-            raise CheckpointError(message) from None
+            raise CheckpointError(_without(error, saved)) from None
         except (AttributeError, LookupError, OverflowError, TypeError, ValueError, RuntimeError) as error:
             reason = " ".join(str(error).split())
             raise CheckpointError(f"{saved.folder}: cannot be resumed: {reason}") from None
@@ -358,6 +355,16 @@ class Trainer:
         if len(later) < len(folders):
             for folder in later:
                 shutil.rmtree(folder)
+
+
+def _without(key: KeyError, saved: TrainingState) -> str:
+    """Return the message for a state that lacks a key although its hashes fit: another version wrote it."""
+    version = saved.facts.get("dockctl")
+    if version != dockctl.__version__:
+        reason = f"saved by dockctl {version}, without {key}; this is {dockctl.__version__}"
+    else:
+        reason = f"without {key}: edited, or saved by another commit of dockctl {version}"
+    return f"{saved.folder}: {reason}: its training cannot continue, but its policy can be evaluated"
 
 
 def _docked(rows: Sequence[dict[str, Value]]) -> int:

@@ -13,6 +13,7 @@ import gymnasium
 import pytest
 from gymnasium.vector import AutoresetMode, VectorEnv
 
+import dockctl
 from dockctl.agents import training_state
 from dockctl.agents.checkpoint import (
     CheckpointError,
@@ -228,17 +229,22 @@ def test_numbers_that_no_save_has_written_are_refused(
 
 
 @pytest.mark.parametrize("missing", ["algorithm/online", "updates"])
-def test_the_training_of_an_earlier_version_is_not_continued_but_its_policy_loads(
-    tmp_path: Path, missing: str
+@pytest.mark.parametrize(
+    ("version", "told"), [("0.0.1", "saved by dockctl 0.0.1"), (dockctl.__version__, "edited, or")]
+)
+def test_an_incomplete_state_is_of_another_version_or_edited_and_its_policy_loads(
+    tmp_path: Path, missing: str, version: str, told: str
 ) -> None:
     run = new_run(tmp_path)
     stop_at(304, run)
     folder = run.checkpoint("last")
     tensors, facts = load_pair(folder / "learner.json")
     kept = {name: array for name, array in tensors.items() if not name.startswith(missing)}
-    save_pair(folder, "learner", kept, {name: fact for name, fact in facts.items() if name != missing})
-    with pytest.raises(CheckpointError, match="saved by another version of dockctl"):
+    facts = {name: fact for name, fact in facts.items() if name != missing} | {"dockctl": version}
+    save_pair(folder, "learner", kept, facts)
+    with pytest.raises(CheckpointError, match=told) as caught:
         toy(run).restore()
+    assert str(folder) in caught.value.message
     _, card = load_policy(run.path)
     assert card.env_steps == 304
 
