@@ -107,7 +107,7 @@ def load_state(run: RunDirectory) -> TrainingState:
     Raises:
         CheckpointError: there is none.
     """
-    damaged: list[CheckpointError] = []
+    damaged: dict[str, CheckpointError] = {}  # by text: checkpoints may share a damaged block
     for folder in run.checkpoints(LAST) or [run.checkpoint(LAST)]:
         try:
             policy, card = load_pair(folder / f"{POLICY}.json")
@@ -120,11 +120,10 @@ def load_state(run: RunDirectory) -> TrainingState:
                 raise CheckpointError(f"{folder}: {POLICY} and {LEARNER} are of different saves")
             tensors |= {name: _load_blocks(run, names) for name, names in _blocks(facts).items()}
         except CheckpointError as error:
-            damaged.append(error)
+            damaged[str(error)] = error
         else:
-            return TrainingState(folder, policy, tensors, facts, tuple(map(str, damaged)))
-    first, *others = damaged
-    raise CheckpointError("\n".join(map(str, damaged)), code=first.code) if others else first
+            return TrainingState(folder, policy, tensors, facts, tuple(damaged))
+    raise CheckpointError("\n".join(damaged), code=next(iter(damaged.values())).code)
 
 
 def _split(tensor: NDArray[Any]) -> Iterator[NDArray[Any]]:

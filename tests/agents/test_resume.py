@@ -305,9 +305,11 @@ def test_a_damaged_block_is_detected(tmp_path: Path, how: str, monkeypatch: pyte
     folder = run.path / "checkpoints" / "blocks"
     damage(folder / f"{min(of_last - of_previous)}.safetensors", how)
     assert load_state(run).folder == run.path / "checkpoints" / "last-1"
-    damage(folder / f"{min(of_last & of_previous)}.safetensors", how)
-    with pytest.raises(CheckpointError):
+    shared = folder / f"{min(of_last & of_previous)}.safetensors"
+    damage(shared, how)
+    with pytest.raises(CheckpointError) as caught:
         load_state(run)
+    assert caught.value.message.count(str(shared)) == 1
 
 
 @pytest.mark.parametrize("how", ["gone", "torn", "changed"])
