@@ -356,10 +356,9 @@ class Guard(AbstractContextManager["Guard"]):
         what = f"{entry.origin}: {self._registry.noun} '{self._name}'"
         if isinstance(error, DockctlError):
             return error if isinstance(error, PluginError) else PluginError(f"{error}{entry.place}")
-        reason = f"{type(error).__name__}: {error}"
         own = [f for f in traceback.extract_tb(error.__traceback__) if f.filename == entry.file]
         place = f" ({own[-1].filename}:{own[-1].lineno})" if own else entry.place
-        return PluginError(f"{what} fails: {reason}{place}")
+        return PluginError(f"{what} fails: {one_line(error)}{place}")
 
 
 def runtime_error(error: Exception) -> PluginError | None:

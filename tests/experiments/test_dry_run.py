@@ -147,6 +147,14 @@ def test_a_fault_is_located(part: str, changes: dict[str, str], fault: str | Non
     assert f"({path}:{number})" in str(caught.value)
 
 
+def test_an_exception_of_several_lines_is_one_error(tmp_path: Path) -> None:
+    path = tmp_path / "mine.py"
+    plugin(path, "term", value="exec(\"raise AssertionError('one' + chr(10) + 'two')\")")
+    loaded = load("s1", overrides=[SELECTED["term"]], plugin_files=[path])
+    with pytest.raises(PluginError, match="one two"):
+        dry_run(loaded)
+
+
 def test_validate_and_train_report_the_fault_and_leave_no_run_folder(tmp_path: Path) -> None:
     path, runs = tmp_path / "mine.py", tmp_path / "runs"
     plugin(path, "term", value="1 / 0")
