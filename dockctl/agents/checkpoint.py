@@ -8,6 +8,7 @@ import logging
 import os
 from collections import defaultdict
 from collections.abc import Mapping, Sequence
+from contextlib import suppress
 from pathlib import Path
 from typing import Annotated, Any, Self
 
@@ -39,6 +40,8 @@ FORMAT = 2
 POLICY = "policy"
 COPIES = 4
 """Of the tensors in memory while a checkpoint is loaded, at most."""
+READS = 3
+"""Of a policy that seems to be damaged: a training that goes on may have replaced it during the first."""
 MAX_SIZE = 1_000_000
 """Of observations and actions: a larger one is a mistake, or made to exhaust the memory."""
 FOREIGN = (
@@ -191,8 +194,21 @@ def load_policy(path: str | Path) -> tuple[Policy, PolicyCard]:
         CheckpointError: there is none, or it is damaged.
         DockctlError: the library that it was trained with is missing.
     """
-    file = find_policy(Path(path))
-    return rebuild_policy(file, *load_pair(file))
+    return rebuild_policy(*read_policy(Path(path)))
+
+
+def read_policy(path: Path) -> tuple[Path, dict[str, NDArray[Any]], dict[str, Any]]:
+    """Return the JSON file of the policy at `path`, see `find_policy`, and what it and its tensors contain.
+
+    Raises:
+        CheckpointError: there is none, or it is damaged.
+    """
+    for _ in range(READS - 1):
+        with suppress(CheckpointError):
+            file = find_policy(path)
+            return file, *load_pair(file)
+    file = find_policy(path)
+    return file, *load_pair(file)
 
 
 def rebuild_policy(

@@ -24,7 +24,7 @@ from typing import Any, ClassVar
 from dockctl import plugins
 from dockctl.agents import checkpoint
 from dockctl.agents.checkpoint import PolicyCard, require_spaces
-from dockctl.agents.interface import Policy, Spaces
+from dockctl.agents.interface import Policy, Spaces, Tensors
 from dockctl.envs.vector import DockingVectorEnv
 from dockctl.errors import DockctlError, nearest, plugin_errors
 from dockctl.evaluation.libraries import CheckedPolicy, factory_of, imported, onnx_policy, sb3_policy
@@ -139,10 +139,12 @@ class CheckpointPolicy(LoadedPolicy):
     """A trained policy on disk. It brings its `PolicyInterface` along to every scenario.
 
     Attributes:
-        file: its JSON file.
+        file: its JSON file, which a training that goes on may replace.
+        tensors: its parameters.
     """
 
     file: Path
+    tensors: Tensors
     policy: Policy
     card: PolicyCard
     own_scenario: str
@@ -344,19 +346,18 @@ def load_checkpoint(
     for plugin in plugin_files:
         plugins.load_file(plugin)
     path = RunDirectory.latest(RUNS).path if path is None else path
-    file = checkpoint.find_policy(path)
+    file, tensors, facts = checkpoint.read_policy(path)
     run = RunDirectory.containing(file)
     places = [file.parent, *([run.path] if run else [])]
     scenarios = [str(place / SCENARIO) for place in places if (place / SCENARIO).is_file()]
-    pair = checkpoint.load_pair(file)
     try:
-        policy, card = checkpoint.rebuild_policy(file, *pair, trust=trust)
+        policy, card = checkpoint.rebuild_policy(file, tensors, facts, trust=trust)
     except checkpoint.CheckpointError as error:
         if not scenarios or error.code != "unknown_name":
             raise
         # The local plugins of the scenario may register what the card names.
         load(scenarios[0], plugin_files=plugin_files, received=True, trust=trust)
-        policy, card = checkpoint.rebuild_policy(file, *pair, trust=trust)
+        policy, card = checkpoint.rebuild_policy(file, tensors, facts, trust=trust)
     return CheckpointPolicy(
         name=f"{card.scenario} seed {card.seed}" if path.exists() else str(path),
         long_name=path.resolve().name,
@@ -365,6 +366,7 @@ def load_checkpoint(
         plugin_files=tuple(plugin_files),
         trust=trust,
         file=file,
+        tensors=tensors,
         policy=policy,
         card=card,
     )

@@ -13,7 +13,7 @@ import numpy as np
 import pandas as pd
 from rich.console import Console
 
-from dockctl.agents.checkpoint import load_pair, save_policy
+from dockctl.agents.checkpoint import save_policy
 from dockctl.analysis.episodes import ending
 from dockctl.console import command_line, print_text
 from dockctl.errors import DockctlError
@@ -161,7 +161,7 @@ def write_checkpoint(
     scenario, card = loaded.scenario, best.policy.card
     card = card.model_copy(update={"interface": PolicyInterface.of(scenario)})
     with new_folder(folder.resolve()) as new:
-        save_policy(new, load_pair(best.policy.file)[0], card)
+        save_policy(new, best.policy.tensors, card)
         checkpoint = RunDirectory(new)
         plugins = checkpoint.copy_files(PLUGINS, loaded.plugin_files)
         meshes = checkpoint.copy_files(MESHES, mesh_files(scenario))

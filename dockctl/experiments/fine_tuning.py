@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from dockctl.agents.checkpoint import PolicyCard, find_policy, load_pair, rebuild_policy, save_policy
+from dockctl.agents.checkpoint import PolicyCard, read_policy, rebuild_policy, save_policy
 from dockctl.agents.interface import Algorithm, FineTunable, Tensors
 from dockctl.envs.observation import ObservationEncoder
 from dockctl.errors import DockctlError
@@ -39,8 +39,7 @@ class InitialPolicy:
         Raises:
             DockctlError: there is none, or it is damaged.
         """
-        file = find_policy(Path(source))
-        tensors, facts = load_pair(file)
+        file, tensors, facts = read_policy(Path(source))
         _, card = rebuild_policy(file, tensors, facts, trust=trust)
         return cls(str(source), tensors, card)
 

@@ -17,7 +17,6 @@ from gymnasium.spaces import Discrete
 from rich.console import Console
 
 import dockctl
-from dockctl.agents.checkpoint import load_pair
 from dockctl.console import print_text
 from dockctl.dueling import Layers
 from dockctl.envs.observation import ObservationEncoder, blank_view
@@ -247,7 +246,7 @@ def _layers(policy: CheckpointPolicy) -> Layers:
     """
     kind = policy.card.algorithm.get("kind")
     try:
-        return Layers.of(load_pair(policy.file)[0])
+        return Layers.of(policy.tensors)
     except (ValueError, KeyError) as error:
         raise DockctlError(
             f"{policy.file}: a policy of the algorithm '{kind}', which cannot be exported: {error};"

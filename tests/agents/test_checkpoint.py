@@ -6,6 +6,7 @@ import hashlib
 import json
 import shutil
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -13,10 +14,12 @@ import torch
 from gymnasium.spaces import Box, Discrete
 
 from dockctl import plugins
+from dockctl.agents import checkpoint
 from dockctl.agents.checkpoint import (
     CheckpointError,
     PolicyCard,
     find_policy,
+    load_pair,
     load_policy,
     require_spaces,
     save_policy,
@@ -280,3 +283,24 @@ def test_a_damaged_policy_is_replaced_by_the_previous_one(
     assert find_policy(run) == saved / "policy.json"  # the only one, for its error
     with pytest.raises(CheckpointError):
         load_policy(run)
+
+
+@pytest.mark.parametrize("moment", [1, 2])
+def test_a_policy_that_is_replaced_while_it_is_read_is_read_again(
+    saved: Path, monkeypatch: pytest.MonkeyPatch, moment: int
+) -> None:
+    """A training that goes on moves the folder when it is first looked at, or before it is loaded."""
+    reads: list[Path] = []
+
+    def load_moving(file: Path) -> Any:
+        reads.append(file)
+        if len(reads) != moment:
+            return load_pair(file)
+        moved = saved.rename(saved.with_name("elsewhere"))
+        try:
+            return load_pair(file)
+        finally:
+            moved.rename(saved)
+
+    monkeypatch.setattr(checkpoint, "load_pair", load_moving)
+    assert load_policy(saved.parent.parent)[1].env_steps == CARD.env_steps

@@ -8,10 +8,11 @@ import re
 import shutil
 from collections.abc import Callable
 from pathlib import Path
+from typing import Any
 
 import pytest
 
-from dockctl.agents.checkpoint import load_policy
+from dockctl.agents.checkpoint import load_pair, load_policy, save_policy
 from dockctl.errors import DockctlError
 from dockctl.evaluation.policies import CheckpointPolicy
 from dockctl.experiments import export
@@ -91,6 +92,24 @@ def test_best_policy_that_docks_from_its_training_poses_is_exported(
     (command,) = re.findall(r"^```sh\n(.*?)^```", text, re.M | re.S)
     assert [dockctl(*line.split()[1:], "--episodes", 0).code for line in command.splitlines()] == [0]
     assert {path.name for path in Path().iterdir()} == {*export.CHECKPOINT}
+
+
+def test_the_policy_that_was_measured_is_exported(
+    runs: MakeRun, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Not the one by which a training that goes on replaces it in the meantime."""
+    run = runs(1, "+", "+++")
+    best = run / "checkpoints" / "best"
+    measured, tensors = (best / "policy.safetensors").read_bytes(), load_pair(best / "policy.json")[0]
+    play = export.training_episodes
+
+    def play_and_train(policy: CheckpointPolicy, loaded: Any) -> Any:
+        save_policy(best, {name: 2 * array for name, array in tensors.items()}, policy.card)
+        return play(policy, loaded)
+
+    monkeypatch.setattr(export, "training_episodes", play_and_train)
+    assert dockctl("export", run, "--name", "mine", "--out", tmp_path / "out").code == 0
+    assert (tmp_path / "out" / "mine" / "policy.safetensors").read_bytes() == measured
 
 
 @pytest.mark.slow
