@@ -83,6 +83,17 @@ class _Command(TyperCommand):
         return super().parse_args(ctx, words)
 
 
+class _Notes(logging.Handler):
+    """Prints the progress of long preparations.
+
+    A spinner on the terminal replaces standard error as long as it turns, so that texts appear above it. The
+    stream handler of `logging` keeps the stream that it has at first.
+    """
+
+    def emit(self, record: logging.LogRecord) -> None:
+        print(self.format(record), file=sys.stderr)
+
+
 def _known_error(error: Exception) -> DockctlError | None:
     if isinstance(error, DockctlError):
         return error
@@ -134,7 +145,7 @@ def main() -> None:
         if isinstance(stream, io.TextIOWrapper):
             setattr(sys, name, SafeStream.wrap(stream))
     logger = logging.getLogger("dockctl")
-    logger.addHandler(logging.StreamHandler())  # to stderr: progress of long preparations
+    logger.addHandler(_Notes())
     logger.setLevel(logging.INFO)
     try:
         app(prog_name="dockctl")

@@ -71,7 +71,7 @@ def print_table(console: Console, table: Table) -> None:
     first, *others = table.columns
     parts: list[list[Column]] = [[]]
     for column in others:
-        if parts[-1] and _least_width(console, _part(table, [first, *parts[-1], column])) > console.width:
+        if parts[-1] and _least_width(_part(table, [first, *parts[-1], column])) > console.width:
             parts.append([])
         parts[-1].append(column)
     for number, columns in enumerate(parts):
@@ -87,8 +87,16 @@ def _part(table: Table, columns: Sequence[Column]) -> Table:
     return part
 
 
-def _least_width(console: Console, table: Table) -> int:
-    return Measurement.get(console, console.options.update(max_width=10_000), table).minimum
+def _least_width(table: Table) -> int:
+    """Return the width below which Rich cuts cells; its own measure lets columns shrink that do not wrap."""
+    wide = Console(width=10_000)
+
+    def needed(column: Column) -> int:
+        cells = [Measurement.get(wide, wide.options, cell) for cell in (column.header, *column.cells)]
+        return max(cell.maximum if column.no_wrap else cell.minimum for cell in cells)
+
+    cut = _part(table, [replace(column, min_width=needed(column)) for column in table.columns])
+    return Measurement.get(wide, wide.options, cut).minimum
 
 
 def make_table(*columns: str | Column, title: str | Text | None = None) -> Table:

@@ -36,9 +36,14 @@ def pose_array(pose: DegreePose) -> Floats:
     return np.array([pose.x_m, pose.y_m, math.radians(pose.heading_deg)])
 
 
+def shown_heading(heading_deg: float) -> float:
+    """Return a heading as people read it: rounded to two decimals, in 0 to 360 [°]."""
+    return round(heading_deg, 2) % 360
+
+
 def pose_label(x_m: float, y_m: float, heading_deg: float) -> str:
-    """Return a pose as text: ``(20, −2, 160°)``, rounded to two decimals, with the heading in 0 to 360."""
-    rounded = (round(x_m, 2), round(y_m, 2), round(heading_deg, 2) % 360)
+    """Return a pose as text: ``(20, −2, 160°)``, rounded to two decimals, with its `shown_heading`."""
+    rounded = (round(x_m, 2), round(y_m, 2), shown_heading(heading_deg))
     x, y, heading = (f"{value + 0.0:g}".replace("-", "−") for value in rounded)
     return f"({x}, {y}, {heading}°)"
 

@@ -116,7 +116,7 @@ def _endings_table(result: Comparison, kind: str) -> Table:
 
 def _difference_table(contrast: Contrast) -> Table:
     table = make_table(
-        Column("", no_wrap=True),
+        Column(""),
         *numeric("first", "second", "difference", "95 % interval", "pairs"),
         title=Text(f"{contrast.second} (second) against {contrast.first} (first)", "table.title"),
     )

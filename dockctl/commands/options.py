@@ -243,7 +243,7 @@ def save_figures(draw: Draw, folder: Path) -> list[Path]:
     """
     from dockctl.reports.style import figure_style, save
 
-    with figure_style():
+    with Console(stderr=True).status("drawing the figures"), figure_style():
         written = save(dict(draw()), folder)
     print_paths(written)
     return written

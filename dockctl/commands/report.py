@@ -6,6 +6,7 @@ from pathlib import Path
 from typing import Annotated
 
 import typer
+from rich.console import Console
 
 from dockctl.commands.options import Trust, latest_run, print_paths
 
@@ -40,4 +41,6 @@ def report(
 
     source = source or latest_run(begun=follow)
     write = report.follow if follow else report.write_report
-    print_paths([write(source, out, trust=trust, note=note)])
+    with Console(stderr=True).status("following the training" if follow else "writing the report"):
+        page = write(source, out, trust=trust, note=note)
+    print_paths([page])

@@ -58,9 +58,9 @@ def _list(root: Path, json_: Json) -> None:
     if json_:
         json_.write([run.to_json() for run in found])
         return
-    seed, steps, success, size = numeric("seed", "steps", "success", "MB")
+    steps, success, size = numeric("steps", "success", "MB")
     table = make_table(
-        Column("run", overflow="fold"), "name", "scenario", seed, "state", steps, success, "tags", size
+        Column("run", overflow="fold"), "name", "scenario", "state", steps, success, "tags", size
     )
     for run in found:
         table.add_row(*map(Text, _cells(run, root)))  # a name may look like markup
@@ -71,9 +71,8 @@ def _list(root: Path, json_: Json) -> None:
 def _cells(run: RunSummary, root: Path) -> tuple[str, ...]:
     steps = "" if run.env_steps is None else f"{run.env_steps:,}"
     success = "" if run.success is None else f"{run.success:.0%}"
-    seed = "" if run.seed is None else str(run.seed)
-    where = str(run.path.relative_to(root))
-    return where, run.name, run.scenario, seed, run.state, steps, success, " ".join(run.tags), _mb(run.size)
+    where = str(run.path.relative_to(root))  # with the seed
+    return where, run.name, run.scenario, run.state, steps, success, " ".join(run.tags), _mb(run.size)
 
 
 def _clean(root: Path, yes: bool, json_: Json) -> None:

@@ -6,6 +6,7 @@ from pathlib import Path
 from typing import Annotated
 
 import typer
+from rich.console import Console
 
 from dockctl.commands.options import (
     Ckpt,
@@ -73,10 +74,13 @@ def view(
         shown, name = preview(loaded, poses), loaded.scenario.name
     else:
         policies = [select_policy(each, None, plugin, trust, scenario) for each in (given, *(also or ()))]
-        shown, name = replay(policies, scenario, poses, set_ or ()), policies[0].file_name
+        with Console(stderr=True).status("running episodes"):
+            shown, name = replay(policies, scenario, poses, set_ or ()), policies[0].file_name
     data = page_data(shown)
     if out or not (gif or mp4):
         print_paths([write_atomically(out or Path(f"view-{name}.html"), page(data).encode())])
     for path, write in ((gif, animation.write_gif), (mp4, animation.write_mp4)):
         if path:
-            print_paths([write(path, shown.scene, data)])
+            with Console(stderr=True).status("drawing the film"):
+                film = write(path, shown.scene, data)
+            print_paths([film])

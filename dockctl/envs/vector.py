@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from dataclasses import replace
 from functools import cached_property
@@ -17,7 +18,7 @@ from numpy.typing import NDArray
 from dockctl.envs.observation import BY_BOAT, ObservationEncoder, View
 from dockctl.envs.state import Arrays, pack, unpack
 from dockctl.errors import DockctlError, nearest, require_shape
-from dockctl.geometry import Bools, Floats, Ints
+from dockctl.geometry import Bools, Floats, Ints, pose_label
 from dockctl.plugins import ACTIONS, Guard
 from dockctl.rewards.compose import RewardFunction
 from dockctl.scenarios.loader import LoadedScenario
@@ -305,11 +306,11 @@ class DockingVectorEnv(VectorEnv[Observations, NDArray[Any], NDArray[Any]]):
 
     def _require_reachable(self, starts: Sequence[Start]) -> None:
         for start in starts:
-            obstacles, (x, y, heading) = self.worlds[start.harbor].obstacles, start.eta
+            obstacles, (x, y, heading) = self.worlds[start.harbor].obstacles, start.eta.tolist()
             if obstacles.unreachable(start.eta[None], start.goals[1])[0]:
                 blocked = obstacles.blocked(start.eta[None])[0]
                 reason = "in an obstacle" if blocked else "not connected by water with the final pose"
-                raise DockctlError(f"the start pose ({x:g}, {y:g}, {np.degrees(heading):g}°) is {reason}")
+                raise DockctlError(f"the start pose {pose_label(x, y, math.degrees(heading))} is {reason}")
 
     def _begin(self, rows: Ints, starts: Sequence[Start]) -> None:
         self.simulator.reset(rows, starts, [self._rngs[row] for row in rows])

@@ -31,9 +31,9 @@ from dockctl.evaluation.libraries import CheckedPolicy, factory_of, imported, on
 from dockctl.plugins import OBSERVATION_PARTS, POLICIES, Entry
 from dockctl.reading import read_bytes
 from dockctl.run_files import POLICY_JSON, RUNS, SCENARIO
-from dockctl.runs.directory import RunDirectory, named_checkpoints
+from dockctl.runs.directory import RunDirectory, named_checkpoints, shipped
 from dockctl.scenarios import catalog
-from dockctl.scenarios.catalog import SUFFIXES
+from dockctl.scenarios.catalog import SUFFIXES, display_path
 from dockctl.scenarios.content import first_difference
 from dockctl.scenarios.loader import LoadedScenario, load
 from dockctl.scenarios.schema import Scenario
@@ -151,8 +151,9 @@ class CheckpointPolicy(LoadedPolicy):
 
     @property
     def description(self) -> str:
-        card = self.card
-        return f"{self.file} (trained on '{card.scenario}', seed {card.seed}, {card.env_steps:,} steps)"
+        card, folder = self.card, self.file.parent
+        name = folder.name if folder in shipped().values() else display_path(self.file)
+        return f"{name} (trained on '{card.scenario}', seed {card.seed}, {card.env_steps:,} steps)"
 
     @property
     def caption(self) -> str:

@@ -55,7 +55,7 @@ class TrainingDisplay:
 
     def __call__(self, progress: Progress) -> None:
         now = time.monotonic()
-        self.show_evaluation(progress)
+        self._show_evaluation(progress)
         if now - self._shown_at < self._every:
             return
         self._shown_at = now
@@ -67,14 +67,18 @@ class TrainingDisplay:
         elif len(self._marks) > 1:
             print_text(self._console, " | ".join(self._facts(progress).values()))
 
-    def show_evaluation(self, progress: Progress) -> None:
+    def finish(self, progress: Progress) -> None:
+        """Show the end of the training, with the last evaluation and the policy that it selected."""
+        self._show_evaluation(progress)
+        if self._live and self._marks:
+            self._live.update(self._panel(progress), refresh=True)
+
+    def _show_evaluation(self, progress: Progress) -> None:
         """Print the latest evaluation, unless it was printed before."""
         if progress.evaluated_at > self._evaluated_at and progress.evaluation_episodes:
             self._evaluated_at = progress.evaluated_at
             result = f"{progress.evaluation_docked} of {progress.evaluation_episodes}"
-            line = (
-                f"{progress.evaluated_at:>9,} steps: the greedy policy docked {result}; best {best(progress)}"
-            )
+            line = f"{progress.evaluated_at:>9,} steps: docked {result}; best {best(progress)}"
             print_text(self._console, line)
 
     def _facts(self, progress: Progress) -> dict[str, str]:
@@ -116,7 +120,7 @@ def best(progress: Progress) -> str:
     if progress.best is None:
         return "none yet"
     docked, episodes, mean_return = progress.best
-    return f"{docked:.0f} of {episodes:.0f} random starts docked, mean return {mean_return:,.0f}"
+    return f"{docked:.0f} of {episodes:.0f} random starts, mean return {mean_return:,.0f}"
 
 
 def clock(seconds: float) -> str:

@@ -13,7 +13,7 @@ from jinja2 import Environment, StrictUndefined
 
 import dockctl
 from dockctl.agents.checkpoint import PolicyCard
-from dockctl.analysis.episodes import ending
+from dockctl.analysis.episodes import ending, kinds_of_ending
 from dockctl.analysis.statistics import describe_share
 from dockctl.analysis.success_map import (
     SMALL_OFFSET_DEG,
@@ -239,6 +239,6 @@ def _failures(groups: Sequence[tuple[str, str, pd.DataFrame]]) -> Iterator[dict[
             "scenario": name,
             "starts": kind,
             "count": f"{len(failed)} of {len(episodes):,}",
-            "endings": ", ".join(f"{count} {words}" for words, count in endings.most_common()),
+            "endings": ", ".join(f"{count} {words}" for words, count in kinds_of_ending(endings).items()),
             "poses": f"{', '.join(poses[:LISTED_FAILURES])}{more}",
         }

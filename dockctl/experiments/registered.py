@@ -80,7 +80,7 @@ def _describe_file(path: Path, listing: str) -> tuple[str, str, str, str]:
     shown = catalog.display_path(path)
     if listing == "scenarios":
         scenario = loader.load(path).scenario
-        return phases(scenario), scenario.title, summary(scenario), shown
+        return phases(scenario), scenario.title, _place(scenario), shown
     if listing == "vessels":
         vessel = loader.load_vessel(path)
         size = f"{vessel.hull.length_m:g} x {vessel.hull.beam_m:g} m, {vessel.mass_kg:g} kg"
@@ -99,5 +99,9 @@ def summary(scenario: Scenario) -> str:
     starts = count(len(scenario.task.initial), "start")
     parts = count(len(scenario.observation), "observation part")
     terms = count(len(scenario.reward.terms), "reward term")
-    where = f"{scenario.vessel.name} in {scenario.harbor.name}"
-    return f"{starts}, {parts}, {terms}; {where}, {count(scenario.training.boats, 'boat')} in training"
+    boats = count(scenario.training.boats, "boat")
+    return f"{starts}, {parts}, {terms}; {_place(scenario)}, {boats} in training"
+
+
+def _place(scenario: Scenario) -> str:
+    return f"{scenario.vessel.name} in {scenario.harbor.name}"

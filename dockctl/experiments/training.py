@@ -331,7 +331,7 @@ def _run(
             except DivergenceError:
                 run.write_json(PROVENANCE, run.read_json(PROVENANCE) | {"stop_reason": "diverged"})
                 raise
-            display.show_evaluation(trainer.progress)
+            display.finish(trainer.progress)
         if trainer.progress.best is not None:
             policy, _ = load_policy(run.checkpoint(BEST))
             shown = rollout.run(policy, trajectory_starts(scenario, session.worlds))

@@ -16,7 +16,7 @@ from jinja2 import Environment, StrictUndefined
 from markupsafe import Markup
 
 import dockctl
-from dockctl.analysis.episodes import summarize
+from dockctl.analysis.episodes import kinds_of_ending, summarize
 from dockctl.analysis.latency import PARTS, STATISTICS, verdict
 from dockctl.analysis.latency import summarize as summarize_latency
 from dockctl.analysis.returns import format_unit, verdicts
@@ -31,6 +31,7 @@ from dockctl.analysis.success_map import (
     within_heading,
 )
 from dockctl.console import count
+from dockctl.geometry import shown_heading
 from dockctl.reading import read_json, reading
 from dockctl.reports import charts
 from dockctl.reports.charts import Chart
@@ -229,7 +230,7 @@ def _failure_section(page: Page, run: Run) -> None:
     table = read_table(run.folder / f"{EVALUATION}.csv", ("start_kind", "heading_deg", *EPISODE_RESULT))
     if table is None or not len(failed := table[table["outcome"] != "docked"]):
         return
-    listed = failed.head(MOST_ROWS).assign(heading_deg=lambda rows: rows["heading_deg"].round(2) % 360)
+    listed = failed.head(MOST_ROWS).assign(heading_deg=failed["heading_deg"].map(shown_heading))
     columns = [name for name in FAILURE_COLUMNS if name in listed and listed[name].notna().any()]
     numeric = [i for i, name in enumerate(columns) if pd.api.types.is_numeric_dtype(listed[name])]
     rows = [[_cell(value) for value in row] for row in listed[columns].itertuples(index=False)]
@@ -256,7 +257,8 @@ def summary_cells(summary: Mapping[str, Any]) -> list[str]:
     docked, rate, interval = describe_share(summary["docked"], summary["episodes"])
     means = summary["mean_of_docked"] or {}
     clearance = summary["least_clearance_m"]
-    endings = [f"{number} {ending}" for ending, number in summary["endings"].items() if ending != "docked"]
+    kinds = kinds_of_ending(summary["endings"]).items()
+    endings = [f"{number} {ending}" for ending, number in kinds if ending != "docked"]
     return [
         docked, rate, interval,
         f"{means['time_s']:.1f} s" if means else "–",

@@ -16,6 +16,8 @@ from dockctl.scenarios.training import PRESETS
 from dockctl.scenarios.yaml_tree import Location, Node, PlainDumper
 
 DEFAULT = "default"
+COMMENT_COLUMN = 40
+"""Farthest column of aligned comments; the path of a packaged file then ends in the 80th of a terminal."""
 FILE_NAME = "file name"
 
 
@@ -74,7 +76,7 @@ def to_yaml(listed: Sequence[Setting]) -> str:
         if isinstance(last, int):
             rows.append((f"{dash}{_flow(setting.value)}", setting.origin))
         above = setting.path
-    width = min(max((len(text) for text, origin in rows if origin), default=0), 60)
+    width = min(max((len(text) for text, origin in rows if origin), default=0), COMMENT_COLUMN)
     lines = (f"{text:<{width}}  # {origin}" if origin else text for text, origin in rows)
     return "".join(f"{line}\n" for line in lines)
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from typing import get_args
@@ -9,7 +10,7 @@ from typing import get_args
 import numpy as np
 
 from dockctl.errors import DockctlError, InputError, Problem
-from dockctl.geometry import Bools, Floats, pose_array, relocate_poses, wrap
+from dockctl.geometry import Bools, Floats, pose_array, pose_label, relocate_poses, wrap
 from dockctl.scenarios.harbor import BerthKind, BerthPlace, Generated, Marina, berth_pose
 from dockctl.scenarios.layouts import Layout, layouts
 from dockctl.scenarios.schema import Scenario, Task
@@ -91,11 +92,9 @@ def own_site(scenario: Scenario) -> Site:
     distance, turn = measure(np.stack([site.goals[1] for site in every]), own.goals[1:])
     same = np.flatnonzero((distance < SAME_POSE) & (np.abs(turn) < SAME_POSE))
     if not len(same):
-        x, y, heading = every[int(distance.argmin())].goals[1]
-        message = (
-            "is not at any berth in task.berths;"
-            f" the nearest berth has ({x:g}, {y:g}, {np.degrees(heading):g}°)"
-        )
+        x, y, heading = every[int(distance.argmin())].goals[1].tolist()
+        nearest = pose_label(x, y, math.degrees(heading))
+        message = f"is not at any berth in task.berths; the nearest berth has {nearest}"
         raise _error(scenario, "task.final", message)
     return replace(own, harbor=every[same[0]].harbor)
 

@@ -14,7 +14,7 @@ import numpy as np
 from dockctl.compute import on_all_cores, shared
 from dockctl.drawing.scene import Scene
 from dockctl.errors import InputError
-from dockctl.geometry import Bools, Floats, pose_array, to_world
+from dockctl.geometry import Bools, Floats, pose_array, pose_label, to_world
 from dockctl.plugins import RANGE_SENSORS, Guard
 from dockctl.scenarios.base import Pose
 from dockctl.scenarios.extensions import RangeNoise, RangeSensor, RangeSensorSpec
@@ -346,8 +346,7 @@ class PoseCheck:
         eta = pose_array(pose)
         if not (obstruction := self._obstruction(eta)):
             return ""
-        boat = f"the boat at ({pose.x_m:g}, {pose.y_m:g}, {pose.heading_deg:g}°)"
-        return f"{boat} {obstruction}"
+        return f"the boat at {pose_label(pose.x_m, pose.y_m, pose.heading_deg)} {obstruction}"
 
     def _obstruction(self, eta: Floats) -> str:
         """Return why the pose (3,) is not free, or an empty string."""

@@ -298,7 +298,7 @@ def test_a_terminal_gets_a_panel() -> None:
         "5,000 of 500,000",
         "1 collision, 1 docked",
         "0.25",
-        "90 of 100 random starts docked, mean return 300",
+        "90 of 100 random starts, mean return 300",
         "Ctrl-C",
     ):
         assert words in text, words
