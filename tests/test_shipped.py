@@ -13,6 +13,7 @@ from dockctl.evaluation import load_policy
 from dockctl.evaluation.rollout import Rollout
 from dockctl.evaluation.starts import evaluation_starts, training_starts
 from dockctl.experiments.export import CARD
+from dockctl.geometry import pose_label
 from dockctl.runs.directory import shipped
 from dockctl.scenarios.content import first_difference
 from dockctl.scenarios.loader import load
@@ -73,3 +74,11 @@ def test_it_docks_from_starts_of_its_training(
     some = starts(loaded.scenario, worlds)[:tried]
     played = rollout.run(policy.make(rollout.env()), some)
     assert sum(one.docked for one in played) >= least
+
+
+@each
+def test_its_card_writes_poses_as_everything_does(name: str) -> None:
+    text = (shipped()[name] / CARD).read_text()
+    for numbers in re.findall(r"\(([^()]*)°\)", text):
+        x, y, heading = (float(number.replace("−", "-")) for number in numbers.split(","))
+        assert pose_label(x, y, heading) == f"({numbers}°)"

@@ -24,8 +24,8 @@ const now = { step: 0, playing: false, selected: 0, camera: "free", layout: "one
 /** How velocities of water and air are drawn: the length of an arrow grows with the root of the speed [m/s]. */
 const ARROW_M = 3;
 const FLOWS = {
-  current: { color: "#1456b8", scale: (speed) => 0.5 + Math.sqrt(speed), aside: 0, height: 0.3, from: false },
-  wind: { color: "#e8edf1", scale: (speed) => 0.4 + 0.35 * Math.sqrt(speed), aside: 1.3, height: 1.6, from: true },
+  current: { light: "#1456b8", dark: "#5ea6ff", scale: (speed) => 0.5 + Math.sqrt(speed), aside: 0, height: 0.3, from: false },
+  wind: { light: "#ffffff", dark: "#ffffff", scale: (speed) => 0.4 + 0.35 * Math.sqrt(speed), aside: 1.3, height: 1.6, from: true },
 };
 
 // Scene. World frame: x and y in the water plane, z up [m], as in the simulator.
@@ -33,6 +33,7 @@ const renderer = new THREE.WebGLRenderer({ canvas: $("view"), antialias: true, p
 renderer.shadowMap.enabled = true;
 renderer.toneMapping = THREE.ACESFilmicToneMapping;
 const scene = new THREE.Scene();
+scene.fog = new THREE.Fog(0);
 const [x0, y0, x1, y1] = header.bounds;
 const center = new THREE.Vector3((x0 + x1) / 2, (y0 + y1) / 2, 0);
 const extent = Math.max(x1 - x0, y1 - y0);
@@ -165,7 +166,7 @@ function episodeGroup(episode) {
   if (episode.points) {
     const metric = Float32Array.from(episode.points.data, (cm) => cm / 100);
     cloud.setAttribute("position", new THREE.BufferAttribute(metric, 3));
-    returns.add(new THREE.Points(cloud, new THREE.PointsMaterial({ color: 0xffe14d, size: 2.6 * (devicePixelRatio || 1), sizeAttenuation: false })));
+    returns.add(new THREE.Points(cloud, new THREE.PointsMaterial({ color: 0xffe14d, size: 2.6, sizeAttenuation: false })));
     group.add(returns);
   }
   const count = episode.ranges.columns;
@@ -181,7 +182,7 @@ function episodeGroup(episode) {
   boat.add(arcs);
   group.add(boat);
   const arrows = episode.flow.map((name) => {
-    const arrow = flowArrow(FLOWS[name].color);
+    const arrow = flowArrow();
     group.add(arrow);
     return { arrow, name };
   });
@@ -190,11 +191,11 @@ function episodeGroup(episode) {
 }
 
 /** An arrow along x, ARROW_M long, that lies flat above the water. */
-function flowArrow(color) {
+function flowArrow() {
   const corners = [[0, -0.16], [2, -0.16], [2, 0.16], [0, 0.16], [1.9, -0.5], [3, 0], [1.9, 0.5]];
   const faces = [[0, 1, 2], [0, 2, 3], [4, 5, 6]].flat();
   const geometry = new THREE.BufferGeometry().setFromPoints(faces.map((i) => new THREE.Vector3(...corners[i], 0)));
-  return new THREE.Mesh(geometry, new THREE.MeshBasicMaterial({ color, side: THREE.DoubleSide, transparent: true, opacity: 0.85 }));
+  return new THREE.Mesh(geometry, new THREE.MeshBasicMaterial({ side: THREE.DoubleSide, transparent: true, opacity: 0.9, fog: false, toneMapped: false }));
 }
 
 function circle(radius) {
@@ -330,7 +331,11 @@ function draw() {
     const bottom = innerHeight - top - height;
     renderer.setViewport(left, bottom, width, height);
     renderer.setScissor(left, bottom, width, height);
-    renderer.render(scene, cameraFor(index, width / height));
+    const camera = cameraFor(index, width / height);
+    // Haze over what is far away, not over a harbor that is seen from afar, as a narrow screen needs it.
+    scene.fog.near = extent + (camera === free ? camera.position.distanceTo(controls.target) : 0);
+    scene.fog.far = scene.fog.near + 3 * extent;
+    renderer.render(scene, camera);
   }
 }
 
@@ -452,7 +457,6 @@ function drawSectors(episode, i) {
   }
   c.save();
   c.translate(x, y);
-  c.scale(1, 1);
   c.fillStyle = episode.color;
   c.beginPath();
   const size = 13 / header.boat.length;
@@ -588,14 +592,14 @@ function theme(name) {
   document.documentElement.dataset.theme = name;
   const dark = name === "dark";
   const air = new THREE.Color(dark ? "#0d1822" : "#c4dbe6");
-  scene.background = air;
-  scene.fog = new THREE.Fog(air, 1.2 * extent, 4.2 * extent);
+  scene.background = scene.fog.color = air;
   water.material.color.set(dark ? "#2b5f80" : "#4f93ad");
   sky.color.set(dark ? "#5a7fa6" : "#ffffff");
   sky.groundColor.set(dark ? "#33495c" : "#7fa3b4");
-  sky.intensity = dark ? 1.5 : 1.5;
+  sky.intensity = 1.5;
   sun.color.set(dark ? "#bcd2ff" : "#fff3dc");
   sun.intensity = dark ? 1.7 : 2.6;
+  for (const { arrow, name: flow } of groups.flatMap((group) => group.arrows)) arrow.material.color.set(FLOWS[flow][name]);
   update();
 }
 
