@@ -54,6 +54,11 @@ class RunningJob(Protocol):
         """Start nothing new and interrupt the stage; on the second call, terminate it."""
 
 
+def log_line(stage: Stage) -> bytes:
+    """Return the line of a log that is before the output of a stage."""
+    return f"$ {command_line(*stage.arguments)}\n".encode()
+
+
 class LocalJob:
     """A job at work on this machine, each stage as a process."""
 
@@ -105,7 +110,7 @@ class LocalJob:
         package = Path(dockctl.__file__).parent.parent
         paths = os.pathsep.join(filter(None, [str(package), os.environ.get("PYTHONPATH")]))
         with writing(Path(log.name)):
-            log.write(f"$ {command_line(*stage.arguments)}\n".encode())
+            log.write(log_line(stage))
         command = [sys.executable, "-P", "-c", LAUNCH, str(os.getpid())]
         with self._lock:
             if self._stopped:

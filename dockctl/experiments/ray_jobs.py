@@ -27,7 +27,7 @@ from dockctl import __version__
 from dockctl.agents.algorithms import remember_code
 from dockctl.cluster import require_version, write_files
 from dockctl.errors import DockctlError
-from dockctl.experiments.jobs import KilledError, LocalJob, open_log, remaining
+from dockctl.experiments.jobs import KilledError, LocalJob, log_line, open_log, remaining
 from dockctl.experiments.study import Experiment, Job, Stage
 from dockctl.reading import read_bytes
 from dockctl.run_files import CHECKPOINTS, LAST, LEARNER_JSON, PROVENANCE
@@ -173,6 +173,8 @@ class Worker:
             log.seek(self._read_bytes)
             output = log.read()
         self._read_bytes += len(output)
+        here, local = self._trainings
+        output = with_log_line(output, here, local) if here and local else output
         if ended is None and saves == self._saved and not stages:
             return Report(stages, output)
         with self._job.paused():  # a consistent state, as after a kill
@@ -222,6 +224,11 @@ def with_command(provenance: bytes, here: Stage, local: Stage) -> bytes:
         if call.get("command", [])[1:] == [*here.arguments]:
             call["command"][1:] = local.arguments
     return json_text(facts).encode()
+
+
+def with_log_line(output: bytes, here: Stage, local: Stage) -> bytes:
+    """Return a part of a log as if `local` had been called, and not `here`."""
+    return output.replace(log_line(here), log_line(local))
 
 
 class RayJob:

@@ -87,9 +87,11 @@ def test_a_training_whose_worker_is_killed_ends_like_one_on_this_machine(tmp_pat
 
 @needs_ray
 def test_the_recorded_command_is_that_of_a_job_on_this_machine() -> None:
-    from dockctl.experiments.ray_jobs import with_command
+    from dockctl.experiments.ray_jobs import with_command, with_log_line
 
     here, local = Stage("train", ("train", "scenario.yaml")), Stage("train", ("train", "s1", "--set", "a=1"))
+    log = b"$ dockctl train scenario.yaml\nrun folder: runs/a\n"
+    assert with_log_line(log, here, local) == b"$ dockctl train s1 --set a=1\nrun folder: runs/a\n"
     first, other = ["dockctl", *here.arguments], ["dockctl", "train", "--resume", "/runs/a"]
     facts = {"seed": 0, "command": first, "resumed": [{"command": other}]}
     found = json.loads(with_command(json.dumps(facts).encode(), here, local))
