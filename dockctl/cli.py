@@ -10,6 +10,7 @@ import io
 import logging
 import os
 import sys
+from collections.abc import Iterator, Mapping
 from itertools import pairwise
 from typing import Annotated, Any
 
@@ -47,8 +48,30 @@ GROUPS = {
 COMMANDS = {name: function for group in GROUPS.values() for name, function in group.items()}
 
 
+class _OnDemand(Mapping[str, Any]):
+    """`COMMANDS` by name, each imported when it is asked for: an invocation needs one of them."""
+
+    def __iter__(self) -> Iterator[str]:
+        return iter(COMMANDS)
+
+    def __len__(self) -> int:
+        return len(COMMANDS)
+
+    def __getitem__(self, name: str) -> Any:
+        function = COMMANDS[name]
+        alone = typer.Typer(add_completion=False, rich_markup_mode=None)
+        alone.command(name, cls=_Command)(
+            getattr(importlib.import_module(f"dockctl.commands.{name}"), function)
+        )
+        return typer.main.get_command(alone)
+
+
 class _Commands(TyperGroup):
     """Prints errors that a user can fix, and those of plugins, without a traceback."""
+
+    def __init__(self, *, commands: Any, **settings: Any) -> None:
+        on_demand: Any = _OnDemand()  # a mapping is enough
+        super().__init__(commands=commands or on_demand, **settings)
 
     def invoke(self, ctx: Any) -> Any:
         try:
@@ -126,10 +149,6 @@ def _main(
     ] = False,
 ) -> None:
     pass
-
-
-for _name, _function in COMMANDS.items():
-    app.command(_name, cls=_Command)(getattr(importlib.import_module(f"dockctl.commands.{_name}"), _function))
 
 
 def main() -> None:
