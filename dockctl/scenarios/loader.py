@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import os
 import re
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import reduce
 from pathlib import Path
@@ -71,6 +71,8 @@ class LoadedScenario:
         source: path or name that was loaded.
         tree: the merged YAML tree, for the location of later problems.
         received: the file is in a checkpoint or a run.
+        rejected_starts: shares of the random starts that are drawn again, by the field with their offsets;
+            `dockctl.sim.world.load_checked` finds them.
     """
 
     scenario: Scenario
@@ -79,6 +81,7 @@ class LoadedScenario:
     plugin_files: tuple[Path, ...] = ()
     tree: Node | None = field(default=None, compare=False, repr=False)
     received: bool = False
+    rejected_starts: Mapping[str, float] = field(default_factory=dict, compare=False, repr=False)
 
     def is_given_by_others(self, path: str) -> bool:
         """Return whether the field `path` is from a file of a checkpoint or a run."""

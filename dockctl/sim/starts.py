@@ -342,6 +342,13 @@ def rejected_shares(scenario: Scenario, unreachable: Sequence[Unreachable]) -> d
 
     def share(draw: Callable[[Site], Start]) -> float:
         starts = [draw(every[i % len(every)]) for i in range(max(TRIAL_DRAWS, len(every)))]
-        return float(np.mean([unreachable[s.harbor](s.eta[None], s.goals[1])[0] for s in starts]))
+        groups: dict[tuple[int, tuple[float, ...]], list[Floats]] = {}
+        for start in starts:
+            groups.setdefault((start.harbor, tuple(start.goals[1])), []).append(start.eta)
+        rejected = (
+            unreachable[harbor](np.array(poses), np.array(goal)).sum()
+            for (harbor, goal), poses in groups.items()
+        )
+        return float(sum(rejected) / len(starts))
 
     return {field: share(draw) for field, draw in draws.items()}

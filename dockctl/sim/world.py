@@ -219,20 +219,25 @@ def load_checked(
         DockctlError: the scenario or a plugin does not exist.
     """
     loaded = load(source, overrides=overrides, plugin_files=plugin_files, received=received, trust=trust)
+    shares: dict[str, float] = {}
     try:
-        problems = [loaded.problem(*found) for found in check_poses(loaded.scenario, loaded.base_dir)]
+        found, shares = check_poses(loaded.scenario, loaded.base_dir)
+        problems = [loaded.problem(*each) for each in found]
     except InputError as error:  # of a mesh file: the field is known, but not its line
         problems = [loaded.problem(p.field, str(replace(p, field="")), p.code) for p in error.problems]
     if problems:
         raise InputError(problems)
-    return loaded
+    return replace(loaded, rejected_starts=shares)
 
 
-def check_poses(scenario: Scenario, base_dir: Path) -> list[tuple[str, str]]:
-    """Return (field path, message) for every start, goal and test pose that is not free.
+def check_poses(scenario: Scenario, base_dir: Path) -> tuple[list[tuple[str, str]], dict[str, float]]:
+    """Check every start, goal and test pose, and try random starts.
 
     The final pose of a task that is relocated to berths must be the pose of one of them, some berths of each
     kind must be free, and so must a share of the random starts.
+
+    Returns:
+        (field path, message) of each problem, and the shares of random starts that are rejected.
 
     Raises:
         InputError: a mesh file of the harbor is missing or damaged.
@@ -244,15 +249,14 @@ def check_poses(scenario: Scenario, base_dir: Path) -> list[tuple[str, str]]:
     try:
         check = PoseCheck.build(scenario, harbors[own_site(scenario).harbor])
         if found := [(field, reason) for field, pose in _poses(scenario) if (reason := check.problem(pose))]:
-            return found
-        shares = rejected_starts(scenario, base_dir)
+            return found, {}
+        unreachable = [collision_checker(harbor, scenario.vessel.hull).unreachable for harbor in harbors]
+        shares = rejected_shares(scenario, unreachable)
     except InputError as error:  # the task does not match its berths
-        return [(problem.field, problem.message) for problem in error.problems]
-    return [
-        (field, f"{share:.0%} of the poses drawn here {UNREACHABLE}; reduce the offsets, or move the pose")
-        for field, share in shares.items()
-        if share > MAX_REJECTED
-    ]
+        return [(problem.field, problem.message) for problem in error.problems], {}
+    advice = f"{UNREACHABLE}; reduce the offsets, or move the pose"
+    excessive = ((field, share) for field, share in shares.items() if share > MAX_REJECTED)
+    return [(field, f"{share:.0%} of the poses drawn here {advice}") for field, share in excessive], shares
 
 
 def with_few_layouts(scenario: Scenario) -> Scenario:
@@ -264,16 +268,15 @@ def with_few_layouts(scenario: Scenario) -> Scenario:
 
 
 def notes(loaded: LoadedScenario) -> list[str]:
-    """Return what a user should know about a valid scenario.
+    """Return what a user should know about a scenario that `load_checked` returned.
 
     Starts that are drawn again, open meshes, and conditions beyond the vessel's control authority.
     """
     scenario = loaded.scenario
-    shares = rejected_starts(scenario, loaded.base_dir).items()
     return (
         [
             f"{field}: {share:.0%} of the poses drawn here {UNREACHABLE}, and are drawn again"
-            for field, share in shares
+            for field, share in loaded.rejected_starts.items()
             if share > NOTED_REJECTED
         ]
         + [
@@ -292,19 +295,6 @@ def notes(loaded: LoadedScenario) -> list[str]:
             for field, message in condition.notes(scenario.vessel)
         ]
     )
-
-
-def rejected_starts(scenario: Scenario, base_dir: Path) -> dict[str, float]:
-    """Return the shares of trial draws of random starts that are rejected, by the field with their offsets.
-
-    Raises:
-        InputError: see `dockctl.sim.starts.free_sites`.
-    """
-    scenario, hull = with_few_layouts(scenario), scenario.vessel.hull
-    harbors = (
-        build_harbor(layout.harbor, base_dir) for layout in layouts(scenario.harbor, scenario.task.berths)
-    )
-    return rejected_shares(scenario, [collision_checker(harbor, hull).unreachable for harbor in harbors])
 
 
 def _poses(scenario: Scenario) -> Iterator[tuple[str, Pose]]:
