@@ -2,6 +2,9 @@
 
 `dockctl.agents.dqn.network` defines it in torch, for training. Running it needs no
 torch, which is slow to import.
+
+A policy can be an ensemble of such networks. Then the names of their tensors begin with the number of the
+network, and tensors named ``mirror.<name>`` say how observations and actions are mirrored.
 """
 
 from __future__ import annotations
@@ -40,6 +43,23 @@ def network_size(observation_size: int, actions: int, hidden_sizes: Sequence[int
     return sum(map(math.prod, found)), sum(shape[0] for shape in found if len(shape) == 1)
 
 
+class Mirror(NamedTuple):
+    """Mirror images of observations and actions, in which port and starboard change places.
+
+    Attributes:
+        columns, signs: (observation_size,) see `observations`.
+        actions: (actions,) index of the image of each action.
+    """
+
+    columns: NDArray[np.int64]
+    signs: NDArray[np.float32]
+    actions: NDArray[np.int64]
+
+    def observations(self, observation: NDArray[np.float32]) -> NDArray[np.float32]:
+        """Return the images of observations (n, observation_size)."""
+        return observation[:, self.columns] * self.signs
+
+
 class Layers(NamedTuple):
     """Weights (outputs, inputs) and biases of a dueling network: shared layers and the two streams."""
 
@@ -72,11 +92,86 @@ class Layers(NamedTuple):
             raise ValueError("the value stream has more than one output")
         return layers
 
+    @property
+    def sizes(self) -> tuple[int, int]:
+        """Length of an observation, and number of actions."""
+        return self.shared[0][0].shape[1], len(self.advantage[-1][1])
+
     def q_values(self, observation: NDArray[np.float32]) -> NDArray[np.float32]:
         """Return the action values (n, actions) of observations (n, k), ``V + A - mean A`` (eq. 2.56)."""
         features = _forward(self.shared, observation, activate_last=True)
         value, advantage = (_forward(stream, features) for stream in (self.value, self.advantage))
         return np.asarray(value + advantage - advantage.mean(axis=1, keepdims=True))
+
+
+class Ensemble(NamedTuple):
+    """Networks whose mean is the value of an action; with a mirror also over the images of the observation.
+
+    Attributes:
+        networks: newest first.
+    """
+
+    networks: tuple[Layers, ...]
+    mirror: Mirror | None
+
+    @classmethod
+    def of(cls, tensors: Tensors) -> Ensemble:
+        """Return the networks of the tensors of a checkpoint, which may be only one.
+
+        Raises:
+            KeyError, ValueError: the tensors are not those of dueling networks of one size.
+        """
+        parts, mirror = split(tensors)
+        ensemble = cls(tuple(map(Layers.of, parts)), mirror)
+        if len({network.sizes for network in ensemble.networks}) != 1:
+            raise ValueError("expected one network, or several of one size")
+        if mirror is not None:
+            inputs, actions = ensemble.sizes
+            for images, count in ((mirror.columns, inputs), (mirror.actions, actions)):
+                if images.dtype.kind != "i" or sorted(images.tolist()) != list(range(count)):
+                    raise ValueError(f"the mirror images {images} are no permutation of {count} numbers")
+            if mirror.signs.shape != (inputs,):
+                raise ValueError(f"signs of shape {mirror.signs.shape} for {inputs} inputs")
+        return ensemble
+
+    @property
+    def sizes(self) -> tuple[int, int]:
+        """Length of an observation, and number of actions."""
+        return self.networks[0].sizes
+
+    def q_values(self, observation: NDArray[np.float32]) -> NDArray[np.float32]:
+        """Return the action values (n, actions) of observations (n, k)."""
+        values = [network.q_values(observation) for network in self.networks]
+        if self.mirror is not None:
+            images = self.mirror.observations(observation)
+            values += [network.q_values(images)[:, self.mirror.actions] for network in self.networks]
+        return np.asarray(sum(values[1:], values[0]) / np.float32(len(values)))
+
+
+def split(tensors: Tensors) -> tuple[list[Tensors], Mirror | None]:
+    """Return the tensors of each network of a checkpoint, newest first, and the mirror if there is one.
+
+    Raises:
+        KeyError: an array of the mirror is missing.
+    """
+    groups: dict[str, dict[str, NDArray[Any]]] = {}
+    for name, array in tensors.items():
+        group, _, rest = name.partition(".")
+        groups.setdefault(group, {})[rest] = array
+    images = groups.pop("mirror", None)
+    mirror = Mirror(*(images.pop(name) for name in Mirror._fields)) if images else None
+    numbered: list[Tensors] = [groups[name] for name in map(str, range(len(groups))) if name in groups]
+    return (numbered if len(numbered) == len(groups) else [tensors]), mirror
+
+
+def join(networks: Sequence[Tensors], mirror: Mirror | None) -> Tensors:
+    """Return the tensors of a checkpoint of these networks, newest first; see `split`."""
+    if len(networks) == 1 and mirror is None:
+        return networks[0]
+    groups = {str(number): network for number, network in enumerate(networks)}
+    if mirror is not None:
+        groups["mirror"] = mirror._asdict()
+    return {f"{group}.{name}": array for group, part in groups.items() for name, array in part.items()}
 
 
 def _forward(layers: Sequence[Layer], x: NDArray[Any], *, activate_last: bool = False) -> NDArray[Any]:

@@ -113,3 +113,8 @@ def nearest_in_sectors(points: Floats, sectors: int, range_m: float) -> Floats:
     sector = np.minimum((share * sectors).astype(np.int64), sectors - 1)
     np.minimum.at(nearest, sector, np.sqrt(x * x + y * y))
     return nearest
+
+
+def proximities(ranges_m: Floats) -> Floats:
+    """Return the inverse of ranges, those below 1 mm as 1 mm [1/m]."""
+    return 1 / np.maximum(ranges_m, 1e-3)

@@ -26,9 +26,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from dockctl.dueling import Layers
+from dockctl.dueling import Ensemble
 from dockctl.errors import DockctlError
-from dockctl.geometry import MAX_SECTORS, Floats, nearest_in_sectors
+from dockctl.geometry import MAX_SECTORS, Floats, nearest_in_sectors, proximities
 from dockctl.reading import FOREIGN, parse_json, read_bytes
 from dockctl.sim.goal import TO_FINAL, TO_INTERMEDIATE, bearing, measure, reached
 
@@ -36,7 +36,9 @@ FORMAT = 1
 MAX_FILE_BYTES = 2**31
 DESCRIPTION = "description"
 """Name of the JSON text among the arrays of a pilot file."""
-PARTS = frozenset({"phase", "distance", "heading_error", "velocity", "command", "lidar", "bearing"})
+PARTS = frozenset(
+    {"phase", "distance", "heading_error", "velocity", "command", "lidar", "proximity", "bearing"}
+)
 """Parts of the observation that a pilot computes."""
 RANGE_MARGIN = 1.1
 """A point may be farther from the body's origin than from its LiDAR."""
@@ -119,7 +121,7 @@ class Pilot:
     """
 
     description: dict[str, Any]
-    layers: Layers
+    networks: Ensemble
     goals: Floats
     checks: Checks = field(default_factory=Checks)
 
@@ -177,13 +179,12 @@ class Pilot:
                 raise ValueError(f"format {facts['format']}, expected {FORMAT}")
             if not all(np.isfinite(array).all() for array in arrays.values()):
                 raise ValueError("the weights contain NaN or infinity")
-            layers = Layers.of(arrays)
-            sizes = layers.shared[0][0].shape[1], len(layers.advantage[-1][1])
+            networks = Ensemble.of(arrays)
             described = len(facts["observation"]), len(facts["commands"])
-            if sizes != described:
-                raise ValueError(f"the network has sizes {sizes}, its description {described}")
+            if networks.sizes != described:
+                raise ValueError(f"the network has sizes {networks.sizes}, its description {described}")
             goals = np.stack([_pose(facts["goals"][name]) for name in ("intermediate", "final")])
-            pilot = cls(facts, layers, goals, checks or Checks())
+            pilot = cls(facts, networks, goals, checks or Checks())
         except (*FOREIGN, ArithmeticError, AttributeError, IndexError) as error:
             message = f"{file}: does not describe a policy: {type(error).__name__}: {error}"
             raise DockctlError(message, code="not_readable") from None
@@ -330,7 +331,7 @@ class Pilot:
                     f"{name}: {raw[index]:.4g} {unit}, the policy observes up to {bound:.4g} {unit}"
                 )
         observation = np.clip(scaled, self._low, self._high)
-        q_values = self.layers.q_values(observation[None])[0]
+        q_values = self.networks.q_values(observation[None])[0]
         action = int(q_values.argmax())
         self._command = self._commands[action].copy()
         force, angle = self._command.tolist()
@@ -346,7 +347,8 @@ class Pilot:
             "heading_error": heading_error[0],
             **dict(zip(("u", "v", "r"), nu[0], strict=True)),
             **dict(zip(("propeller", "rudder"), self._command, strict=True)),
-            **{f"range_{number}": value for number, value in enumerate(ranges, start=1)},
+            **{f"range_{i}": value for i, value in enumerate(ranges, start=1)},
+            **{f"proximity_{i}": value for i, value in enumerate(proximities(ranges), start=1)},
             "bearing_sin": np.sin(direction),
             "bearing_cos": np.cos(direction),
         }

@@ -102,7 +102,7 @@ def test_the_network_is_that_of_torch(pilot: Pilot) -> None:
     observations = np.random.default_rng(0).uniform(*bounds, (2000, 16)).astype(np.float32)
     with torch.no_grad():
         expected = network(torch.from_numpy(observations)).numpy()
-    found = pilot.layers.q_values(observations)
+    found = pilot.networks.q_values(observations)
     assert found.dtype == np.float32
     assert found == pytest.approx(expected, rel=1e-4, abs=1e-3)
     best = np.sort(expected, axis=1)

@@ -18,7 +18,7 @@ from typing import TYPE_CHECKING, Any, Literal
 import numpy as np
 
 from dockctl.compute import limit_blas_threads
-from dockctl.dueling import shapes
+from dockctl.dueling import join, shapes, split
 from dockctl.errors import DockctlError
 from dockctl.plugins import ALGORITHMS
 from dockctl.scenarios.base import FieldError, NonNegative
@@ -88,10 +88,13 @@ class Dqn(AlgorithmSpec):
         from dockctl.agents.dqn.policy import GreedyPolicy
 
         expected = shapes(*_discrete(spaces), hidden_sizes)
-        if (given := {name: array.shape for name, array in tensors.items()}) != expected:
-            raise ValueError(f"weights of shapes {given}, expected {expected}")
+        networks, mirror = split(tensors)
+        for network in networks:
+            if (given := {name: array.shape for name, array in network.items()}) != expected:
+                raise ValueError(f"weights of shapes {given}, expected {expected}")
         limit_blas_threads()
-        return GreedyPolicy({name: np.array(array, np.float32) for name, array in tensors.items()})
+        exact = [{name: np.array(array, np.float32) for name, array in part.items()} for part in networks]
+        return GreedyPolicy(join(exact, mirror))
 
 
 def _discrete(spaces: Spaces) -> tuple[int, int]:

@@ -14,6 +14,8 @@ from typing import TYPE_CHECKING, Any, NamedTuple, Protocol, Self, runtime_check
 import numpy as np
 from numpy.typing import NDArray
 
+from dockctl.dueling import Mirror
+
 if TYPE_CHECKING:
     from gymnasium.spaces import Space
     from gymnasium.vector import VectorEnv
@@ -32,20 +34,6 @@ class Spaces(NamedTuple):
     @classmethod
     def from_env(cls, env: VectorEnv[Any, Any, Any]) -> Self:
         return cls(env.single_observation_space, env.single_action_space)
-
-
-class Mirror(NamedTuple):
-    """Mirror images of observations and actions, in which port and starboard change places.
-
-    Attributes:
-        columns, signs: (observation_size,) the images of observations (n, observation_size) are
-            ``observation[:, columns] * signs``.
-        actions: (actions,) index of the image of each action.
-    """
-
-    columns: NDArray[np.int64]
-    signs: NDArray[np.float32]
-    actions: NDArray[np.int64]
 
 
 class Policy(Protocol):

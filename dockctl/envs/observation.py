@@ -16,7 +16,7 @@ from numpy.typing import ArrayLike, NDArray
 from pydantic import AfterValidator, Field
 
 from dockctl.errors import DockctlError
-from dockctl.geometry import Floats, Ints, rotate
+from dockctl.geometry import Floats, Ints, proximities, rotate
 from dockctl.plugins import OBSERVATION_PARTS, Guard
 from dockctl.scenarios.base import Count, Positive
 from dockctl.scenarios.schema import ObservationPart
@@ -216,7 +216,7 @@ def lidar(view: View, *, cap_m: Positive = 20.0, scale_m: Positive = 10.0) -> Co
 def proximity(view: View, *, full_m: Positive = 1.0) -> Columns:
     """Return full_m / range of each sector, at most 1: it resolves short ranges best."""
     names = [f"proximity_{sector + 1}" for sector in range(view.sector_ranges_m.shape[1])]
-    return Columns(names, full_m / np.maximum(view.sector_ranges_m, full_m), 0, 1)
+    return Columns(names, proximities(view.sector_ranges_m), 0, 1, 1 / full_m, ["1/m"] * len(names))
 
 
 @observation_part("bearing", source="not in the thesis")

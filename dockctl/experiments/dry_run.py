@@ -11,7 +11,8 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from dockctl.agents.algorithms import AlgorithmSpec
-from dockctl.agents.interface import Algorithm, Mirror, Mirrorable, Spaces
+from dockctl.agents.interface import Algorithm, Mirrorable, Spaces
+from dockctl.dueling import Mirror
 from dockctl.envs.mirror import mirror_images
 from dockctl.envs.vector import DockingVectorEnv
 from dockctl.errors import InputError, PluginError

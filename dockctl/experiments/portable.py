@@ -18,7 +18,7 @@ from rich.console import Console
 
 import dockctl
 from dockctl.console import print_text
-from dockctl.dueling import Layers
+from dockctl.dueling import Ensemble, Layers
 from dockctl.envs.observation import ObservationEncoder, blank_view
 from dockctl.errors import DockctlError
 from dockctl.evaluation.policies import CheckpointPolicy, load_checkpoint
@@ -71,7 +71,7 @@ def pilot_file(policy: CheckpointPolicy, scenario: Scenario) -> bytes:
         DockctlError: the policy is not a network of the built-in DQN, or observes what a pilot does not
             compute.
     """
-    layers = _layers(policy)
+    _networks(policy)
     for given in scenario.observation:
         if given.part not in PARTS or OBSERVATION_PARTS.origin(given.part) != PACKAGE_ORIGIN:
             raise DockctlError(
@@ -79,15 +79,9 @@ def pilot_file(policy: CheckpointPolicy, scenario: Scenario) -> bytes:
                 f" (it knows {', '.join(sorted(PARTS))}); export an ONNX model instead",
                 code="unavailable",
             )
-    arrays = {
-        f"{stream}.{2 * number}.{kind}": array
-        for stream, pairs in layers._asdict().items()
-        for number, pair in enumerate(pairs)
-        for kind, array in zip(("weight", "bias"), pair, strict=True)
-    }
     content = io.BytesIO()
     text = np.array(json.dumps(description(policy, scenario), allow_nan=False))
-    np.savez(content, allow_pickle=False, **{DESCRIPTION: text, **arrays})
+    np.savez(content, allow_pickle=False, **{DESCRIPTION: text}, **dict(sorted(policy.tensors.items())))
     return content.getvalue()
 
 
@@ -107,13 +101,13 @@ def onnx_model(policy: CheckpointPolicy, scenario: Scenario) -> bytes:
             "--onnx: needs the package onnx; install it with: pip install 'dockctl[onnx]'",
             code="unavailable",
         ) from None
-    layers = _layers(policy)
+    networks, mirror = _networks(policy)
     facts = description(policy, scenario)
     constants: dict[str, Any] = {}
     nodes: list[Any] = []
 
-    def constant(name: str, values: Any) -> str:
-        constants[name] = np.asarray(values, np.float32)
+    def constant(name: str, values: Any, kind: type = np.float32) -> str:
+        constants[name] = np.asarray(values, kind)
         return name
 
     def node(kind: str, *inputs: str, name: str = "", **attributes: Any) -> str:
@@ -127,19 +121,31 @@ def onnx_model(policy: CheckpointPolicy, scenario: Scenario) -> bytes:
     for kind, bound, unbounded in (("Max", "low", -math.inf), ("Min", "high", math.inf)):
         values = [unbounded if column[bound] is None else column[bound] for column in columns]
         x = node(kind, x, constant(bound, values))
-    streams: dict[str, str] = {}
-    for stream, pairs in layers._asdict().items():
-        out = streams.get("shared", x)
-        for number, (weight, bias) in enumerate(pairs):
-            named = [
-                constant(f"{stream}.{number}.{kind}", a) for kind, a in (("weight", weight), ("bias", bias))
-            ]
-            out = node("Gemm", out, *named, transB=1)
-            if stream == "shared" or number + 1 < len(pairs):
-                out = node("Relu", out)
-        streams[stream] = out
-    mean = node("ReduceMean", streams["advantage"], axes=[1], keepdims=1)
-    q = node("Sub", node("Add", streams["value"], streams["advantage"]), mean, name="q_values")
+
+    def q_of(network: Layers, number: int, x: str) -> str:
+        streams: dict[str, str] = {}
+        for stream, pairs in network._asdict().items():
+            out = streams.get("shared", x)
+            for layer, (weight, bias) in enumerate(pairs):
+                name = f"{number}.{stream}.{layer}"
+                named = (constant(f"{name}.weight", weight), constant(f"{name}.bias", bias))
+                out = node("Gemm", out, *named, transB=1)
+                if stream == "shared" or layer + 1 < len(pairs):
+                    out = node("Relu", out)
+            streams[stream] = out
+        mean = node("ReduceMean", streams["advantage"], axes=[1], keepdims=1)
+        return node("Sub", node("Add", streams["value"], streams["advantage"]), mean)
+
+    each = [q_of(network, number, x) for number, network in enumerate(networks)]
+    if mirror is not None:
+        columns_of_image = constant("columns", mirror.columns, np.int64)
+        actions = constant("actions", mirror.actions, np.int64)
+        image = node("Mul", node("Gather", x, columns_of_image, axis=1), constant("signs", mirror.signs))
+        each += [
+            node("Gather", q_of(network, number, image), actions, axis=1)
+            for number, network in enumerate(networks)
+        ]
+    q = node("Mean", *each, name="q_values")
     action = node("ArgMax", q, axis=1, keepdims=0, name="action")
     for column, name in enumerate(("propeller_n", "rudder_rad")):
         table = constant(f"{name} of actions", [command[column] for command in facts["commands"]])
@@ -238,15 +244,15 @@ def _tolerance(tolerance: Tolerance) -> dict[str, float]:
     }
 
 
-def _layers(policy: CheckpointPolicy) -> Layers:
-    """Return the network of a policy.
+def _networks(policy: CheckpointPolicy) -> Ensemble:
+    """Return the networks of a policy.
 
     Raises:
         DockctlError: it is not that of the built-in DQN.
     """
     kind = policy.card.algorithm.get("kind")
     try:
-        return Layers.of(policy.tensors)
+        return Ensemble.of(policy.tensors)
     except (ValueError, KeyError) as error:
         raise DockctlError(
             f"{policy.file}: a policy of the algorithm '{kind}', which cannot be exported: {error};"

@@ -98,6 +98,17 @@ class StopRule(Model):
         return self
 
 
+class Ensemble(Model):
+    """The policy acts on the mean Q of the network at several times of the training.
+
+    The mean is also over the mirror image of the observation with ``mirrored``. After averaged DQN (Anschel
+    et al. 2017) and snapshot ensembles (Huang et al. 2017).
+    """
+
+    networks: int = Field(default=4, ge=1, le=64, strict=True, description="the present one and earlier ones")
+    every_steps: Count = Field(default=100_000, description="environment steps between two of them")
+
+
 THESIS: dict[str, Any] = {
     "total_steps": 2_000_000,
     "max_episodes": 4000,
@@ -112,6 +123,7 @@ THESIS: dict[str, Any] = {
     "gradient_clip": None,
     "target_update_interval": 500,
     "averaged_copies": None,
+    "ensemble": None,
     "action_repeat": 1,
     "epsilon": {"start": 1.0, "end": 0.01, "decay_steps": 500_000},
     "warmup_steps": 32,
@@ -145,6 +157,7 @@ class Training(Model):
     averaged_copies: Count | None = Field(
         default=20, description="target copies that the saved policy averages; null for the online network"
     )
+    ensemble: Ensemble | None = None
     optimizer: Literal["adam", "rmsprop"] = "adam"
     learning_rate: Positive = 5e-4
     final_learning_rate: Positive = Field(default=5e-5, description="reached linearly at total_steps")
@@ -163,6 +176,12 @@ class Training(Model):
     on_divergence: Literal["stop", "rollback", "continue"] = "stop"
     evaluate_every_steps: Count = 10_000
     validation: ValidationStarts = ValidationStarts()
+
+    @property
+    def copies_between_snapshots(self) -> int:
+        """Target copies between two networks of the ensemble."""
+        steps = self.steps_per_update * self.target_update_interval
+        return 1 if self.ensemble is None else max(1, round(self.ensemble.every_steps / steps))
 
     @property
     def largest_target(self) -> float:

@@ -10,7 +10,8 @@ import numpy as np
 import pytest
 from rich.console import Console
 
-from dockctl.agents.checkpoint import load_policy
+from dockctl.agents.checkpoint import find_policy, load_pair, load_policy
+from dockctl.dueling import split
 from dockctl.errors import DockctlError
 from dockctl.experiments import train
 from dockctl.experiments.training import TrainedRun
@@ -40,6 +41,18 @@ def test_a_policy_acts_as_before_whatever_the_new_inputs_are(run: TrainedRun, tm
     chosen = before.act(observation, {})
     np.testing.assert_array_equal(after.act(extended, {}), chosen)
     assert len(set(chosen)) > 1
+
+
+def test_of_an_ensemble_the_newest_network_is_taken(tmp_path: Path) -> None:
+    ensemble = ("training.ensemble={networks: 3, every_steps: 10}", "training.target_update_interval=5")
+    first = trained(tmp_path / "first", *ensemble)
+    tuned = trained(tmp_path / "tuned", "training.warmup_steps=1000", start_from=first.path)
+    (newest, *others), mirror = split(load_pair(find_policy(first.path))[0])
+    assert (len(others), mirror) == (2, None)
+    started = load_pair(find_policy(tuned.path))[0]
+    for name, array in newest.items():
+        np.testing.assert_array_equal(started[name], array)
+        assert any((other[name] != array).any() for other in others)
 
 
 def test_the_run_folder_suffices_to_repeat_the_training(run: TrainedRun, tmp_path: Path) -> None:

@@ -56,7 +56,7 @@ def test_an_onnx_model_takes_units_and_gives_the_command(files: tuple[Path, Path
     names = [output.name for output in session.get_outputs()]
     outputs = dict(zip(names, session.run(None, {"observation": raw}), strict=True))
     pilot = Pilot.load(files[1])
-    expected = pilot.layers.q_values(encoder(states))
+    expected = pilot.networks.q_values(encoder(states))
     assert outputs["q_values"] == pytest.approx(expected, rel=1e-4, abs=2e-3)
     assert (outputs["action"] == outputs["q_values"].argmax(axis=1)).all()
     commands = np.array(pilot.description["commands"])[outputs["action"]]

@@ -17,8 +17,9 @@ from dockctl.agents.dqn.network import FIRST_LAYER, DuelingQNetwork
 from dockctl.agents.dqn.policy import GreedyPolicy
 from dockctl.agents.dqn.replay import Batch, NStep, Replay, mirror_every_second
 from dockctl.agents.dqn.update import DoubleDQN
-from dockctl.agents.interface import Metrics, Mirror, Step, Tensors
+from dockctl.agents.interface import Metrics, Step, Tensors
 from dockctl.agents.tensors import load_parameters, numpy_tensors
+from dockctl.dueling import Mirror, join, split
 from dockctl.scenarios.training import Training
 
 DRAWN_BYTES = 2**25
@@ -59,7 +60,7 @@ class DQN:
 
     @property
     def policy(self) -> GreedyPolicy:
-        """The greedy policy of the evaluated network as it is now."""
+        """The greedy policy of the evaluated networks as they are now."""
         return GreedyPolicy(self.policy_tensors())
 
     @property
@@ -95,12 +96,13 @@ class DQN:
         return drawn
 
     def start_from(self, policy: Tensors, inputs: NDArray[np.int64]) -> None:
-        """Take over the parameters of all networks; new inputs have no weight yet. See `FineTunable`."""
-        first, known = policy[FIRST_LAYER], inputs >= 0
+        """Take over the parameters of the newest network; new inputs have no weight. See `FineTunable`."""
+        (newest, *_), _ = split(policy)
+        first, known = newest[FIRST_LAYER], inputs >= 0
         weights = np.zeros((len(first), len(inputs)), first.dtype)
         weights[:, known] = first[:, inputs[known]]
         for network in (self.learner.online, self.learner.target, self.learner.evaluated):
-            load_parameters(network, {**policy, FIRST_LAYER: weights})
+            load_parameters(network, {**newest, FIRST_LAYER: weights})
 
     def learn_mirrored(self, mirror: Mirror) -> None:
         """Replace half of the transitions by their mirror images; see `Mirrorable`."""
@@ -137,8 +139,11 @@ class DQN:
         self.replay.rng = np.random.default_rng((training.seed, 2, attempt))
 
     def policy_tensors(self) -> Tensors:
-        """Return the parameters of the evaluated network; see `Algorithm`."""
-        return numpy_tensors(self.learner.evaluated.state_dict())
+        """Return the parameters of the evaluated networks; see `Algorithm`."""
+        newest = numpy_tensors(self.learner.evaluated.state_dict())
+        if self.training.ensemble is None:
+            return newest
+        return join([newest, *self.learner.snapshots], self.mirror)
 
     def state(self) -> tuple[Tensors, dict[str, Any]]:
         """Return the other networks, optimizer, replay, n-step windows and generators; see `Algorithm`."""
@@ -160,7 +165,8 @@ class DQN:
             raise KeyError("online")
         load_parameters(self.learner.online, nested["online"])
         load_parameters(self.learner.target, nested["target"])
-        load_parameters(self.learner.evaluated, policy)
+        (newest, *self.learner.snapshots), _ = split(policy)
+        load_parameters(self.learner.evaluated, newest)
         self.learner.steps.load_moments(nested["optimizer"])
         self.replay.load(nested["replay"], self.actions)
         if unfinished := nested["unfinished"]:

@@ -1,4 +1,4 @@
-"""The greedy policy of a dueling network, without torch."""
+"""The greedy policy of a dueling network, or of an ensemble of them, without torch."""
 
 from __future__ import annotations
 
@@ -8,21 +8,21 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dockctl.agents.interface import Info, Policy, Tensors
-from dockctl.dueling import Layers
+from dockctl.dueling import Ensemble
 
 
 class GreedyPolicy(Policy):
     """The action of the highest value.
 
     Args:
-        tensors: of the network, in float32.
+        tensors: of the networks, in float32; see `dockctl.dueling`.
 
     Raises:
-        KeyError, ValueError: they are not those of a dueling network.
+        KeyError, ValueError: they are not those of dueling networks.
     """
 
     def __init__(self, tensors: Tensors) -> None:
-        self._layers = Layers.of(tensors)
+        self._networks = Ensemble.of(tensors)
 
     def act(self, observation: NDArray[Any], info: Info) -> NDArray[np.int64]:
         """Return the action of the highest value for each boat; see `Policy`.
@@ -39,8 +39,8 @@ class GreedyPolicy(Policy):
         Raises:
             ValueError: `observation` is not (n, observation_size).
         """
-        size = self._layers.shared[0][0].shape[1]
+        size, _ = self._networks.sizes
         if observation.ndim != 2 or observation.shape[1] != size:
             expected = f"(n, {size})"
             raise ValueError(f"the policy takes observations of shape {expected}, not {observation.shape}")
-        return self._layers.q_values(observation.astype(np.float32, copy=False))
+        return self._networks.q_values(observation.astype(np.float32, copy=False))

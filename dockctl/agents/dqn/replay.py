@@ -7,7 +7,8 @@ from typing import Any, Generic, NamedTuple, TypeVar
 import numpy as np
 from numpy.typing import NDArray
 
-from dockctl.agents.interface import Mirror, Step, Tensors
+from dockctl.agents.interface import Step, Tensors
+from dockctl.dueling import Mirror
 
 Array = TypeVar("Array")  # of numpy or torch
 
@@ -35,7 +36,7 @@ Batch = Transitions[NDArray[Any]]
 def mirror_every_second(batch: Batch, mirror: Mirror) -> None:
     """Replace every second transition by its mirror image, in place."""
     for observation in (batch.observation, batch.next_observation):
-        observation[::2] = observation[::2, mirror.columns] * mirror.signs
+        observation[::2] = mirror.observations(observation[::2])
     batch.action[::2] = mirror.actions[batch.action[::2]]
 
 

@@ -18,7 +18,7 @@ from dockctl.agents.dqn.compiled import DECAYS, CompiledSteps
 from dockctl.agents.dqn.network import DuelingQNetwork
 from dockctl.agents.dqn.replay import Batch, Transitions
 from dockctl.agents.interface import Metrics, Tensors
-from dockctl.agents.tensors import load_optimizer, optimizer_tensors
+from dockctl.agents.tensors import load_optimizer, numpy_tensors, optimizer_tensors
 from dockctl.scenarios.training import Training
 
 QFunction = Callable[[Tensor], Tensor]
@@ -111,6 +111,9 @@ class DoubleDQN:
     policy of the online network changes with every update, and docks from more starts at one time than at the
     next. Without averaging it is the online network itself.
 
+    Attributes:
+        snapshots: parameters of the evaluated network at earlier times, newest first, for an ensemble.
+
     Args:
         online: trained in place, on the device where it is.
         training: loss, clipping, optimizer, target copies and their average.
@@ -119,6 +122,7 @@ class DoubleDQN:
     def __init__(self, online: DuelingQNetwork, training: Training) -> None:
         self.online, self.target, self.training, self.updates = online, copy.deepcopy(online), training, 0
         self.evaluated = online if training.averaged_copies is None else copy.deepcopy(online)
+        self.snapshots: list[Tensors] = []
         on_processor = next(online.parameters()).device.type == "cpu"
         steps = CompiledSteps if on_processor else AutogradSteps
         self.steps = steps(online, self.target, training)
@@ -153,8 +157,12 @@ class DoubleDQN:
     def _copy(self) -> None:
         """Copy the online network to the target network, and average the copies: the first ones equally."""
         self.target.load_state_dict(self.online.state_dict())
+        copies = self.updates // self.training.target_update_interval
         if self.training.averaged_copies is not None:
-            copies = self.updates // self.training.target_update_interval
             weight = 1 / min(copies, self.training.averaged_copies)
             for average, copied in zip(self.evaluated.parameters(), self.target.parameters(), strict=True):
                 average.lerp_(copied, weight)
+        ensemble = self.training.ensemble
+        if ensemble is not None and copies % self.training.copies_between_snapshots == 0:
+            newest = numpy_tensors(self.evaluated.state_dict())
+            self.snapshots = [newest, *self.snapshots][: ensemble.networks - 1]

@@ -10,7 +10,7 @@ from dockctl.agents.dqn.algorithm import DQN
 from dockctl.agents.dqn.network import DuelingQNetwork
 from dockctl.agents.dqn.policy import GreedyPolicy
 from dockctl.agents.tensors import numpy_tensors
-from dockctl.dueling import shapes
+from dockctl.dueling import Ensemble, Mirror, join, shapes
 from dockctl.scenarios.training import Training
 
 HAND_COUNTED = {
@@ -100,3 +100,65 @@ def test_exploration_is_as_frequent_as_epsilon(epsilon: float) -> None:
     explored = dqn.act(observation, 0) != dqn.policy.act(observation, {})
     assert explored.mean() == pytest.approx(epsilon * 49 / 50, abs=0.03)
     assert dqn.epsilon == epsilon
+
+
+MIRROR = Mirror(np.array([0, 2, 1]), np.array([-1, 1, 1], np.float32), np.array([1, 0, 2, 3]))
+
+
+def networks(count: int) -> list[DuelingQNetwork]:
+    return [DuelingQNetwork(3, 4, (8,), torch.Generator().manual_seed(seed)) for seed in range(count)]
+
+
+@pytest.mark.parametrize("mirror", [None, MIRROR])
+@pytest.mark.parametrize("count", [1, 3])
+def test_an_ensemble_has_the_mean_of_its_networks_and_of_the_mirror_images(
+    count: int, mirror: Mirror | None
+) -> None:
+    observation = torch.randn(50, 3, generator=torch.Generator().manual_seed(9))
+    image = observation[:, [0, 2, 1]] * torch.tensor([-1.0, 1.0, 1.0])
+    with torch.no_grad():
+        values = [network(observation) for network in networks(count)]
+        if mirror:
+            values += [network(image)[:, [1, 0, 2, 3]] for network in networks(count)]
+    policy = GreedyPolicy(join([numpy_tensors(network.state_dict()) for network in networks(count)], mirror))
+    np.testing.assert_allclose(
+        policy.q_values(observation.numpy()), torch.stack(values).mean(0), rtol=1e-5, atol=1e-6
+    )
+
+
+def test_with_a_mirror_the_action_of_the_image_is_the_image_of_the_action() -> None:
+    policy = GreedyPolicy(join([numpy_tensors(network.state_dict()) for network in networks(2)], MIRROR))
+    observation = np.random.default_rng(0).normal(size=(200, 3)).astype(np.float32)
+    action = policy.act(observation, {})
+    assert len(set(action.tolist())) > 1
+    np.testing.assert_array_equal(policy.act(MIRROR.observations(observation), {}), MIRROR.actions[action])
+
+
+DAMAGE = {
+    "a network is missing": lambda tensors: [tensors.pop(name) for name in [*tensors] if name[0] == "0"],
+    "a layer is missing": lambda tensors: tensors.pop("1.value.0.bias"),
+    "a network is of another size": lambda tensors: tensors.update(
+        {
+            f"1.{name}": array
+            for name, array in numpy_tensors(DuelingQNetwork(3, 5, (8,)).state_dict()).items()
+        }
+    ),
+    "a mirror of two actions as one": lambda tensors: tensors.update(
+        {"mirror.actions": np.array([1, 1, 2, 3])}
+    ),
+    "a mirror of columns that do not exist": lambda tensors: tensors.update(
+        {"mirror.columns": np.array([0, 1, 3])}
+    ),
+    "a mirror with numbers for columns": lambda tensors: tensors.update({"mirror.columns": np.arange(3.0)}),
+    "a mirror without signs": lambda tensors: tensors.pop("mirror.signs"),
+    "signs of another length": lambda tensors: tensors.update({"mirror.signs": np.ones(2, np.float32)}),
+}
+
+
+@pytest.mark.parametrize("name", DAMAGE)
+def test_the_tensors_of_an_ensemble_are_checked(name: str) -> None:
+    tensors = dict(join([numpy_tensors(network.state_dict()) for network in networks(2)], MIRROR))
+    Ensemble.of(tensors)
+    DAMAGE[name](tensors)
+    with pytest.raises((KeyError, ValueError)):
+        Ensemble.of(tensors)

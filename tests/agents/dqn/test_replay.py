@@ -10,7 +10,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from dockctl.agents.dqn.replay import Batch, NStep, Replay, Transitions, mirror_every_second
-from dockctl.agents.interface import Mirror, Step
+from dockctl.agents.interface import Step
+from dockctl.dueling import Mirror
 
 GAMMA = 0.5
 """Powers of one half are exact, so that returns compare exactly."""

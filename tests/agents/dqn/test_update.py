@@ -176,6 +176,21 @@ def test_the_evaluated_network_is_the_average_of_the_copies() -> None:
     assert flat(dqn.evaluated).numpy() == pytest.approx(expected.numpy(), rel=1e-5, abs=1e-7)
 
 
+def test_snapshots_of_the_evaluated_network_are_kept_for_an_ensemble() -> None:
+    """Every 8 environment steps are 2 updates of 4 steps each, and the next copy is due after 3."""
+    for every_steps, copies in ((8, 1), (12, 1), (24, 2), (36, 3)):
+        ensemble = {"networks": 3, "every_steps": every_steps}
+        dqn, expected = learner(averaged_copies=4, steps_per_update=4, ensemble=ensemble), list[Tensor]()
+        for seed in range(24):
+            dqn.update(batch(seed), 1e-2)
+            if dqn.updates % (3 * copies) == 0:
+                expected = [flat(dqn.evaluated).clone(), *expected][:2]
+        assert len(dqn.snapshots) == 2
+        for snapshot, parameters in zip(dqn.snapshots, expected, strict=True):
+            given = np.concatenate([array.ravel() for array in snapshot.values()])
+            np.testing.assert_array_equal(given, parameters)
+
+
 def test_the_evaluated_network_without_averaging() -> None:
     dqn = learner(averaged_copies=None)
     dqn.update(batch(), 1e-2)
