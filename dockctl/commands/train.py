@@ -7,7 +7,7 @@ from typing import Annotated
 
 import typer
 
-from dockctl.commands.options import DEFAULT_SCENARIO, Plugins, Trust
+from dockctl.commands.options import DEFAULT_SCENARIO, Json, Plugins, Trust
 from dockctl.errors import DockctlError
 from dockctl.experiments.interrupt import INTERRUPTED
 from dockctl.run_files import RUNS
@@ -82,6 +82,7 @@ def train(
     device: Annotated[str, typer.Option(help="Torch device of the networks: cpu, cuda, ...")] = "cpu",
     plugin: Plugins = None,
     trust: Trust = False,
+    json_: Json = None,
     name: Annotated[str | None, typer.Option(help="Name of the run, for its provenance.")] = None,
     tag: Annotated[list[str] | None, typer.Option(help="Tag of the run; can be repeated.")] = None,
 ) -> None:
@@ -99,6 +100,9 @@ def train(
         "SCENARIO": scenario, "--seed": seed, "--seeds": seeds, "--jobs": jobs, "--out": out, "--set": set_,
         "--from": from_, "--plugin": plugin, "--name": name, "--tag": tag,
     }  # fmt: skip
+    several = seeds is not None or any(map(is_list, set_ or ()))
+    if json_ and not several:
+        raise DockctlError("--json: only several trainings have a summary; give --seeds, or several values")
     if resume is not None:
         if extra := [option for option, value in start.items() if value not in (None, [])]:
             raise DockctlError(f"--resume continues the run with its own settings: omit {', '.join(extra)}")
@@ -106,12 +110,12 @@ def train(
         run = experiments.resume(
             path, steps=steps, on_divergence=on_divergence, device=device, trust=trust, log=log or ()
         )
-    elif seeds is not None or any(map(is_list, set_ or ())):
+    elif several:
         if seed is not None:
             raise DockctlError(f"--seed: {SEEDS}")
         if from_ is not None:
             raise DockctlError("--from: a sweep trains from the beginning; omit it, or train one policy")
-        ending = sweep(
+        ending, rows = sweep(
             DEFAULT_SCENARIO if scenario is None else scenario,
             set_ or (),
             seeds or 1,
@@ -126,6 +130,8 @@ def train(
             tags=tag or (),
             log=log or (),
         )
+        if json_:
+            json_.write(rows)
         if ending != "done":
             raise typer.Exit(INTERRUPTED if ending == "interrupted" else FAILED)
         return

@@ -21,6 +21,7 @@ from dockctl.runs.results import read_results
 from dockctl.runs.tables import START_KEYS, START_KINDS
 from dockctl.scenarios.loader import load
 
+Row = dict[str, Any]
 MAX_COMBINATIONS = 1000
 SEEDS = (
     "several trainings have the seeds 0 to N-1, by which the same command finds and resumes them; give their"
@@ -104,8 +105,8 @@ def sweep(
     name: str | None = None,
     tags: Sequence[str] = (),
     log: Sequence[str] = (),
-) -> Ending:
-    """Train and evaluate every combination with the seeds 0 to `seeds` - 1, and print a summary.
+) -> tuple[Ending, list[Row]]:
+    """Train and evaluate every combination with the seeds 0 to `seeds` - 1, print and return a summary.
 
     Finished runs are not repeated, and interrupted ones are resumed.
 
@@ -131,31 +132,40 @@ def sweep(
     console, jobs = Console(), make_jobs(chosen, folder, options, labels, plugin_files, trust)
     print_text(console, f"{len(chosen)} combinations, {seeds} seeds; runs in {folder}")
     ending, done = run_jobs(console, jobs, workers)
-    if done:
-        print_table(console, summary(done))
-    return ending
+    rows = summary(done)
+    if rows:
+        print_table(console, _table(rows))
+    return ending, rows
 
 
 def _repeated(option: str, given: Sequence[str]) -> list[str]:
     return [word for value in given for word in (option, value)]
 
 
-def summary(jobs: Sequence[Job]) -> Table:
-    """Return the table of the combinations: finished runs, and how many of all their starts dock."""
-    counted: dict[str, dict[str, list[tuple[int, int]]]] = {}
+def summary(jobs: Sequence[Job]) -> list[Row]:
+    """Return the combinations with the number of finished runs, and episodes and those that docked by run."""
+    rows: dict[str, Row] = {}
     for job in jobs:
-        kinds = counted.setdefault(job.experiment.name, {})
+        name = job.experiment.name
+        row = rows.setdefault(name, {"combination": name, "runs": 0, "starts": {}})
+        row["runs"] += 1
         for kind, facts in _evaluated(job):
-            kinds.setdefault(kind, []).append((facts["docked"], facts["episodes"]))
-    shown = list(dict.fromkeys(kind for kinds in counted.values() for kind in kinds))
+            counts = row["starts"].setdefault(kind, {"docked": [], "episodes": []})
+            for key, numbers in counts.items():
+                numbers.append(facts[key])
+    return [*rows.values()]
+
+
+def _table(rows: Sequence[Row]) -> Table:
+    shown = list(dict.fromkeys(kind for row in rows for kind in row["starts"]))
     table = make_table(
         "combination",
         *numeric("runs", *(START_KINDS[kind] for kind in shown)),
         title="Docked (worst to best seed)",
     )
-    for name, kinds in counted.items():
-        runs = sum(job.experiment.name == name for job in jobs)
-        table.add_row(name, f"{runs}", *(_docked(kinds.get(kind, [])) for kind in shown))
+    for row in rows:
+        cells = (_docked(**row["starts"][kind]) if kind in row["starts"] else "-" for kind in shown)
+        table.add_row(row["combination"], f"{row['runs']}", *cells)
     return table
 
 
@@ -168,10 +178,8 @@ def _evaluated(job: Job) -> Iterator[tuple[str, dict[str, Any]]]:
                 yield kind, facts[key]
 
 
-def _docked(counts: Sequence[tuple[int, int]]) -> str:
+def _docked(docked: Sequence[int], episodes: Sequence[int]) -> str:
     """Return the share of all starts, and that of the worst and the best run if there are several."""
-    if not counts:
-        return "-"
-    shares = [docked / episodes for docked, episodes in counts if episodes]
-    total = sum(docked for docked, _ in counts) / sum(episodes for _, episodes in counts)
+    shares = [part / whole for part, whole in zip(docked, episodes, strict=True) if whole]
+    total = sum(docked) / sum(episodes)
     return f"{total:.0%}" + (f" ({min(shares):.0%} to {max(shares):.0%})" if len(shares) > 1 else "")

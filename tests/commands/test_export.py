@@ -82,7 +82,7 @@ def test_best_policy_that_docks_from_its_training_poses_is_exported(
     text = (tmp_path / "out" / "mine" / "card.md").read_text()
     assert "| `s1` | training poses | 1 of 1 | 100.0% |" in text
     assert "| `s1` | random starts | 2 of 3 | 66.7% |" in text
-    assert "1 of 3 failed: 1 collision with" in text
+    assert "1 of 3 failed: 1 collision" in text
     with (given[1] / "evaluation.csv").open() as file:
         failed = [row for row in csv.DictReader(file) if row["outcome"] == "collision"]
     headings = [float(heading) for heading in re.findall(r"([\d.]+)°\)", text)]

@@ -31,8 +31,13 @@ def test_a_sweep_trains_every_combination_and_is_resumable(tmp_path: Path) -> No
         assert json.loads((run / "provenance.json").read_text())["tags"] == ["quick"]
         assert (run / "evaluation.json").is_file()
         assert run.parent.parent.name in first.out
-    again = dockctl(*command)
+    again = dockctl(*command, "--json", tmp_path / "sweep.json")
     assert again.code == 0
+    rows = json.loads((tmp_path / "sweep.json").read_text())
+    assert [(row["combination"], row["runs"]) for row in rows] == [("gamma-0.9", 1), ("gamma-0.99", 1)]
+    for row, run in zip(rows, runs, strict=True):
+        evaluated = json.loads((run / "evaluation.json").read_text())["random_starts"]
+        assert row["starts"]["random"] == {key: [evaluated[key]] for key in ("docked", "episodes")}
     assert sorted((tmp_path / "s1").glob("*/s1/*-seed0")) == runs
 
 

@@ -304,6 +304,19 @@ def test_a_terminal_gets_a_panel() -> None:
         assert words in text, words
 
 
+def test_the_last_panel_shows_the_policy_that_the_end_selects() -> None:
+    console = Console(file=io.StringIO(), force_terminal=True, width=80)
+    best, evaluation = [90, 100, -12_345.0], {"evaluation_docked": 1, "evaluation_episodes": 1}
+    with TrainingDisplay(Training(), "s1", console) as display:
+        display(progress())
+        display.finish(progress(best=best, evaluated_at=1_000_000, **evaluation))
+    assert isinstance(console.file, io.StringIO)
+    before, _, panel = console.file.getvalue().rpartition("╭")
+    assert "1,000,000 steps: docked 1 of 1; best 90 of 100 random starts, mean return -12,345\n" in before
+    assert "none yet" in before
+    assert "90 of 100 random starts" in panel
+
+
 def test_without_a_terminal_there_are_plain_lines(monkeypatch: pytest.MonkeyPatch) -> None:
     seconds = iter(range(0, 100, 10))
     monkeypatch.setattr("dockctl.experiments.live.time.monotonic", lambda: next(seconds))
