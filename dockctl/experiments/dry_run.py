@@ -30,6 +30,7 @@ from dockctl.plugins import (
 from dockctl.scenarios.base import FieldError
 from dockctl.scenarios.layouts import layouts
 from dockctl.scenarios.loader import LoadedScenario
+from dockctl.sim.simulator import IntegrationError
 from dockctl.sim.vessel import ReferenceVesselModel
 from dockctl.sim.world import NothingInRange, in_open_water
 
@@ -45,10 +46,15 @@ def dry_run(loaded: LoadedScenario) -> None:
     than everything else here, and so does the compiled vessel.
 
     Raises:
-        InputError: the algorithm does not fit the scenario.
+        InputError: the algorithm or the conditions do not fit the scenario.
         PluginError: a plugin failed, or returned a number that is not finite.
         DockctlError: the state of a condition cannot be saved.
     """
+    with _located(loaded):
+        _step(loaded)
+
+
+def _step(loaded: LoadedScenario) -> None:
     scenario = loaded.scenario
     lidar = scenario.sensors.lidar
     with Guard(RANGE_SENSORS, lidar.kind):
@@ -92,8 +98,7 @@ def dry_run(loaded: LoadedScenario) -> None:
     )
     _require_finite_terms(by_term)
     if scenario.training.mirrored:
-        with _located(loaded):
-            mirror_images(scenario)
+        mirror_images(scenario)
     if ALGORITHMS.origin(scenario.training.algorithm.kind) != PACKAGE_ORIGIN:
         algorithm = build_algorithm(loaded, Spaces.from_env(env), BOATS, "cpu")
         with Guard(ALGORITHMS, scenario.training.algorithm.kind):
@@ -122,12 +127,17 @@ def build_algorithm(loaded: LoadedScenario, spaces: Spaces, boats: int, device: 
 
 @contextmanager
 def _located(loaded: LoadedScenario) -> Iterator[None]:
-    """Convert a `FieldError` in the block to an `InputError` at the place of the field."""
+    """Convert a `FieldError` in the block to an `InputError` at the place of the field.
+
+    An integration that diverges is one of the conditions: those of the vessel are stable by its validator.
+    """
     try:
         yield
     except FieldError as error:
         problem = loaded.problem(error.field, error.message, error.code, error.suggestion)
         raise InputError([problem]) from None
+    except IntegrationError as error:
+        raise InputError([loaded.problem("conditions", error.message, error.code)]) from None
 
 
 def _require_finite_terms(by_term: dict[str, Any]) -> None:

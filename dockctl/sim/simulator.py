@@ -31,6 +31,12 @@ STATE_LIMIT = 1e9
 """Positions [m], headings [rad] and velocities above are those of an integration that diverged."""
 
 
+class IntegrationError(DockctlError):
+    """The equations of motion were integrated with too large steps for the forces, velocities or currents."""
+
+    code = "out_of_range"
+
+
 class Simulator:
     """The state of n boats and the control step that changes it; a single boat is a batch of one.
 
@@ -283,7 +289,7 @@ class Simulator:
         A boat that is free at the end of the period but touched something on the way stays where it did.
 
         Raises:
-            DockctlError: the integration diverged.
+            IntegrationError: the integration diverged.
         """
         period = self.vessel.vessel.control_period_s
         before, nu_r, current = self.eta, self.nu, self.current()
@@ -394,16 +400,15 @@ class Simulator:
         """Check that the integration to these poses and velocities, (n, 3), did not diverge.
 
         Raises:
-            DockctlError: a pose or velocity is not finite, or far beyond any harbor or vessel.
+            IntegrationError: a pose or velocity is not finite, or far beyond any harbor or vessel.
         """
         state = np.hstack([eta, nu])
         for row in np.flatnonzero(~(np.abs(state) < STATE_LIMIT).all(axis=1)):
             (x, y, heading, u, v, r), (force, angle) = state[row], self.command[row]
-            raise DockctlError(
+            raise IntegrationError(
                 f"boat {row}, step {self.steps[row] + 1}: the integration diverged at ({x:g}, {y:g}) m,"
                 f" {heading:g} rad, {u:g} m/s, {v:g} m/s, {r:g} rad/s at {force:g} N, {np.degrees(angle):g}°;"
-                " expected starts, currents and commands that the vessel is made for, or more substeps",
-                code="out_of_range",
+                " expected starts, conditions and commands that the vessel is made for, or more substeps"
             )
 
     def _measure(self) -> None:

@@ -183,10 +183,11 @@ class ReferenceVesselModel(VesselModel):
             if len(states):
                 states[:, number] = state
             force = tau[:, number * tau.shape[1] // substeps]
-            k1 = rate(state, force)
-            k2 = rate(state + h / 2 * k1, force)
-            k3 = rate(state + h / 2 * k2, force)
-            k4 = rate(state + h * k3, force)
+            with np.errstate(over="ignore", invalid="ignore"):  # the simulator reports what diverges
+                k1 = rate(state, force)
+                k2 = rate(state + h / 2 * k1, force)
+                k3 = rate(state + h / 2 * k2, force)
+                k4 = rate(state + h * k3, force)
             change = h / 6 * (k1 + 2 * k2 + 2 * k3 + k4)
             travel += np.hypot(change[:, 0], change[:, 1]) + reach * np.abs(change[:, 2])
             state = state + change

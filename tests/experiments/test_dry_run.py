@@ -155,6 +155,17 @@ def test_an_exception_of_several_lines_is_one_error(tmp_path: Path) -> None:
         dry_run(loaded)
 
 
+@pytest.mark.filterwarnings("error")
+def test_conditions_in_which_the_integration_diverges_are_located(tmp_path: Path) -> None:
+    scenario = tmp_path / "storm.yaml"
+    wind = "{speed_mps: 50, direction_deg: 90, length_m: 1e9}"
+    scenario.write_text(f"extends: s1\nconditions:\n  wind: {wind}\n")
+    with pytest.raises(InputError) as caught:
+        dry_run(load(str(scenario)))
+    (problem,) = caught.value.problems
+    assert (problem.line, problem.field, problem.code) == (3, "conditions", "out_of_range")
+
+
 def test_validate_and_train_report_the_fault_and_leave_no_run_folder(tmp_path: Path) -> None:
     path, runs = tmp_path / "mine.py", tmp_path / "runs"
     plugin(path, "term", value="1 / 0")
