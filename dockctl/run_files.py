@@ -68,3 +68,8 @@ POLICY_JSON, POLICY_TENSORS, LEARNER_JSON = "policy.json", "policy.safetensors",
 """Files of a checkpoint: facts and parameters of the policy, and facts of the state for resuming."""
 GENERATIONS = 3
 """Number of checkpoints of a name that are kept."""
+
+
+def generations(checkpoint: str) -> list[str]:
+    """Return the names of the folders of the checkpoint `BEST` or `LAST`, the newest first."""
+    return [checkpoint, *(f"{checkpoint}-{i}" for i in range(1, GENERATIONS))]

@@ -18,13 +18,18 @@ import platformdirs
 
 from dockctl.errors import DockctlError
 from dockctl.reading import read_bytes, read_json
-from dockctl.run_files import BEST, CHECKPOINTS, LAST, POLICY_JSON, POLICY_TENSORS, PROVENANCE
+from dockctl.run_files import BEST, CHECKPOINTS, LAST, POLICY_JSON, POLICY_TENSORS, PROVENANCE, generations
 
 MARKS = (
     PROVENANCE,
     POLICY_JSON,
     POLICY_TENSORS,
-    *(f"{CHECKPOINTS}/{name}/{POLICY_JSON}" for name in (BEST, LAST)),
+    *(
+        f"{CHECKPOINTS}/{folder}/{file}"
+        for name in (BEST, LAST)
+        for folder in generations(name)
+        for file in (POLICY_JSON, POLICY_TENSORS)
+    ),
 )
 """A folder with one of these files, and everything below it, is a run folder or a checkpoint."""
 log = logging.getLogger(__name__)

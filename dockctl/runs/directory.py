@@ -15,7 +15,7 @@ from typing import Any
 import dockctl
 from dockctl.errors import DockctlError
 from dockctl.reading import read_json
-from dockctl.run_files import BEST, CHECKPOINTS, GENERATIONS, LAST, POLICY_JSON, PROVENANCE, RUNS, SCENARIO
+from dockctl.run_files import BEST, CHECKPOINTS, LAST, POLICY_JSON, PROVENANCE, RUNS, SCENARIO, generations
 from dockctl.runs.files import exclusive_lock, make_folder, new_folder, sync, write_atomically, write_json
 from dockctl.runs.tables import Table, TableObserver
 
@@ -176,19 +176,18 @@ class RunDirectory:
         Raises:
             DockctlError: the folder cannot be written.
         """
-        generations = self._generations(name)
-        with new_folder(generations[0]) as folder:
+        places = self._generations(name)
+        with new_folder(places[0]) as folder:
             yield folder
             kept = self.checkpoints(name)
-            gap = next((i for i, place in enumerate(generations) if place not in kept), GENERATIONS - 1)
-            shutil.rmtree(generations[gap], ignore_errors=True)
-            for newer, older in reversed([*pairwise(generations[: gap + 1])]):
+            gap = next((i for i, place in enumerate(places) if place not in kept), len(places) - 1)
+            shutil.rmtree(places[gap], ignore_errors=True)
+            for newer, older in reversed([*pairwise(places[: gap + 1])]):
                 newer.replace(older)
                 sync(newer.parent)
 
     def _generations(self, name: str) -> list[Path]:
-        numbers = range(1, GENERATIONS)
-        return [self.path / CHECKPOINTS / each for each in (name, *(f"{name}-{i}" for i in numbers))]
+        return [self.path / CHECKPOINTS / each for each in generations(name)]
 
     def table(self, name: str, columns: Iterable[str]) -> Table:
         """Return the table `name`, to append rows."""

@@ -207,8 +207,28 @@ def without_provenance(run: Path) -> None:
     (run / "provenance.json").unlink()
 
 
+def with_an_older_policy_alone(run: Path) -> None:
+    without_provenance(run)
+    (run / "checkpoints" / "best").rename(run / "checkpoints" / "best-1")
+    shutil.rmtree(run / "checkpoints" / "last", ignore_errors=True)
+
+
+def with_tensors_alone(run: Path) -> None:
+    without_provenance(run)
+    for card in run.glob("checkpoints/*/policy.json"):
+        card.unlink()
+
+
 @pytest.mark.parametrize(
-    "hide", [as_a_link, as_a_file_to_extend, under_the_name_of_an_option, without_provenance]
+    "hide",
+    [
+        as_a_link,
+        as_a_file_to_extend,
+        under_the_name_of_an_option,
+        without_provenance,
+        with_an_older_policy_alone,
+        with_tensors_alone,
+    ],
 )
 @pytest.mark.parametrize("name", ["show", "validate a scenario that extends it"])
 def test_plugins_that_hide_do_not_run(
