@@ -43,7 +43,7 @@ def train_once(scenario: str, steps: int, seed: int) -> float:
 
 def sample(began: float, scenario: str, training_s: float, steps: int, evaluations: int) -> Sample:
     """Return what the process uses now."""
-    process = psutil.Process()
+    process, heap = psutil.Process(), psutil.heap_info()
     return {
         "minutes": (time.monotonic() - began) / 60,
         "trained": scenario,
@@ -51,6 +51,7 @@ def sample(began: float, scenario: str, training_s: float, steps: int, evaluatio
         "steps": steps,
         "evaluations": evaluations,
         "rss_mb": process.memory_info().rss / 2**20,
+        "allocated_mb": (heap.heap_used + heap.mmap_used) / 2**20,  # of the C library, without what it keeps
         "open_files": process.num_fds(),
         "threads": process.num_threads(),
     }
