@@ -1,10 +1,10 @@
-"""Harbors as data: a marina, generated layouts, or mesh files; the berths of a multi-berth task."""
+"""Harbors as data: a marina, generated layouts, or mesh files."""
 
 from __future__ import annotations
 
 import math
 from pathlib import Path
-from typing import Annotated, Literal, NamedTuple, Self, get_args
+from typing import Annotated, Literal, NamedTuple, Self
 
 from pydantic import AfterValidator, Field, model_validator
 
@@ -13,7 +13,6 @@ from dockctl.scenarios.base import (
     Coordinate,
     Count,
     FieldError,
-    Flag,
     Fraction,
     Length,
     Model,
@@ -31,7 +30,6 @@ DEFAULT_MODELS = (
 Places = Annotated[tuple[Coordinate, ...], Field(max_length=1000)]
 """Coordinates along a quay [m]."""
 Side = Literal["east", "west", "north", "south"]
-BerthKind = Literal["trained", "held_out"]
 QUAYS: dict[Side, str] = {"east": "x_max_m", "west": "x_min_m", "north": "y_max_m", "south": "y_min_m"}
 """The edge of the basin at which the berths of a side begin."""
 FACES: dict[Side, str] = {"east": "x_min_m", "west": "x_max_m", "north": "y_min_m", "south": "y_max_m"}
@@ -40,8 +38,6 @@ INTO_BASIN: dict[Side, tuple[int, int]] = {"east": (-1, 0), "west": (1, 0), "nor
 """Direction of a boat moored stern-to."""
 BERTH_POSE_GAP_M = 2.5
 """From the quay to the origin of a docked boat, so that x = 36 m at the east quay of the reference harbor."""
-MAX_HARBORS = 32
-"""Copies of a harbor with other vacant berths."""
 MAX_LAYOUTS = 1000
 MIN_BERTH_M = 2.4
 """Narrowest generated berth; every berth has space for the narrowest of `DEFAULT_MODELS`."""
@@ -209,7 +205,7 @@ class Marina(Model):
 
     @model_validator(mode="after")
     def _berths_differ(self) -> Self:
-        """A berth is named by its side and position, so that these must not occur twice."""
+        """A berth is named by its side and position, which must therefore be unique."""
         seen: dict[tuple[str, float], int] = {}
         for index, row in enumerate(self.rows):
             for at in row.berths:
@@ -242,6 +238,11 @@ class Marina(Model):
             return row.edge_m
         quay: float = getattr(self.basin, QUAYS[row.side])
         return quay
+
+    @property
+    def berths(self) -> tuple[BerthPlace, ...]:
+        """All berths, row by row."""
+        return tuple(BerthPlace(row.side, at) for row in self.rows for at in row.berths)
 
     def row_of(self, place: BerthPlace) -> SideRow | EndRow:
         """Return the row of a berth.
@@ -354,78 +355,3 @@ def berth_pose(marina: Marina, place: BerthPlace) -> tuple[float, float, float]:
     cosine, sine = INTO_BASIN[place.side]
     edge = marina.edge_of(marina.row_of(place))
     return *point_off_quay(place.side, edge, place.at_m, BERTH_POSE_GAP_M), math.atan2(sine, cosine)
-
-
-class BerthPlaces(Model):
-    """Center lines of berths by quay [m]: y at the east and west quay, x at the north and south quay."""
-
-    east: Places = ()
-    west: Places = ()
-    north: Places = ()
-    south: Places = ()
-
-    @property
-    def places(self) -> tuple[BerthPlace, ...]:
-        """All berths, quay by quay."""
-        return tuple(BerthPlace(side, at) for side in get_args(Side) for at in getattr(self, side))
-
-
-class Berths(Model):
-    """Berths for the episodes: each episode moves all poses of the task to one of them.
-
-    Those of a marina are split into groups of at most `vacant` berths. Each group has its own copy of the
-    harbor, in which only these berths are free. Generated layouts have their own free berths.
-    """
-
-    trained: BerthPlaces = Field(default=BerthPlaces(), description="berths of the training")
-    held_out: BerthPlaces = Field(default=BerthPlaces(), description="berths used only by the evaluation")
-    mirrored: Flag = Field(default=True, description="also mirror the task about the berth")
-    vacant: Count = 6
-
-    @model_validator(mode="after")
-    def _are_disjoint(self) -> Self:
-        groups = sum(-(-len(self.places(kind)) // self.vacant) for kind in get_args(BerthKind))
-        if groups > MAX_HARBORS:
-            message = f"{self.vacant} vacant berths at a time need {groups} harbors, at most {MAX_HARBORS}"
-            raise FieldError("vacant", message, "out_of_range")
-        if common := set(self.trained.places) & set(self.held_out.places):
-            side, at = min(common)
-            raise FieldError("held_out", f"the {side} berth at {at:g} is also in trained", "duplicate")
-        return self
-
-    def places(self, kind: BerthKind) -> tuple[BerthPlace, ...]:
-        """Return the berths of one kind."""
-        listed: BerthPlaces = getattr(self, kind)
-        return listed.places
-
-
-def require_berths(harbor: HarborSpec, berths: Berths | None) -> None:
-    """Check that a harbor has the berths of a task.
-
-    Raises:
-        FieldError: the first berth that the harbor lacks, or that none is given.
-    """
-    field = "task.berths"
-    if isinstance(harbor, Generated):
-        if berths is None and harbor.layouts + harbor.held_out_layouts > 1:
-            message = "is missing; 'berths: {}' moves the task to the free berths of all layouts"
-            raise FieldError(field, message, "missing_key")
-        if berths is not None and (berths.trained.places or berths.held_out.places):
-            message = "generated layouts have their own free berths; leave out trained and held_out"
-            raise FieldError(field, message, "mismatch")
-        return
-    if berths is None:
-        return
-    if not berths.trained.places:
-        raise FieldError(f"{field}.trained", "expected at least one berth", "missing_key")
-    if not isinstance(harbor, Marina):
-        message = "the harbor has no berths: expected kind marina or generated"
-        raise FieldError(field, message, "mismatch")
-    existing = {BerthPlace(row.side, at) for row in harbor.rows for at in row.berths}
-    for place in berths.trained.places + berths.held_out.places:
-        if place not in existing:
-            on_side = [berth.at_m for berth in existing if berth.side == place.side]
-            nearest = min(on_side, key=lambda at: abs(at - place.at_m), default=None)
-            hint = "that quay has none" if nearest is None else f"the nearest one is at {nearest:g}"
-            message = f"no berth on the {place.side} quay at {place.at_m:g}; {hint}"
-            raise FieldError(field, message, "mismatch")

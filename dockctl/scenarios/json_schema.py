@@ -26,9 +26,9 @@ from dockctl.plugins import (
     Registry,
 )
 from dockctl.scenarios import catalog
-from dockctl.scenarios.berth import BERTH, PATTERN
 from dockctl.scenarios.harbor import HarborSpec
 from dockctl.scenarios.kinds import Kinds
+from dockctl.scenarios.relocation import BERTH, PATTERN
 from dockctl.scenarios.schema import Scenario
 from dockctl.scenarios.vessel import Vessel
 

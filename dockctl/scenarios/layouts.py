@@ -8,11 +8,10 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
+from dockctl.scenarios.berths import BerthKind, Berths
 from dockctl.scenarios.harbor import (
     Basin,
-    BerthKind,
     BerthPlace,
-    Berths,
     EndRow,
     Entrance,
     Fleet,

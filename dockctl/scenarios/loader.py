@@ -17,10 +17,10 @@ from dockctl.errors import Code, DockctlError, InputError, Problem
 from dockctl.plugins import HARBORS, SCENARIOS, VESSELS, Registry
 from dockctl.scenarios import catalog
 from dockctl.scenarios.base import NAME, Model
-from dockctl.scenarios.berth import BERTH, at_berth
 from dockctl.scenarios.harbor import HarborSpec, is_model_file
 from dockctl.scenarios.merge import SELECTORS, at_location, merge, put
 from dockctl.scenarios.problems import function_problems, locate, validate
+from dockctl.scenarios.relocation import BERTH, at_berth
 from dockctl.scenarios.schema import Scenario
 from dockctl.scenarios.vessel import Vessel
 from dockctl.scenarios.yaml_tree import (

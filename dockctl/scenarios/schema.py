@@ -20,8 +20,9 @@ from dockctl.scenarios.base import (
     Pose,
     Positive,
 )
+from dockctl.scenarios.berths import Berths, require_berths
 from dockctl.scenarios.extensions import ActionType, Condition, RangeSensorSpec, Sectors
-from dockctl.scenarios.harbor import Berths, Generated, HarborSpec, require_berths
+from dockctl.scenarios.harbor import Generated, HarborSpec
 from dockctl.scenarios.kinds import Kinds
 from dockctl.scenarios.training import Evaluation, Training
 from dockctl.scenarios.vessel import Vessel

@@ -11,7 +11,8 @@ import numpy as np
 
 from dockctl.errors import DockctlError, InputError, Problem
 from dockctl.geometry import Bools, Floats, pose_array, pose_label, relocate_poses, wrap
-from dockctl.scenarios.harbor import BerthKind, BerthPlace, Generated, Marina, berth_pose
+from dockctl.scenarios.berths import BerthKind
+from dockctl.scenarios.harbor import BerthPlace, Generated, Marina, berth_pose
 from dockctl.scenarios.layouts import Layout, layouts
 from dockctl.scenarios.schema import Scenario, Task
 from dockctl.scenarios.training import ExploringStarts

@@ -35,11 +35,10 @@ def at_berth(tree: Node, scenario: Scenario, given: Node) -> Node:
     """
     place = _place(scenario, given)
     assert isinstance(scenario.harbor, Marina)  # otherwise it has no such place
-    for index, row in enumerate(scenario.harbor.rows):
-        if row.side == place.side and place.at_m in row.berths:
-            free = [Node(at, given.location) for at in sorted({*row.free, place.at_m})]
-            field = f"free_{row.axis}_m"
-            tree = _replaced(tree, ("harbor", "rows", index, field), Node([*free], given.location))
+    row = scenario.harbor.row_of(place)
+    free = [Node(at, given.location) for at in sorted({*row.free, place.at_m})]
+    index, field = scenario.harbor.rows.index(row), f"free_{row.axis}_m"
+    tree = _replaced(tree, ("harbor", "rows", index, field), Node([*free], given.location))
     final, to = pose_array(scenario.task.final), np.array(berth_pose(scenario.harbor, place))
     for keys, pose in _poses(scenario):
         x, y, heading = relocate_poses(pose_array(pose)[None], final, to, mirrored=False)[0].tolist()
@@ -60,7 +59,7 @@ def _place(scenario: Scenario, given: Node) -> BerthPlace:
     if not isinstance(given.value, str) or not found:
         message = f"expected side and position, like 'west 12', found {describe(given.to_python())}"
         raise error(message, "wrong_type")
-    known = [BerthPlace(row.side, at) for row in scenario.harbor.rows for at in row.berths]
+    known = scenario.harbor.berths
     for place in known:
         if place == (found[1], float(found[2])):
             return place

@@ -1,0 +1,88 @@
+"""The section ``task.berths``: berths to which the episodes move the poses of the task."""
+
+from __future__ import annotations
+
+from typing import Literal, Self, get_args
+
+from pydantic import Field, model_validator
+
+from dockctl.scenarios.base import Count, FieldError, Flag, Model
+from dockctl.scenarios.harbor import BerthPlace, Generated, HarborSpec, Marina, Places, Side
+
+BerthKind = Literal["trained", "held_out"]
+MAX_HARBORS = 32
+"""Copies of a harbor with other vacant berths."""
+
+
+class BerthPlaces(Model):
+    """Center lines of berths by quay [m]: y at the east and west quay, x at the north and south quay."""
+
+    east: Places = ()
+    west: Places = ()
+    north: Places = ()
+    south: Places = ()
+
+    @property
+    def places(self) -> tuple[BerthPlace, ...]:
+        """All berths, quay by quay."""
+        return tuple(BerthPlace(side, at) for side in get_args(Side) for at in getattr(self, side))
+
+
+class Berths(Model):
+    """Berths for the episodes: each episode moves all poses of the task to one of them.
+
+    Those of a marina are split into groups of at most `vacant` berths. Each group has its own copy of the
+    harbor, in which only these berths are free. Generated layouts have their own free berths.
+    """
+
+    trained: BerthPlaces = Field(default=BerthPlaces(), description="berths of the training")
+    held_out: BerthPlaces = Field(default=BerthPlaces(), description="berths used only by the evaluation")
+    mirrored: Flag = Field(default=True, description="also mirror the task about the berth")
+    vacant: Count = 6
+
+    @model_validator(mode="after")
+    def _are_disjoint(self) -> Self:
+        groups = sum(-(-len(self.places(kind)) // self.vacant) for kind in get_args(BerthKind))
+        if groups > MAX_HARBORS:
+            message = f"{self.vacant} vacant berths at a time need {groups} harbors, at most {MAX_HARBORS}"
+            raise FieldError("vacant", message, "out_of_range")
+        if common := set(self.trained.places) & set(self.held_out.places):
+            side, at = min(common)
+            raise FieldError("held_out", f"the {side} berth at {at:g} is also in trained", "duplicate")
+        return self
+
+    def places(self, kind: BerthKind) -> tuple[BerthPlace, ...]:
+        """Return the berths of one kind."""
+        listed: BerthPlaces = getattr(self, kind)
+        return listed.places
+
+
+def require_berths(harbor: HarborSpec, berths: Berths | None) -> None:
+    """Check that a harbor has the berths of a task.
+
+    Raises:
+        FieldError: the first berth that the harbor lacks, or that none is given.
+    """
+    field = "task.berths"
+    if isinstance(harbor, Generated):
+        if berths is None and harbor.layouts + harbor.held_out_layouts > 1:
+            message = "is missing; 'berths: {}' moves the task to the free berths of all layouts"
+            raise FieldError(field, message, "missing_key")
+        if berths is not None and (berths.trained.places or berths.held_out.places):
+            message = "generated layouts have their own free berths; leave out trained and held_out"
+            raise FieldError(field, message, "mismatch")
+        return
+    if berths is None:
+        return
+    if not berths.trained.places:
+        raise FieldError(f"{field}.trained", "expected at least one berth", "missing_key")
+    if not isinstance(harbor, Marina):
+        message = "the harbor has no berths: expected kind marina or generated"
+        raise FieldError(field, message, "mismatch")
+    for place in berths.trained.places + berths.held_out.places:
+        if place not in harbor.berths:
+            on_side = [berth.at_m for berth in harbor.berths if berth.side == place.side]
+            nearest = min(on_side, key=lambda at: abs(at - place.at_m), default=None)
+            hint = "that quay has none" if nearest is None else f"the nearest one is at {nearest:g}"
+            message = f"no berth on the {place.side} quay at {place.at_m:g}; {hint}"
+            raise FieldError(field, message, "mismatch")
