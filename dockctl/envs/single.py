@@ -11,7 +11,8 @@ import numpy as np
 from gymnasium.vector import AutoresetMode
 from numpy.typing import NDArray
 
-from dockctl.envs.vector import DockingVectorEnv, Info, ScenarioSource
+from dockctl.envs.info import Info
+from dockctl.envs.vector import DockingVectorEnv, ScenarioSource
 from dockctl.sim.world import World
 
 

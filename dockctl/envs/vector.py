@@ -15,6 +15,7 @@ from gymnasium.vector import AutoresetMode, VectorEnv
 from gymnasium.vector.utils import batch_space
 from numpy.typing import NDArray
 
+from dockctl.envs.info import Info, events_of, masked, no_events, of_boats, of_conditions, without
 from dockctl.envs.observation import BY_BOAT, ObservationEncoder, View
 from dockctl.envs.state import Arrays, pack, unpack
 from dockctl.errors import DockctlError, nearest, require_shape
@@ -23,14 +24,12 @@ from dockctl.plugins import ACTIONS, Guard
 from dockctl.rewards.compose import RewardFunction
 from dockctl.scenarios.loader import LoadedScenario
 from dockctl.scenarios.schema import Scenario
-from dockctl.sim.goal import StepStatus
 from dockctl.sim.retries import FailedStarts
 from dockctl.sim.simulator import Simulator
 from dockctl.sim.starts import Start, StartSampler, free_sites, given_start, is_trained, own_site
 from dockctl.sim.world import World, build_worlds, load_checked, unreachable_in
 
 Observations = NDArray[np.float32]
-Info = dict[str, Any]
 OPTIONS = ("poses", "starts", "reset_mask")
 ScenarioSource = LoadedScenario | Scenario | str | Path
 
@@ -106,7 +105,7 @@ class DockingVectorEnv(VectorEnv[Observations, NDArray[Any], NDArray[Any]]):
         self.action_space = batch_space(self.single_action_space, num_envs)
         self._rngs: list[np.random.Generator] = []
         retried = self.scenario.training.retried_starts if exploring else None
-        self._failed = None if retried is None else FailedStarts(num_envs, retried.fraction)
+        self._failed = FailedStarts(num_envs, 0.0 if retried is None else retried.fraction)
         self._start_kind = np.full(num_envs, "", object)
         self._start_index = np.zeros(num_envs, np.int64)
         self._ended = np.ones(num_envs, bool)
@@ -163,7 +162,7 @@ class DockingVectorEnv(VectorEnv[Observations, NDArray[Any], NDArray[Any]]):
         else:
             starts = self._draw(rows)
         self._begin(rows, starts)
-        return self._observe(), self._info(self._no_events())
+        return self._observe(), self._info(no_events(self.num_envs, self.reward.names))
 
     def step(self, actions: NDArray[Any]) -> tuple[Observations, Floats, Bools, Bools, Info]:
         """Apply each boat's action for one control period.
@@ -189,10 +188,9 @@ class DockingVectorEnv(VectorEnv[Observations, NDArray[Any], NDArray[Any]]):
         terminated = status.terminated & ~over
         truncated = ~over & ~terminated & (self.simulator.steps >= self.simulator.max_steps)
         self._ended = terminated | truncated
-        if self._failed is not None:
-            self._failed.end(self._ended & ~status.reached_final)
+        self._failed.end(self._ended & ~status.reached_final)
         self._extend_trails()
-        events = self._events(status, truncated, by_term)
+        events = events_of(status, truncated, by_term, self.simulator)
         if over.any():
             reward = np.where(over, 0.0, reward)
             events = self._restart(over, events)
@@ -201,7 +199,7 @@ class DockingVectorEnv(VectorEnv[Observations, NDArray[Any], NDArray[Any]]):
             ended, final_obs = self._ended.copy(), np.full(self.num_envs, None, object)
             for row in np.flatnonzero(ended):
                 final_obs[row] = observations[row]
-            final = _masked({"final_obs": final_obs, "final_info": info}, ended)
+            final = masked({"final_obs": final_obs, "final_info": info}, ended)
             events = self._restart(ended, events)
             observations, info = self._observe(), {**self._info(events), **final}
         return observations, reward, terminated, truncated, info
@@ -223,7 +221,7 @@ class DockingVectorEnv(VectorEnv[Observations, NDArray[Any], NDArray[Any]]):
             "start_index": self._start_index,
             "ended": self._ended,
             **({"past": [_by_boat(view) for view in self._past]} if self._past else {}),
-            **({} if self._failed is None else {"failed": self._failed.state()}),
+            "failed": self._failed.state(),
         }
         try:
             return arrays, {key: pack(value, key, arrays) for key, value in own.items()}
@@ -245,8 +243,7 @@ class DockingVectorEnv(VectorEnv[Observations, NDArray[Any], NDArray[Any]]):
             if not {self.num_envs} == {len(kinds), len(indices), len(ended), len(rngs) or self.num_envs}:
                 raise ValueError("another number of boats")
             self.simulator.restore(own["simulator"])
-            if self._failed is not None:
-                self._failed.restore(own["failed"])
+            self._failed.restore(own.get("failed"))
         except (KeyError, TypeError, ValueError, AttributeError) as error:
             message = f"not a state of '{self.scenario.name}' with {self.num_envs} boats: {error}"
             raise DockctlError(message, code="mismatch") from None
@@ -254,7 +251,7 @@ class DockingVectorEnv(VectorEnv[Observations, NDArray[Any], NDArray[Any]]):
         self._past = tuple(replace(self._view(), past=(), **view) for view in own.get("past", ()))
         self._start_kind[:], self._start_index[:] = kinds, indices
         self._trails = [[eta.copy()] for eta in self.simulator.eta]
-        return self._observe(), self._info(self._no_events())
+        return self._observe(), self._info(no_events(self.num_envs, self.reward.names))
 
     def clearance(self) -> Floats:
         """Return the clearance (n,) [m]: the least distance between each hull and its harbor."""
@@ -288,8 +285,7 @@ class DockingVectorEnv(VectorEnv[Observations, NDArray[Any], NDArray[Any]]):
         return [self._next_start(row, self._rngs[row]) for row in rows]
 
     def _next_start(self, row: int, rng: np.random.Generator) -> Start:
-        failed = None if self._failed is None else self._failed.take(row, rng)
-        return failed or self._sampler.draw(rng)
+        return self._failed.take(row, rng) or self._sampler.draw(rng)
 
     def _given(self, rows: Ints, options: dict[str, Any]) -> list[Start]:
         """Return the starts of these rows that the options give."""
@@ -319,8 +315,7 @@ class DockingVectorEnv(VectorEnv[Observations, NDArray[Any], NDArray[Any]]):
             self._past = self._past or tuple(first.copy() for _ in range(self._encoder.past_steps))
             for view in self._past:
                 view.set_rows(rows, first)
-        if self._failed is not None:
-            self._failed.begin(rows, starts)
+        self._failed.begin(rows, starts)
         self._start_kind[rows] = [start.kind for start in starts]
         self._start_index[rows] = [start.index for start in starts]
         self._ended[rows] = False
@@ -331,9 +326,7 @@ class DockingVectorEnv(VectorEnv[Observations, NDArray[Any], NDArray[Any]]):
         """Start the next episode of the boats that ended, and return the events without theirs."""
         rows = np.flatnonzero(ended)
         self._begin(rows, self._draw(rows))
-        remaining = {key: np.where(ended, "", events[key]) for key in ("outcome", "collided_with")}
-        terms = events["reward_terms"].items()
-        return {**remaining, "reward_terms": {name: np.where(ended, 0.0, value) for name, value in terms}}
+        return without(events, ended)
 
     def _commands(self, actions: NDArray[Any]) -> Floats:
         """Return the commands (n, 2) [N, rad] of the actions.
@@ -362,33 +355,13 @@ class DockingVectorEnv(VectorEnv[Observations, NDArray[Any], NDArray[Any]]):
 
     def _info(self, events: Info) -> Info:
         """Return copies of the state of every boat, and the events."""
-        simulator = self.simulator
         return {
-            "pose": simulator.eta.copy(),
-            "velocity": simulator.nu.copy(),
-            "command": simulator.command.copy(),
-            "distance_m": simulator.distance_m.copy(),
-            "heading_error_rad": simulator.heading_error_rad.copy(),
-            "goal": simulator.goal.copy(),
-            "phase": simulator.phase.copy(),
-            "sector_ranges_m": simulator.sector_ranges_m.copy(),
+            **of_boats(self.simulator),
             "start_kind": self._start_kind.copy(),
             "start_index": self._start_index.copy(),
-            **_of_conditions(simulator),
+            **of_conditions(self.simulator),
             **events,
         }
-
-    def _no_events(self) -> Info:
-        nothing = np.full(self.num_envs, "", object)
-        terms = {name: np.zeros(self.num_envs) for name in self.reward.names}
-        return {"outcome": nothing, "collided_with": nothing.copy(), "reward_terms": terms}
-
-    def _events(self, status: StepStatus, truncated: Bools, by_term: dict[str, Floats]) -> Info:
-        events = {**self._no_events(), "outcome": status.outcome(truncated), "reward_terms": by_term}
-        for row in np.flatnonzero(status.collided):
-            world = self.worlds[int(self.simulator.harbor[row])]
-            events["collided_with"][row] = world.obstacles.collided_part(self.simulator.eta[row]) or ""
-        return events
 
     def _extend_trails(self) -> None:
         if self.render_mode is not None:
@@ -403,31 +376,5 @@ def _resolve(scenario: ScenarioSource, base_dir: Path | None) -> tuple[Scenario,
     return loaded.scenario, loaded.base_dir
 
 
-def _of_conditions(simulator: Simulator) -> Info:
-    """Return the entries of `info` that the scenario's conditions add."""
-    info: Info = {}
-    if simulator.has("water_velocity"):
-        info["current"] = simulator.current()
-    if simulator.has("air_velocity"):
-        info["wind"] = simulator.wind()
-    if simulator.has("actuate"):
-        info["actuation"] = simulator.actuation.copy()
-    if simulator.has("pose_error") or simulator.has("velocity_error"):
-        info["measured_pose"] = simulator.measured_pose()
-        info["measured_velocity"] = simulator.measured_velocity()
-    if episode := simulator.episode():
-        info["conditions"] = episode
-    return info
-
-
 def _by_boat(view: View) -> Info:
     return {name: getattr(view, name) for name in BY_BOAT}
-
-
-def _masked(info: Info, mask: Bools) -> Info:
-    """Return `info` with a mask `_key` for every key, as in Gymnasium's vector environments."""
-    masked: Info = {}
-    for key, value in info.items():
-        masked[key] = _masked(value, mask) if isinstance(value, dict) else value
-        masked[f"_{key}"] = mask
-    return masked

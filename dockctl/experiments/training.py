@@ -9,7 +9,6 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
-from gymnasium.vector import VectorEnv
 from rich.console import Console
 
 from dockctl.agents.algorithms import AlgorithmSpec, remember_code
@@ -248,7 +247,7 @@ class _Session:
     loaded: LoadedScenario
     worlds: Sequence[World]
     memory: Estimate
-    environment: VectorEnv[Any, Any, Any]
+    environment: DockingVectorEnv
     spec: AlgorithmSpec
     algorithm: Algorithm
 
@@ -319,7 +318,7 @@ def _run(
                 session.algorithm, training, session.environment, run, card,
                 validate, evaluate if poses else None,
                 on_progress=display, interrupted=stopped, warn=warn,
-                step_limit=_step_limit(scenario.in_training()),
+                step_limit=_step_limit(session.environment.scenario),
             )  # fmt: skip
             if resumed:
                 warnings = trainer.restore()

@@ -25,7 +25,8 @@ class FailedStarts:
 
     Args:
         boats: number of boats.
-        fraction: of a boat's starts that are taken from its queue, if that is not empty.
+        fraction: of a boat's starts that are taken from its queue, if that is not empty; at 0 the queues
+            stay empty.
     """
 
     def __init__(self, boats: int, fraction: float) -> None:
@@ -42,7 +43,7 @@ class FailedStarts:
         """Keep the starts of the boats (n,) whose episode failed."""
         for boat in np.flatnonzero(failed):
             start = self._current[boat]
-            if start is not None and start.kind != "exploring":
+            if self._fraction and start is not None and start.kind != "exploring":
                 self._queues[boat].append(replace(start, kind="retried"))
 
     def take(self, boat: int, rng: np.random.Generator) -> Start | None:
@@ -50,19 +51,25 @@ class FailedStarts:
         queue = self._queues[boat]
         return queue.popleft() if queue and rng.random() < self._fraction else None
 
-    def state(self) -> dict[str, Any]:
-        """Return all starts as dictionaries."""
+    def state(self) -> dict[str, Any] | None:
+        """Return all starts as dictionaries; None if the fraction is 0."""
+        if not self._fraction:
+            return None
         return {
             "current": [start and asdict(start) for start in self._current],
             "queues": [[asdict(start) for start in queue] for queue in self._queues],
         }
 
-    def restore(self, state: dict[str, Any]) -> None:
+    def restore(self, state: dict[str, Any] | None) -> None:
         """Continue with what `state` returned.
 
         Raises:
             KeyError, TypeError, ValueError: it is not the state of this number of boats.
         """
+        if not self._fraction:
+            return
+        if state is None:
+            raise ValueError("a state without failed starts")
         queues = [[Start(**start) for start in queue] for queue in state["queues"]]
         if not len(queues) == len(state["current"]) == len(self._queues):
             raise ValueError("another number of boats")
