@@ -16,6 +16,7 @@ from dockctl.envs.observation import Columns, View, observation_part
 from dockctl.envs.vector import DockingVectorEnv
 from dockctl.plugins import (
     ACTIONS,
+    ALGORITHMS,
     CONDITIONS,
     HARBORS,
     OBSERVATION_PARTS,
@@ -46,6 +47,13 @@ SENSOR_KEYS: list[tuple[str, dict[str, Any]]] = [
     ("spinning", {"azimuth_steps": 90}),
     ("planar", {"rays": 90}),
 ]
+ALGORITHM_KEYS: list[tuple[dict[str, Any], Space[Any]]] = [
+    ({"kind": "dqn"}, Discrete(7)),
+    ({"kind": "sb3"}, Discrete(7)),
+    ({"kind": "sb3", "model": "SAC"}, Box(-1, 1, (2,), np.float32)),
+    ({"kind": "sb3", "model": "TD3", "action_noise": 0.1}, Box(-1, 1, (2,), np.float32)),
+    ({"kind": "sb3", "model": "DDPG"}, Box(np.float32([-2, 0]), np.float32([1, 3]))),
+]
 
 
 @pytest.mark.parametrize("name", REWARD_TERMS.names())
@@ -73,16 +81,7 @@ def test_range_sensors(kind: str, keys: dict[str, Any]) -> None:
     testing.check_range_sensor(kind, **keys)
 
 
-@pytest.mark.parametrize(
-    ("keys", "actions"),
-    [
-        ({"kind": "dqn"}, Discrete(7)),
-        ({"kind": "sb3"}, Discrete(7)),
-        ({"kind": "sb3", "model": "SAC"}, Box(-1, 1, (2,), np.float32)),
-        ({"kind": "sb3", "model": "TD3", "action_noise": 0.1}, Box(-1, 1, (2,), np.float32)),
-        ({"kind": "sb3", "model": "DDPG"}, Box(np.float32([-2, 0]), np.float32([1, 3]))),
-    ],
-)
+@pytest.mark.parametrize(("keys", "actions"), ALGORITHM_KEYS)
 def test_algorithms(keys: dict[str, Any], actions: Space[Any]) -> None:
     if keys["kind"] == "sb3":
         pytest.importorskip("stable_baselines3")
@@ -95,9 +94,10 @@ def test_an_algorithm_whose_policy_explores_is_rejected(monkeypatch: pytest.Monk
     assert_rejected(lambda: testing.check_algorithm("dqn", Discrete(7)), "random")
 
 
-def test_every_condition_and_sensor_is_checked() -> None:
+def test_every_condition_sensor_and_algorithm_is_checked() -> None:
     assert set(CONDITIONS.names()) == {kind for kind, _ in CONDITION_KEYS}
     assert set(RANGE_SENSORS.names()) == {kind for kind, _ in SENSOR_KEYS}
+    assert set(ALGORITHMS.names()) == {keys["kind"] for keys, _ in ALGORITHM_KEYS}
 
 
 @pytest.mark.parametrize("name", VESSELS.names())
