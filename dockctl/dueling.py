@@ -4,7 +4,7 @@
 torch, which is slow to import.
 
 A policy can be an ensemble of such networks. Then the names of their tensors begin with the number of the
-network, and tensors named ``mirror.<name>`` say how observations and actions are mirrored.
+network, and tensors named ``mirror.<name>`` define how observations and actions are mirrored.
 """
 
 from __future__ import annotations

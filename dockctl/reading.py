@@ -1,4 +1,4 @@
-"""Read files that others wrote, which may be damaged or made to exhaust the memory: within limits."""
+"""Read untrusted files, which may be damaged or crafted to exhaust the memory, within limits."""
 
 from __future__ import annotations
 

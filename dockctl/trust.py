@@ -1,4 +1,4 @@
-"""Which code of others may run: the plugin files of a received checkpoint or run folder.
+"""Which third-party code may run: the plugin files of a received checkpoint or run folder.
 
 A file runs without a question if this user has trained with the same content on this machine, by SHA-256.
 """
@@ -80,7 +80,7 @@ def require(code: Iterable[tuple[str, str, str]], *, trust: bool) -> None:
         elif recorded not in ("", digest) or not os.path.isfile(state_folder() / digest):
             refused.append(shown)
     if refused:
-        hint = "code of others, which runs with your permissions: read it, then allow it with --trust"
+        hint = "third-party code, which runs with your permissions: read it, then allow it with --trust"
         hint += ", or give your own copy with --plugin FILE; in Python: load_policy(..., trust=True)"
         raise UntrustedError("\n".join([*refused, hint]))
 

@@ -41,7 +41,7 @@ POLICY = "policy"
 COPIES = 4
 """Of the tensors in memory while a checkpoint is loaded, at most."""
 READS = 3
-"""Of a policy that seems to be damaged: a training that goes on may have replaced it during the first."""
+"""Attempts to read a policy that seems to be damaged: a training may have replaced it during the first."""
 MAX_SIZE = 1_000_000
 """Of observations and actions: a larger one is a mistake, or made to exhaust the memory."""
 FOREIGN = (

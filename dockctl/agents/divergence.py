@@ -75,7 +75,7 @@ class Monitor:
         """Continue from what `state` returned.
 
         Args:
-            same_episodes: those that had not ended go on; otherwise new ones start.
+            same_episodes: episodes that had not ended continue; otherwise new ones start.
         """
         if same_episodes:
             self._lasted[:] = arrays["lasted"]

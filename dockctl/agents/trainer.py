@@ -58,7 +58,7 @@ class Trainer:
         evaluate: from the poses that the stop rule demands; by default the validation starts.
         on_progress: called after every step.
         interrupted: called after every step; True saves and stops the training.
-        warn: called with what a training that goes on has met.
+        warn: called with each problem that does not end the training.
         step_limit: control steps after which the environment ends an episode, if it is known.
     """
 
@@ -140,7 +140,7 @@ class Trainer:
         """Run a check of the monitor and return whether it holds.
 
         Raises:
-            DivergenceError: it does not, and the training is not to go on nevertheless.
+            DivergenceError: it does not, and the training must stop.
         """
         try:
             check(*arguments, self.progress.env_steps)

@@ -1,4 +1,4 @@
-"""Policies from the code of others: factories, Stable-Baselines3 archives and ONNX files."""
+"""Policies from third-party code: factories, Stable-Baselines3 archives and ONNX files."""
 
 from __future__ import annotations
 

@@ -125,7 +125,7 @@ class LoadedPolicy(ABC):
         return load_checked(source, overrides=overrides, **self._plugins(source))
 
     def _plugins(self, source: str | Path) -> dict[str, Any]:
-        """Return the arguments of `load` that say which plugins of a scenario may run."""
+        """Return the arguments of `load` for the plugins of a scenario that may run."""
         received = source == self.own_scenario and isinstance(self, CheckpointPolicy)
         return {"plugin_files": self.plugin_files, "received": received, "trust": self.trust}
 
@@ -139,7 +139,7 @@ class CheckpointPolicy(LoadedPolicy):
     """A trained policy on disk. It brings its `PolicyInterface` along to every scenario.
 
     Attributes:
-        file: its JSON file, which a training that goes on may replace.
+        file: its JSON file, which a training in progress may replace.
         tensors: its parameters.
     """
 

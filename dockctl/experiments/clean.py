@@ -1,4 +1,4 @@
-"""What of the runs below a folder can be deleted."""
+"""What can be deleted from the runs below a folder."""
 
 from __future__ import annotations
 

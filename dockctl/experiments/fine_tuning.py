@@ -70,7 +70,7 @@ class InitialPolicy:
             kinds = f"'{card.algorithm['kind']}', and the training is by '{training.algorithm.kind}'"
             raise self._mismatch(f"its algorithm is {kinds}; fine-tuning is possible with 'dqn'")
         if own is None:
-            raise self._mismatch("it does not say what it observes; it is of an earlier version")
+            raise self._mismatch("its card does not list what it observes; it is from an earlier version")
         if card.hidden_sizes != training.hidden_sizes:
             sizes = f"hidden_sizes: {list(card.hidden_sizes)}"
             raise self._mismatch(f"its network is another one; set training: {{{sizes}}}")
@@ -96,5 +96,5 @@ class InitialPolicy:
 
     @property
     def facts(self) -> dict[str, Any]:
-        """Return what the provenance of the training says about it."""
+        """Return the entry in the provenance of the training."""
         return {"policy": self.source, "scenario": self.card.scenario, "sha256": self.card.sha256}

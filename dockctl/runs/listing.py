@@ -1,4 +1,4 @@
-"""The runs below a folder: what they are, and how far they are."""
+"""The runs below a folder, with their state and progress."""
 
 from __future__ import annotations
 

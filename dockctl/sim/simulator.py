@@ -1,4 +1,4 @@
-"""n boats, each in its harbor: integrate, check for collisions, measure the goal, scan."""
+"""The control step of n boats: integrate, check for collisions, measure the goal, scan."""
 
 from __future__ import annotations
 

@@ -1,6 +1,6 @@
 """The rays of all LiDARs by the cells around the boat that they cross, in the body frame.
 
-A table is built once per set of sensors. It also tells which level of the grid of the harbor covers a cell.
+A table is built once per set of sensors. It also gives the level of the harbor grid that covers each cell.
 """
 
 from __future__ import annotations
