@@ -3,8 +3,8 @@
     python benchmarks/optimal_control.py
 
 The plan (`planning.py`) knows the harbor, the wind and the current, and its commands are continuous; those of
-the policies are a grid. IPOPT is a local solver: a time is an upper bound of the minimum, and a plan that is
-not found is no proof that there is none.
+the policies are a grid. IPOPT is a local solver: a time is an upper bound of the minimum, and a failed search
+does not prove that no plan exists.
 """
 
 from __future__ import annotations

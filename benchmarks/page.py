@@ -276,10 +276,10 @@ def optimal_control_section(optimal: Json) -> str:
 
     kinds = dict.fromkeys((row["what"], row["direction_deg"]) for row in facts["weather"])
     calm_head = ("start", "optimum [s]", "carried out [s]", "policy [s]", "ratio")
-    weather_head = ("s1 in", "strongest with a way", "time [s]", "weakest without", "policy docks up to")
+    weather_head = ("s1 in", "strongest solved", "time [s]", "weakest unsolved", "policy docks up to")
     return f"""## Optimal control
 
-![optimal and learned ways](figures/performance-docking.png)
+![optimal and learned trajectories](figures/performance-docking.png)
 
 The minimum time of docking with full knowledge of harbor, wind and current, by CasADi and IPOPT, beside the
 shipped policies, one greedy episode from each start. The equations of motion, the wind forces and the
@@ -294,10 +294,10 @@ The harbor is modeled by the convex outlines of what lies between keel and deck,
 {1e2 * facts["clearance_m"]:.0f} cm at the end of each period; only outlines that the simulator found in the
 way are added, and it tests every plan against the meshes.
 
-The strongest constant wind and current from the start of scenario 1 in which a way was found. The steps are
-1 m/s and 0.05 m/s; the weather is known to the plan and unknown to the policy, which was trained in calm
-water. IPOPT is a local solver that was started from a few guesses: a time is an upper bound of the minimum,
-and a way that was not found is no proof that there is none.
+The strongest constant wind and current for which a trajectory from the start of scenario 1 was found. The
+steps are 1 m/s and 0.05 m/s; the weather is known to the plan and unknown to the policy, which was trained in
+calm water. IPOPT is a local solver that was started from a few guesses: a time is an upper bound of the
+minimum, and a failed search does not prove that no trajectory exists.
 
 {table(weather_head, [weather_row(*kind) for kind in kinds])}"""
 
