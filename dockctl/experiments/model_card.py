@@ -134,7 +134,11 @@ def _facts(
     yield "steps", f"{card.env_steps:,} environment steps to the best greedy evaluation of the training"
     algorithm = dict(card.algorithm)
     name = "dueling" if algorithm["kind"] == "dqn" else " ".join(str(value) for value in algorithm.values())
-    yield "network", f"{name}, layers of {', '.join(map(str, card.hidden_sizes))}"
+    layers = f"{name}, layers of {', '.join(map(str, card.hidden_sizes))}"
+    if ensemble := scenario.training.ensemble:
+        layers += f"; an ensemble of {ensemble.networks}, {ensemble.every_steps:,} steps apart"
+        layers += ", and of their mirror images" if scenario.training.mirrored else ""
+    yield "network", layers
     sectors = scenario.sensors.lidar.sectors
     parts = ", ".join(map(_part, scenario.observation))
     yield "observation", f"{card.observation_size} numbers: {parts}; {sectors} LiDAR sectors"
