@@ -73,7 +73,7 @@ def decisions(name: str, count: int, folder: Path) -> Iterator[Row]:
             action = policy.act(observation, info)
             cloud = env.worlds[int(simulator.harbor[0])].lidar.points(simulator.eta[0])
             yield int(action[0]), observation[0], *timed(pilot, simulator.nu[0])
-            other = Pilot(pilot.description, pilot.layers, pilot.goals)
+            other = Pilot(pilot.description, pilot.networks, pilot.goals)
             other.phase = int(simulator.phase[0])
             command = np.zeros((1, 2))
             for _ in range(PER_SCAN - 1):

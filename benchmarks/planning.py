@@ -24,13 +24,14 @@ from scipy.spatial import ConvexHull
 from dockctl.evaluation.rollout import Episode
 from dockctl.geometry import Floats, rotate, wrap
 from dockctl.scenarios.loader import LoadedScenario
+from dockctl.sim import integration
 from dockctl.sim.conditions.wind import UniformWind, wind_force
 from dockctl.sim.goal import TO_INTERMEDIATE, Limit
 from dockctl.sim.harbor.build import build_harbor
 from dockctl.sim.harbor.solids import hull_outline
 from dockctl.sim.simulator import Simulator
 from dockctl.sim.starts import Start
-from dockctl.sim.vessel import VesselModel, _rate
+from dockctl.sim.vessel import VesselModel
 from dockctl.sim.world import World
 
 ca.GlobalOptions.setNumpyMode(1)  # functions of numpy take symbols: dockctl's own equations can be called
@@ -148,7 +149,7 @@ def thrust(model: VesselModel, command: Any) -> list[Any]:
 
 def rate(model: VesselModel, state: Any, tau: Sequence[Any]) -> Any:
     """Return the time derivatives of a state (6,) in still water, by dockctl's own equations."""
-    return ca.vertcat(*_rate.py_func(*ca.vertsplit(state)[2:], tau, model.coefficients[0]))
+    return ca.vertcat(*integration.rate.py_func(*ca.vertsplit(state)[2:], tau, model.coefficients[0]))
 
 
 def control_step(docking: Docking) -> ca.Function:

@@ -11,7 +11,7 @@ from dockctl.compute import compiled
 
 
 @compiled(inline="always")
-def _rate(psi: float, u: float, v: float, r: float, tau: Any, coefficients: Any) -> Any:
+def rate(psi: float, u: float, v: float, r: float, tau: Any, coefficients: Any) -> Any:
     """Return the time derivatives of x, y, psi, u, v, r of one boat."""
     i00, i11, i12, i21, i22, m, Xud, Yvd, Yrd, Xu, Xuu, Yv, Yvv, Yr, Nv, Nr, Nrr = coefficients
     added = Yvd * v + Yrd * r
@@ -51,10 +51,10 @@ def integrate(
             if len(states):
                 _write(states[i, j], (x, y, p, u, v, r))
             x0, y0, p0 = x, y, p
-            x1, y1, p1, u1, v1, r1 = _rate(p, u, v, r, f, c)
-            x2, y2, p2, u2, v2, r2 = _rate(p + a * p1, u + a * u1, v + a * v1, r + a * r1, f, c)
-            x3, y3, p3, u3, v3, r3 = _rate(p + a * p2, u + a * u2, v + a * v2, r + a * r2, f, c)
-            x4, y4, p4, u4, v4, r4 = _rate(p + h * p3, u + h * u3, v + h * v3, r + h * r3, f, c)
+            x1, y1, p1, u1, v1, r1 = rate(p, u, v, r, f, c)
+            x2, y2, p2, u2, v2, r2 = rate(p + a * p1, u + a * u1, v + a * v1, r + a * r1, f, c)
+            x3, y3, p3, u3, v3, r3 = rate(p + a * p2, u + a * u2, v + a * v2, r + a * r2, f, c)
+            x4, y4, p4, u4, v4, r4 = rate(p + h * p3, u + h * u3, v + h * v3, r + h * r3, f, c)
             x += b * (x1 + 2 * x2 + 2 * x3 + x4)
             y += b * (y1 + 2 * y2 + 2 * y3 + y4)
             p += b * (p1 + 2 * p2 + 2 * p3 + p4)
