@@ -296,7 +296,7 @@ def test_a_policy_that_is_replaced_while_it_is_read_is_read_again(
         reads.append(file)
         if len(reads) != moment:
             return load_pair(file)
-        moved = saved.rename(saved.with_name("elsewhere"))
+        moved = saved.rename(saved.with_name("moved"))
         try:
             return load_pair(file)
         finally:

@@ -293,16 +293,22 @@ def test_a_best_policy_of_steps_that_are_trained_again_is_dropped(tmp_path: Path
     assert saved_steps(find_policy(run.path).parent) == 200
 
 
-@pytest.mark.parametrize("how", ["gone", "torn", "changed"])
-def test_a_damaged_block_is_detected(tmp_path: Path, how: str, monkeypatch: pytest.MonkeyPatch) -> None:
+def two_saves(folder: Path, monkeypatch: pytest.MonkeyPatch) -> tuple[RunDirectory, set[str], set[str]]:
+    """Return a stopped training, and the blocks of the replay in its newest save and the one before."""
     monkeypatch.setattr(training_state, "BLOCK_BYTES", 3_200)
-    run = new_run(tmp_path)
+    run = new_run(folder)
     for steps in (304, 640):
         stop_at(steps, run)
     of_last, of_previous = (
-        {*json.loads((folder / "learner.json").read_text())["blocks"][REPLAY]}
-        for folder in run.checkpoints("last")[:2]
+        {*json.loads((saved / "learner.json").read_text())["blocks"][REPLAY]}
+        for saved in run.checkpoints("last")[:2]
     )
+    return run, of_last, of_previous
+
+
+@pytest.mark.parametrize("how", ["gone", "torn", "changed"])
+def test_a_damaged_block_is_detected(tmp_path: Path, how: str, monkeypatch: pytest.MonkeyPatch) -> None:
+    run, of_last, of_previous = two_saves(tmp_path, monkeypatch)
     folder = run.path / "checkpoints" / "blocks"
     damage(folder / f"{min(of_last - of_previous)}.safetensors", how)
     assert load_state(run).folder == run.path / "checkpoints" / "last-1"
@@ -318,14 +324,7 @@ def test_a_damaged_block_is_written_again_by_the_next_save_that_needs_it(
     tmp_path: Path, how: str, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """Else the training would go on to save checkpoints that nothing can be resumed from."""
-    monkeypatch.setattr(training_state, "BLOCK_BYTES", 3_200)
-    run = new_run(tmp_path)
-    for steps in (304, 640):
-        stop_at(steps, run)
-    of_last, of_previous = (
-        {*json.loads((folder / "learner.json").read_text())["blocks"][REPLAY]}
-        for folder in run.checkpoints("last")[:2]
-    )
+    run, of_last, of_previous = two_saves(tmp_path, monkeypatch)
     damage(run.path / "checkpoints" / "blocks" / f"{min(of_last - of_previous)}.safetensors", how)
     trainer = toy(run, interrupted=lambda: trainer.progress.env_steps >= 640)
     assert len(trainer.restore()) == 1

@@ -44,7 +44,7 @@ def test_an_evaluation_on_ray_is_that_of_one_process(tmp_path: Path) -> None:
 
 @pytest.mark.slow
 @needs_ray
-@pytest.mark.skipif(not os.environ.get("DOCKCTL_RAY"), reason="takes a minute; run with DOCKCTL_RAY=1")
+@pytest.mark.skipif(not os.environ.get("DOCKCTL_RAY"), reason="takes minutes; run with DOCKCTL_RAY=1")
 @pytest.mark.parametrize("victim", ["ray::Worker", "dockctl train"])
 def test_a_training_whose_worker_is_killed_ends_like_one_on_this_machine(tmp_path: Path, victim: str) -> None:
     assert quick_train(tmp_path / "here", "s1", "--seed", 0, "--steps", 600).code == 0
