@@ -8,10 +8,10 @@ from dataclasses import dataclass, field, replace
 from typing import Any, Protocol
 
 import numpy as np
-from gymnasium.vector import VectorEnv
+from gymnasium.vector import AutoresetMode, VectorEnv
 from numpy.typing import NDArray
 
-from dockctl.agents.interface import Info, Policy, final_info, final_observation
+from dockctl.agents.interface import Info, Policy
 from dockctl.envs.vector import DockingVectorEnv
 from dockctl.geometry import Floats
 from dockctl.runs.tables import CONDITION_COLUMNS, TRAJECTORIES, Value, all_columns, to_csv
@@ -137,9 +137,14 @@ class Rollout:
         self._environments: dict[int, DockingVectorEnv] = {}
 
     def env(self, boats: int = 1) -> DockingVectorEnv:
-        """Return the environment with this number of boats."""
+        """Return the environment with this number of boats, which does not start episodes by itself.
+
+        A start that it drew would need every harbor of the training.
+        """
         if boats not in self._environments:
-            self._environments[boats] = DockingVectorEnv(self.loaded, boats, worlds=self.worlds)
+            self._environments[boats] = DockingVectorEnv(
+                self.loaded, boats, autoreset_mode=AutoresetMode.DISABLED, worlds=self.worlds
+            )
         return self._environments[boats]
 
     def run(self, policy: Policy, starts: Sequence[Start], *, clearance: bool = True) -> list[Episode]:
@@ -191,7 +196,7 @@ def run_episodes(
     """Run one episode from each start; a boat whose episode ended takes the next start.
 
     Args:
-        env: same-step autoreset; takes ``reset(options={"starts": n, "reset_mask": (n,)})``.
+        env: without autoreset; takes ``reset(options={"starts": n, "reset_mask": (n,)})``.
         starts: any number of starts, k.
         clearance: least distance to the harbor [m], given a start and the poses (m, 3) of its episode.
         seed: of the environment.
@@ -212,10 +217,9 @@ def run_episodes(
     while len(episodes) < len(starts):
         observation, reward, terminated, truncated, info = env.step(policy.act(observation, info))
         done = terminated | truncated
-        seen = final_observation(observation, info, done)
-        last = {key: _copy(value) for key, value in final_info(info, done).items() if key in READ}
+        last = {key: _copy(value) for key, value in info.items() if key in READ}
         for boat in boats:
-            recorders[boat].add(seen, last, boat, float(reward[boat]))
+            recorders[boat].add(observation, last, boat, float(reward[boat]))
         for boat in np.flatnonzero(done).tolist():
             if assigned[boat] < len(starts):
                 start = starts[assigned[boat]]

@@ -32,7 +32,7 @@ def test_dqn_learns(tmp_path: Path) -> None:
     policy, card = load_policy(learner.run_directory.path)
     assert card.algorithm["model"] == "DQN"
     starts = starts_at(*np.linspace(-1.1, -0.9, 9))
-    assert all(episode.docked for episode in run_episodes(ToyDocking(4), policy, starts))
+    assert all(episode.docked for episode in run_episodes(ToyDocking(4, autoreset=False), policy, starts))
     rows = read_table(learner.run_directory.path / "updates.csv")
     assert all(float(row["loss"]) >= 0 for row in rows)
     assert float(rows[-1]["learning_rate"]) < float(rows[0]["learning_rate"])

@@ -44,7 +44,7 @@ def trainer(root: Path, **changes: Any) -> Trainer:
 
 
 def trainer_in(run: RunDirectory, training: Training, **options: Any) -> Trainer:
-    greedy, starts = ToyDocking(2), starts_at(-1.0, -0.9)
+    greedy, starts = ToyDocking(2, autoreset=False), starts_at(-1.0, -0.9)
 
     def validate(policy: Policy) -> list[dict[str, Value]]:
         return evaluation_rows(run_episodes(greedy, policy, starts))
@@ -68,7 +68,7 @@ def test_it_learns_until_the_stop_rule_is_met(tmp_path: Path) -> None:
     best, card = load_policy(learner.run_directory.path)
     assert card.env_steps <= learner.progress.env_steps
     starts = starts_at(*np.linspace(-1.1, -0.9, 9))
-    assert all(episode.docked for episode in run_episodes(ToyDocking(4), best, starts))
+    assert all(episode.docked for episode in run_episodes(ToyDocking(4, autoreset=False), best, starts))
     rows = read_table(learner.run_directory.path / "episodes.csv")
     assert [int(row["episode"]) for row in rows] == list(range(1, len(rows) + 1))
     assert sum(row["outcome"] == "docked" for row in rows[-100:]) >= 95

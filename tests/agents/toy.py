@@ -26,10 +26,10 @@ def starts_at(*x: float) -> list[ToyStart]:
 class ToyDocking(VectorEnv[Any, Any, Any]):
     """Observation: position and speed. Docked below 0.1 in both; a wall at 0.5 and one at -1.5."""
 
-    metadata = {"autoreset_mode": AutoresetMode.SAME_STEP}
-
-    def __init__(self, num_envs: int, *, max_steps: int = 40) -> None:
-        self.num_envs, self.max_steps = num_envs, max_steps
+    def __init__(self, num_envs: int, *, max_steps: int = 40, autoreset: bool = True) -> None:
+        self.num_envs, self.max_steps, self.autoreset = num_envs, max_steps, autoreset
+        mode = AutoresetMode.SAME_STEP if autoreset else AutoresetMode.DISABLED
+        self.metadata = {"autoreset_mode": mode}
         self.single_observation_space = Box(-2, 2, (2,), np.float32)
         self.observation_space = Box(-2, 2, (num_envs, 2), np.float32)
         self.single_action_space = Discrete(3)
@@ -94,6 +94,8 @@ class ToyDocking(VectorEnv[Any, Any, Any]):
         reward = np.where(collided, -10.0, np.where(docked, 10.0, -np.abs(self.x)))
         outcome = np.select([collided, docked, truncated], ["collision", "docked", "timeout"], "")
         done = collided | docked | truncated
+        if not self.autoreset:
+            return self._observation(), reward, collided | docked, truncated, self._info(outcome)
         info: dict[str, Any] = {}
         if done.any():
             info = {"final_obs": self._observation(), "final_info": self._info(outcome)}

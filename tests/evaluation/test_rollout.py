@@ -27,14 +27,17 @@ class BrakeAtZero(Policy):
 def test_episodes_do_not_depend_on_the_number_of_boats(boats: int) -> None:
     starts = starts_at(-0.95, 0.45, -0.55, -1.35, 0.4)
     episodes = run_episodes(
-        ToyDocking(boats),
+        ToyDocking(boats, autoreset=False),
         BrakeAtZero(),
         starts,
         clearance=lambda start, poses: float((0.5 - poses[:, 0]).min()),
     )
     assert [e.outcome for e in episodes] == ["docked", "collision", "docked", "docked", "collision"]
     assert [e.collided_with for e in episodes] == ["", "wall", "", "", "wall"]
-    separate = [run_episodes(ToyDocking(1), BrakeAtZero(), starts[i : i + 1])[0] for i in range(len(starts))]
+    separate = [
+        run_episodes(ToyDocking(1, autoreset=False), BrakeAtZero(), starts[i : i + 1])[0]
+        for i in range(len(starts))
+    ]
     for together, single, start in zip(episodes, separate, starts, strict=True):
         assert together.start is start
         assert together.total_reward == single.total_reward
@@ -43,7 +46,7 @@ def test_episodes_do_not_depend_on_the_number_of_boats(boats: int) -> None:
 
 
 def test_what_an_episode_records() -> None:
-    (episode,) = run_episodes(ToyDocking(1), BrakeAtZero(), starts_at(-0.35))
+    (episode,) = run_episodes(ToyDocking(1, autoreset=False), BrakeAtZero(), starts_at(-0.35))
     np.testing.assert_allclose(
         episode.trajectory["pose"][:, 0], [-0.35, -0.25, -0.15, -0.05, -0.05], atol=1e-12
     )
@@ -62,7 +65,9 @@ def test_what_an_episode_records() -> None:
 
 
 def test_the_rows_of_a_validation() -> None:
-    rows = evaluation_rows(run_episodes(ToyDocking(1), BrakeAtZero(), starts_at(-0.35, 0.45)))
+    rows = evaluation_rows(
+        run_episodes(ToyDocking(1, autoreset=False), BrakeAtZero(), starts_at(-0.35, 0.45))
+    )
     assert [(row["start_kind"], row["pose"], row["outcome"]) for row in rows] == [
         ("pose", 0, "docked"),
         ("pose", 1, "collision"),

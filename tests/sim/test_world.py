@@ -18,6 +18,7 @@ from dockctl.sim import world
 from dockctl.sim.harbor.build import Harbor, build_harbor
 from dockctl.sim.starts import given_start, own_site
 from dockctl.sim.world import World, build_worlds
+from tests.evaluation.test_rollout import Rest
 
 QUAYS = (
     "harbor={name: quays, basin: {x_min_m: 0, x_max_m: 60, y_min_m: -20, y_max_m: 20},"
@@ -56,7 +57,9 @@ def test_only_harbors_that_are_used_are_built(monkeypatch: pytest.MonkeyPatch) -
     loaded = load("marinas", overrides=LAYOUTS)
     scenario, rollout = loaded.scenario, Rollout(loaded)
     site = own_site(scenario)
-    rollout.at_start(given_start(site, scenario.task, site.initial[0], 0))
+    start = given_start(site, scenario.task, site.initial[0], 0)
+    rollout.at_start(start)
+    rollout.run(Rest(), [start])
     assert built == ["generated-0"]
     assert starts.testing_starts(scenario, rollout.worlds, 0, seed=0) == []
     assert {start.harbor for start in starts.testing_starts(scenario, rollout.worlds, 2, seed=0)} == {3}
