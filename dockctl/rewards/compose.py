@@ -56,15 +56,13 @@ class RewardFunction:
 def _cases(status: StepStatus) -> dict[str, Bools]:
     """Return the case of eqs. 3.10 and 3.13 for each boat: by kind of term, the boats (n,) it applies to.
 
-    Exactly one kind applies to a boat. Eq. 3.10 has no intermediate pose.
+    Exactly one kind applies to a boat, since a step has at most one event. Eq. 3.10 has no intermediate pose.
     """
-    final = status.reached_final & ~status.collided
-    intermediate = status.reached_intermediate & ~status.collided & ~final
     return {
         "collision": status.collided,  # eqs. 3.10, 3.13: r_collision
-        "final": final,  # eqs. 3.10, 3.13: r_final
-        "intermediate": intermediate,  # eq. 3.13: r_pre-final
-        "dense": ~(status.collided | final | intermediate),  # eqs. 3.10, 3.13: otherwise
+        "final": status.reached_final,  # eqs. 3.10, 3.13: r_final
+        "intermediate": status.reached_intermediate,  # eq. 3.13: r_pre-final
+        "dense": ~(status.terminated | status.reached_intermediate),  # eqs. 3.10, 3.13: otherwise
     }
 
 

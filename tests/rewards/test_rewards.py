@@ -87,10 +87,6 @@ def test_only_the_term_of_the_event_applies() -> None:
     assert total(S3, status(0.5, 3.0, reached_final=True)) == 30_000
 
 
-def test_a_collision_takes_precedence() -> None:
-    assert total(S3, status(0.5, collided=True, reached_final=True, reached_intermediate=True)) == -30_000
-
-
 def test_an_event_without_a_term_has_no_reward() -> None:
     assert total(S1, status(5.0, 30.0, reached_intermediate=True)) == 0
     assert total(only(distance=-150), status(5.0, collided=True)) == 0
