@@ -74,11 +74,12 @@ class Layers(NamedTuple):
         Raises:
             ValueError: the tensors are not those of a dueling network.
         """
+        own = {name: np.asarray(array, np.float32) for name, array in tensors.items()}
         streams: list[list[Layer]] = []
         for name in cls._fields:
             found = {key for key in tensors if key.startswith(f"{name}.")}
             numbers = range(0, len(found), 2)  # every second module is an activation
-            streams.append([(tensors[f"{name}.{i}.weight"], tensors[f"{name}.{i}.bias"]) for i in numbers])
+            streams.append([(own[f"{name}.{i}.weight"], own[f"{name}.{i}.bias"]) for i in numbers])
         layers = cls(*streams)
         if sum(2 * len(stream) for stream in layers) != len(tensors) or not all(layers):
             raise ValueError("expected the tensors of a dueling network: shared, value and advantage")
@@ -152,14 +153,16 @@ def split(tensors: Tensors) -> tuple[list[Tensors], Mirror | None]:
     """Return the tensors of each network of a checkpoint, newest first, and the mirror if there is one.
 
     Raises:
-        KeyError: an array of the mirror is missing.
+        ValueError: the mirror lacks an array, or has others.
     """
     groups: dict[str, dict[str, NDArray[Any]]] = {}
     for name, array in tensors.items():
         group, _, rest = name.partition(".")
         groups.setdefault(group, {})[rest] = array
     images = groups.pop("mirror", None)
-    mirror = Mirror(*(images.pop(name) for name in Mirror._fields)) if images else None
+    if images is not None and images.keys() != {*Mirror._fields}:
+        raise ValueError(f"the mirror has the arrays {', '.join(images)}, not {', '.join(Mirror._fields)}")
+    mirror = None if images is None else Mirror(**images)
     numbered: list[Tensors] = [groups[name] for name in map(str, range(len(groups))) if name in groups]
     return (numbered if len(numbered) == len(groups) else [tensors]), mirror
 

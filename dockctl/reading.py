@@ -88,13 +88,13 @@ def read_bytes(path: Path, limit: int = MAX_BYTES) -> bytes:
     return content
 
 
-def read_json(path: Path, limit: int = MAX_BYTES) -> Any:
+def read_json(path: Path) -> Any:
     """Read a JSON file of limited size and depth, without NaN and infinity.
 
     Raises:
         DockctlError: the file is missing, larger, or not such a file.
     """
-    content = read_bytes(path, limit)
+    content = read_bytes(path)
     with reading(path):
         return parse_json(content.decode("utf-8"))
 

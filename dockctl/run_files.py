@@ -64,8 +64,9 @@ ARCHIVED_AS = "archived_as"
 FIGURES, CHECKPOINTS, PLUGINS, MESHES = "figures", "checkpoints", "plugins", "meshes"
 INITIAL = "initial"
 BEST, LAST, BLOCKS = "best", "last", "blocks"
-POLICY_JSON, POLICY_TENSORS, LEARNER_JSON = "policy.json", "policy.safetensors", "learner.json"
-"""Files of a checkpoint: facts and parameters of the policy, and facts of the state for resuming."""
+POLICY, LEARNER = "policy", "learner"
+"""Stems of the files of a checkpoint: the policy, and the rest of the state for resuming."""
+POLICY_JSON, POLICY_TENSORS, LEARNER_JSON = f"{POLICY}.json", f"{POLICY}.safetensors", f"{LEARNER}.json"
 GENERATIONS = 3
 """Number of checkpoints of a name that are kept."""
 

@@ -8,12 +8,12 @@ from pathlib import Path
 
 import pytest
 
-from dockctl.agents.checkpoint import POLICY
 from dockctl.evaluation import load_policy
 from dockctl.evaluation.rollout import Rollout
 from dockctl.evaluation.starts import evaluation_starts, training_starts
 from dockctl.experiments.export import CARD
 from dockctl.geometry import pose_label
+from dockctl.run_files import POLICY_JSON, POLICY_TENSORS, SCENARIO
 from dockctl.runs.directory import shipped
 from dockctl.scenarios.content import first_difference
 from dockctl.scenarios.loader import load
@@ -44,7 +44,7 @@ def test_the_files_are_those_of_the_card(name: str) -> None:
         if path.is_file() and path.name != CARD
     }
     assert told == there
-    assert {f"{POLICY}.json", f"{POLICY}.safetensors", "scenario.yaml"} <= set(told)
+    assert {POLICY_JSON, POLICY_TENSORS, SCENARIO} <= set(told)
 
 
 @each

@@ -15,10 +15,8 @@ from itertools import pairwise
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal
 
-import numpy as np
-
 from dockctl.compute import limit_blas_threads
-from dockctl.dueling import join, shapes, split
+from dockctl.dueling import shapes, split
 from dockctl.errors import DockctlError
 from dockctl.plugins import ALGORITHMS
 from dockctl.scenarios.base import FieldError, NonNegative
@@ -88,13 +86,11 @@ class Dqn(AlgorithmSpec):
         from dockctl.agents.dqn.policy import GreedyPolicy
 
         expected = shapes(*_discrete(spaces), hidden_sizes)
-        networks, mirror = split(tensors)
-        for network in networks:
+        for network in split(tensors)[0]:
             if (given := {name: array.shape for name, array in network.items()}) != expected:
                 raise ValueError(f"weights of shapes {given}, expected {expected}")
         limit_blas_threads()
-        exact = [{name: np.array(array, np.float32) for name, array in part.items()} for part in networks]
-        return GreedyPolicy(join(exact, mirror))
+        return GreedyPolicy(tensors)
 
 
 def _discrete(spaces: Spaces) -> tuple[int, int]:

@@ -28,7 +28,7 @@ from dockctl.agents.interface import Policy, Spaces, Tensors
 from dockctl.errors import Code, DockctlError, UnknownNameError, nearest
 from dockctl.plugins import ALGORITHMS, Guard
 from dockctl.reading import read_bytes, read_json
-from dockctl.run_files import BEST, LAST
+from dockctl.run_files import BEST, LAST, POLICY, POLICY_JSON, POLICY_TENSORS
 from dockctl.runs.directory import RunDirectory, named_checkpoints
 from dockctl.runs.files import write_atomically, write_json
 from dockctl.scenarios.base import Model, Name
@@ -37,7 +37,6 @@ from dockctl.trust import require, text_digest
 
 FORMAT = 2
 """Version of the files; in version 1 the JSON file has no hash of its own."""
-POLICY = "policy"
 COPIES = 4
 """Of the tensors in memory while a checkpoint is loaded, at most."""
 READS = 3
@@ -297,9 +296,9 @@ def find_policy(path: Path) -> Path:
             )
         return path.with_suffix(".json")
     for saved in ([path], *map(RunDirectory(path).checkpoints, (BEST, LAST))):
-        files = (folder / f"{POLICY}.{kind}" for folder in saved[:1] for kind in ("json", "safetensors"))
+        files = (folder / name for folder in saved[:1] for name in (POLICY_JSON, POLICY_TENSORS))
         if any(map(os.path.isfile, files)):
-            return _intact([folder / f"{POLICY}.json" for folder in saved])
+            return _intact([folder / POLICY_JSON for folder in saved])
     also = f"; the checkpoint '{path}' is in {names[str(path)]}" if str(path) in names else ""
     message = f"{path}: contains no checkpoint; a run has one after its first validation{also}"
     raise CheckpointError(message, code="not_found")
@@ -308,7 +307,7 @@ def find_policy(path: Path) -> Path:
 def saved_steps(folder: Path) -> int:
     """Return the environment steps of the policy in a checkpoint; 0 if it is damaged."""
     try:
-        return int(load_pair(folder / f"{POLICY}.json")[1]["env_steps"])
+        return int(load_pair(folder / POLICY_JSON)[1]["env_steps"])
     except (CheckpointError, KeyError, TypeError, ValueError):
         return 0
 

@@ -21,7 +21,6 @@ from safetensors.numpy import save as save_tensors
 
 from dockctl.agents.checkpoint import (
     FORMAT,
-    POLICY,
     CheckpointError,
     PolicyCard,
     load_pair,
@@ -32,11 +31,10 @@ from dockctl.agents.checkpoint import (
 from dockctl.agents.interface import Tensors
 from dockctl.errors import DockctlError
 from dockctl.reading import read_json
-from dockctl.run_files import BLOCKS, CHECKPOINTS, LAST
+from dockctl.run_files import BLOCKS, CHECKPOINTS, LAST, LEARNER, LEARNER_JSON, POLICY, POLICY_JSON
 from dockctl.runs.directory import RunDirectory
 from dockctl.runs.files import make_folder, write_atomically, writing
 
-LEARNER = "learner"
 BLOCK_BYTES = 2**22
 """Size of a block; smaller tensors are not split."""
 
@@ -93,7 +91,7 @@ def save_state(
     small = {name: tensor for name, tensor in tensors.items() if name not in large}
     with run.new_checkpoint(LAST) as folder:
         save_policy(folder, policy, card)
-        of_policy = read_json(folder / f"{POLICY}.json")["facts_sha256"]
+        of_policy = read_json(folder / POLICY_JSON)["facts_sha256"]
         save_pair(folder, LEARNER, small, {**facts, "blocks": blocks, "policy_facts_sha256": of_policy})
     for file in unused_blocks(run, run.checkpoints(LAST)):
         with suppress(OSError):  # it only takes space
@@ -110,8 +108,8 @@ def load_state(run: RunDirectory) -> TrainingState:
     damaged: dict[str, CheckpointError] = {}  # by text: checkpoints may share a damaged block
     for folder in run.checkpoints(LAST) or [run.checkpoint(LAST)]:
         try:
-            policy, card = load_pair(folder / f"{POLICY}.json")
-            tensors, facts = load_pair(folder / f"{LEARNER}.json")
+            policy, card = load_pair(folder / POLICY_JSON)
+            tensors, facts = load_pair(folder / LEARNER_JSON)
             if facts["format"] != FORMAT:
                 message = f"{folder}: saved by an earlier version, without all that resuming needs"
                 raise CheckpointError(message)
@@ -200,5 +198,5 @@ def unused_blocks(run: RunDirectory, folders: Iterable[Path]) -> list[Path]:
     used: set[str] = set()
     for folder in folders:
         with suppress(DockctlError):
-            used |= _names(read_json(folder / f"{LEARNER}.json"))
+            used |= _names(read_json(folder / LEARNER_JSON))
     return [file for file in (run.path / CHECKPOINTS / BLOCKS).glob("*") if file.stem not in used]

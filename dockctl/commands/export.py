@@ -9,8 +9,7 @@ import typer
 
 from dockctl.commands.options import Plugins, Trust, latest_run
 from dockctl.errors import DockctlError
-
-CHECKPOINTS = Path("checkpoints")
+from dockctl.run_files import CHECKPOINTS
 
 
 def export(
@@ -52,7 +51,9 @@ def export(
 
     ckpts = ckpts or [latest_run()]
     if onnx is None and pilot is None:
-        export.export_checkpoint(ckpts, name, out or CHECKPOINTS, plugin_files=plugin or (), trust=trust)
+        export.export_checkpoint(
+            ckpts, name, out or Path(CHECKPOINTS), plugin_files=plugin or (), trust=trust
+        )
         return
     if name is not None or out is not None:
         raise DockctlError(

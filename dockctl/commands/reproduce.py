@@ -9,6 +9,7 @@ import typer
 
 from dockctl.commands.options import On
 from dockctl.experiments.interrupt import INTERRUPTED
+from dockctl.run_files import RUNS
 
 FAILED = 1
 THESIS = "thesis"
@@ -25,7 +26,7 @@ def reproduce(
         typer.Option(
             help="Output folder; a run is in <study>/<experiment>/<scenario>/<time>-seed<N>/ below it."
         ),
-    ] = Path("runs/reproduce"),
+    ] = RUNS / "reproduce",
     jobs: Annotated[
         int | None, typer.Option(min=1, max=1024, help="Number of parallel trainings.", show_default="cores")
     ] = None,

@@ -30,7 +30,7 @@ from dockctl.errors import DockctlError, nearest, plugin_errors
 from dockctl.evaluation.libraries import CheckedPolicy, factory_of, imported, onnx_policy, sb3_policy
 from dockctl.plugins import OBSERVATION_PARTS, POLICIES, Entry
 from dockctl.reading import read_bytes
-from dockctl.run_files import POLICY_JSON, RUNS, SCENARIO
+from dockctl.run_files import POLICY, POLICY_JSON, RUNS, SCENARIO
 from dockctl.runs.directory import RunDirectory, named_checkpoints, shipped
 from dockctl.scenarios import catalog
 from dockctl.scenarios.catalog import SUFFIXES, display_path
@@ -179,7 +179,7 @@ class CheckpointPolicy(LoadedPolicy):
 
     def portable(self) -> tuple[str, dict[str, bytes], Mapping[str, Any]]:
         files = (self.file, self.file.with_suffix(".safetensors"))
-        pair = {f"policy{file.suffix}": read_bytes(file) for file in files}
+        pair = {f"{POLICY}{file.suffix}": read_bytes(file) for file in files}
         return f"{self.FILES}/{POLICY_JSON}", pair, {}
 
     def facts(self) -> dict[str, Any]:

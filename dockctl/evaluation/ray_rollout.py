@@ -22,7 +22,8 @@ from dockctl.cluster import require_version, write_files
 from dockctl.errors import DockctlError
 from dockctl.evaluation.policies import LoadedPolicy, load_policy
 from dockctl.evaluation.rollout import PARALLEL_BOATS, Episode, Rollout, seeded
-from dockctl.scenarios.content import SCENARIO_FILE, self_contained
+from dockctl.run_files import SCENARIO
+from dockctl.scenarios.content import self_contained
 from dockctl.scenarios.loader import load
 from dockctl.sim.starts import Start
 
@@ -104,7 +105,7 @@ def _prepared(setup: Setup) -> tuple[Rollout, Policy]:
     with tempfile.TemporaryDirectory(prefix="dockctl-") as name:
         folder = Path(name)
         write_files(folder, dict(setup.files))
-        rollout = Rollout(load(folder / "scenario" / SCENARIO_FILE))
+        rollout = Rollout(load(folder / "scenario" / SCENARIO))
         source = setup.policy.replace(LoadedPolicy.FILES, str(folder / "policy"))
         loaded = load_policy(source, trust=True, **dict(setup.params))
         return rollout, loaded.make(rollout.env())

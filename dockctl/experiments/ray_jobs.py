@@ -30,9 +30,9 @@ from dockctl.errors import DockctlError
 from dockctl.experiments.jobs import KilledError, LocalJob, log_line, open_log, remaining
 from dockctl.experiments.study import Experiment, Job, Stage
 from dockctl.reading import read_bytes
-from dockctl.run_files import CHECKPOINTS, LAST, LEARNER_JSON, PROVENANCE
+from dockctl.run_files import CHECKPOINTS, LAST, LEARNER_JSON, PROVENANCE, SCENARIO
 from dockctl.runs.files import exclusive_lock, intact, is_locked, json_text, new_folder, writing
-from dockctl.scenarios.content import SCENARIO_FILE, self_contained
+from dockctl.scenarios.content import self_contained
 from dockctl.scenarios.loader import load
 
 LOSSES = 3
@@ -88,7 +88,7 @@ class Assignment:
 
 
 def _place(number: int) -> str:
-    return f"scenarios/{number}/{SCENARIO_FILE}"
+    return f"scenarios/{number}/{SCENARIO}"
 
 
 @dataclass(frozen=True)

@@ -30,7 +30,7 @@ from dockctl.experiments.interrupt import interruptible
 from dockctl.experiments.live import TrainingDisplay, best, clock
 from dockctl.experiments.logs import logged, require_logs
 from dockctl.experiments.memory import Estimate, require_memory
-from dockctl.run_files import BEST, MESHES, PLUGINS, PROVENANCE, SCENARIO, SCENE, TRAJECTORIES_CSV
+from dockctl.run_files import BEST, MESHES, PLUGINS, PROVENANCE, RUNS, SCENARIO, SCENE, TRAJECTORIES_CSV
 from dockctl.runs import provenance
 from dockctl.runs.directory import RunDirectory
 from dockctl.runs.files import exclusive_lock, require_writable
@@ -66,7 +66,7 @@ def train(
     on_divergence: str | None = None,
     overrides: Sequence[str] = (),
     plugin_files: Sequence[Path] = (),
-    out: Path = Path("runs"),
+    out: Path = RUNS,
     device: str = "cpu",
     trust: bool = False,
     name: str | None = None,

@@ -27,6 +27,7 @@ Bounds = tuple[float, float, float, float]
 INTERVALS_S = (1.0, 2.0, 5.0, 10.0, 20.0, 50.0, 100.0)  # between outlines
 MOST_OUTLINES = 12  # along the longest path
 QUAY_M = 3.0  # width of the strip of land around the water
+CLOSE_MARGIN_M = 4.5  # around the points of a close view
 FLOWS = {"current": palette.SINGLE, "wind": palette.INK_SOFT}
 FLOW_PT = 16.0  # length of their arrows
 SCALE_BARS_M = (1.0, 2.0, 5.0, 10.0, 20.0, 50.0)
@@ -277,15 +278,13 @@ def extended(scene: Scene, points: Floats) -> Scene:
     return replace(scene, bounds=bounds)
 
 
-def close_view(
-    scene: Scene, points: Floats, margin_m: float = 4.5, aspect: tuple[float, float] = (0.85, 1.75)
-) -> Bounds:
+def close_view(scene: Scene, points: Floats, aspect: tuple[float, float] = (0.85, 1.75)) -> Bounds:
     """Return a view around `points` (k, 2) [m], clipped to the harbor.
 
     Args:
         aspect: smallest and largest ratio of width to height.
     """
-    low, high = points.min(axis=0) - margin_m, points.max(axis=0) + margin_m
+    low, high = points.min(axis=0) - CLOSE_MARGIN_M, points.max(axis=0) + CLOSE_MARGIN_M
     width, height = high - low
     center = (low + high) / 2
     size = np.array([max(width, aspect[0] * height), max(height, width / aspect[1])])

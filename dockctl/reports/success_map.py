@@ -56,7 +56,7 @@ def map_figure(table: pd.DataFrame, plan: Scene, task: Task, caption: str) -> Fi
     pose = pose_label(center["x_m"], center["y_m"], center["heading_deg"] - center["dheading_deg"])
     columns, rows = min(MOST_COLUMNS, len(headings)), -(-len(headings) // MOST_COLUMNS)
     goals = np.array([[p.x_m, p.y_m] for p in (task.final, task.intermediate) if p is not None])
-    view = _view(plan, table, goals)
+    view = _view(table, goals)
     width = 13.0
     height = rows * ((width - 0.4) / columns * (view[3] - view[1]) / (view[2] - view[0]) * 0.93 + 0.45)
     straight, small = (
@@ -176,7 +176,7 @@ def spacing(table: pd.DataFrame) -> float:
     return float(np.diff(offsets).min()) if len(offsets) > 1 else 1.0
 
 
-def _view(plan: Scene, table: pd.DataFrame, goals: Floats) -> plan_view.Bounds:
+def _view(table: pd.DataFrame, goals: Floats) -> plan_view.Bounds:
     """Bounds of cells and goals with a margin, (x_min, y_min, x_max, y_max) [m]."""
     margin = spacing(table) / 2 + 0.6
     points = np.concatenate([table[["x_m", "y_m"]].to_numpy(float), goals])

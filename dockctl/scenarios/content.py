@@ -9,11 +9,11 @@ from pathlib import Path
 from typing import Any
 
 from dockctl.reading import read_bytes
+from dockctl.run_files import MESHES, PLUGINS, SCENARIO
 from dockctl.scenarios.harbor import Fleet, Marina, is_model_file
 from dockctl.scenarios.loader import dump
 from dockctl.scenarios.schema import Scenario
 
-SCENARIO_FILE = "scenario.yaml"
 LABELS = {"title", "description", "plugins"}
 """Fields that affect neither a training nor an episode."""
 
@@ -41,7 +41,7 @@ def with_paths(scenario: Scenario, plugins: Iterable[str], meshes: Iterable[str]
 
 
 def self_contained(scenario: Scenario) -> dict[str, bytes]:
-    """Return the files, by relative path, from which `SCENARIO_FILE` loads as an equal scenario anywhere.
+    """Return the files, by relative path, from which `SCENARIO` loads as an equal scenario anywhere.
 
     Raises:
         DockctlError: a local file of the scenario cannot be read.
@@ -53,9 +53,9 @@ def self_contained(scenario: Scenario) -> dict[str, bytes]:
         files.update(copies)
         return list(copies)
 
-    plugins = added("plugins", map(Path, scenario.plugins))
-    moved = with_paths(scenario, plugins, added("meshes", mesh_files(scenario)))
-    return {SCENARIO_FILE: dump(moved).encode(), **files}
+    plugins = added(PLUGINS, map(Path, scenario.plugins))
+    moved = with_paths(scenario, plugins, added(MESHES, mesh_files(scenario)))
+    return {SCENARIO: dump(moved).encode(), **files}
 
 
 def first_difference(expected: Scenario, found: Scenario, *, ignore: Collection[str] = ()) -> str | None:

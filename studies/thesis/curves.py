@@ -20,6 +20,8 @@ from studies.thesis.text import POINTS, interquartile_mean, interval, on_common_
 
 WINDOW = 50
 """Episodes per mean."""
+COLUMNS = 2
+"""Panels in a row of a figure."""
 SEED_COLORS = palette.SERIES
 
 Measure = Callable[[pd.DataFrame], pd.Series]
@@ -80,16 +82,16 @@ def draw_middle(ax: Axes, curves: Sequence[pd.Series], color: str) -> None:
 
 
 def compared_figure(
-    title: str, subtitle: str, groups: Mapping[str, Mapping[str, Sequence[ArchivedRun]]], columns: int = 2
+    title: str, subtitle: str, groups: Mapping[str, Mapping[str, Sequence[ArchivedRun]]]
 ) -> Figure:
     """Share of docked episodes of several sets of runs, one panel per group.
 
     Args:
         groups: runs by title of the panel and name of the set.
     """
-    rows = -(-len(groups) // columns)
+    rows = -(-len(groups) // COLUMNS)
     figure = make_figure(title, subtitle, (12.4, 0.8 + 3.1 * rows))
-    axes = panels(figure, len(groups), columns, sharey=True)
+    axes = panels(figure, len(groups), COLUMNS, sharey=True)
     for ax, (name, sets) in zip(axes, groups.items(), strict=True):
         longest = 0.0
         colors = (palette.INK, palette.RED, palette.BLUE)
@@ -108,14 +110,14 @@ def compared_figure(
     return figure
 
 
-def endings_figure(title: str, runs: Sequence[tuple[str, ArchivedRun]], columns: int = 2) -> Figure:
+def endings_figure(title: str, runs: Sequence[tuple[str, ArchivedRun]]) -> Figure:
     """Outcomes of the episodes of single runs over the training."""
-    rows = -(-len(runs) // columns)
+    rows = -(-len(runs) // COLUMNS)
     figure = make_figure(
         title, f"share of the last {RECENT} episodes by outcome; dark: share past the intermediate pose",
         (12.4, 0.8 + 2.6 * rows),
     )  # fmt: skip
-    for ax, (name, run) in zip(panels(figure, len(runs), columns), runs, strict=True):
+    for ax, (name, run) in zip(panels(figure, len(runs), COLUMNS), runs, strict=True):
         learning.draw_outcomes(ax, run.episodes)
         if run.run.task.intermediate is not None:
             ax.plot(

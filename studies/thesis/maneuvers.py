@@ -115,7 +115,7 @@ def starts_figure(runs: Sequence[tuple[str, str, ArchivedRun]]) -> Figure:
     return figure
 
 
-def surge_figure(vessel: Vessel, seconds: float = 30.0) -> Figure:
+def surge_figure(vessel: Vessel) -> Figure:
     """Surge of a boat that starts at rest with full force (Fig. 3.10), in closed form.
 
     With the rudder amidships, (m - X_udot) u' = P - X_u u - X_uu u² is a Riccati equation.
@@ -124,7 +124,7 @@ def surge_figure(vessel: Vessel, seconds: float = 30.0) -> Figure:
     linear, square = vessel.X_u_kgps, vessel.X_uu_kgpm
     root = np.sqrt(linear**2 + 4 * square * force)
     top = (root - linear) / (2 * square)
-    time = np.linspace(0, seconds, 301)
+    time = np.linspace(0, 30, 301)  # [s]
     decay = np.exp(-root * time / mass)
     speed = top * (1 - decay) / (1 + decay * (root - linear) / (root + linear))
     figure, ax = make_axes(

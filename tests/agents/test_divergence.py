@@ -10,12 +10,11 @@ import numpy as np
 import pytest
 import torch
 
-from dockctl.agents.checkpoint import POLICY, load_pair
+from dockctl.agents.checkpoint import load_pair
 from dockctl.agents.divergence import DivergenceError, Monitor
 from dockctl.agents.dqn.algorithm import DQN
 from dockctl.agents.trainer import MAX_ROLLBACKS, Trainer
-from dockctl.agents.training_state import LEARNER
-from dockctl.run_files import LAST
+from dockctl.run_files import LAST, LEARNER_JSON, POLICY_JSON
 from dockctl.runs.directory import RunDirectory
 from dockctl.scenarios.training import Training
 from tests.agents.test_trainer import SETTINGS, read_table, trainer_in
@@ -127,8 +126,8 @@ FAULTS = [
 def assert_sound(run: RunDirectory, latest: int) -> None:
     """Check that the last checkpoint is from before the fault and finite."""
     folder = run.checkpoint(LAST)
-    policy, card = load_pair(folder / f"{POLICY}.json")
-    tensors, _ = load_pair(folder / f"{LEARNER}.json")
+    policy, card = load_pair(folder / POLICY_JSON)
+    tensors, _ = load_pair(folder / LEARNER_JSON)
     assert 0 < card["env_steps"] <= latest
     assert all(np.isfinite(values).all() for values in [*policy.values(), *tensors.values()])
 

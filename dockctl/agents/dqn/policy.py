@@ -15,7 +15,7 @@ class GreedyPolicy(Policy):
     """The action of the highest value.
 
     Args:
-        tensors: of the networks, in float32; see `dockctl.dueling`.
+        tensors: of the networks; see `dockctl.dueling`.
 
     Raises:
         KeyError, ValueError: they are not those of dueling networks.

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import hashlib
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from functools import cached_property
@@ -32,7 +31,6 @@ class Harbor:
         triangles: (m, 3, 3) corners in the world frame [m], outward-facing.
         part_of_triangle: (m,) index into `parts`.
         basin: the water between the quays, ``(x_min, y_min, x_max, y_max)`` [m], if there are quays.
-        content_hash: SHA-256 over the triangles and the kinds of their parts.
     """
 
     name: str
@@ -41,7 +39,6 @@ class Harbor:
     part_of_triangle: NDArray[np.int64]
     berths: tuple[Berth, ...]
     basin: tuple[float, float, float, float] | None
-    content_hash: str
 
     @cached_property
     def bounds(self) -> tuple[float, float, float, float]:
@@ -138,8 +135,6 @@ def assemble(
     pieces = [part.mesh.triangles for part in parts]
     triangles = np.concatenate(pieces).astype(np.float64)
     counts = [len(piece) for piece in pieces]
-    digest = hashlib.sha256(triangles.tobytes())
-    digest.update(repr([(part.kind, count) for part, count in zip(parts, counts, strict=True)]).encode())
     return Harbor(
         name=name,
         parts=tuple(parts),
@@ -147,5 +142,4 @@ def assemble(
         part_of_triangle=np.repeat(np.arange(len(parts)), counts),
         berths=tuple(berths),
         basin=basin,
-        content_hash=digest.hexdigest(),
     )

@@ -150,6 +150,7 @@ DAMAGE = {
         {"mirror.columns": np.array([0, 1, 3])}
     ),
     "a mirror with numbers for columns": lambda tensors: tensors.update({"mirror.columns": np.arange(3.0)}),
+    "a mirror with an array of another name": lambda tensors: tensors.update({"mirror.more": np.zeros(3)}),
     "a mirror without signs": lambda tensors: tensors.pop("mirror.signs"),
     "signs of another length": lambda tensors: tensors.update({"mirror.signs": np.ones(2, np.float32)}),
 }
