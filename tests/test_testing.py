@@ -14,12 +14,15 @@ from dockctl.agents.dqn.policy import GreedyPolicy
 from dockctl.envs.actions import GridActions
 from dockctl.envs.observation import Columns, View, observation_part
 from dockctl.envs.vector import DockingVectorEnv
+from dockctl.evaluation.policies import load_policy
+from dockctl.evaluation.rollout import Rollout
 from dockctl.plugins import (
     ACTIONS,
     ALGORITHMS,
     CONDITIONS,
     HARBORS,
     OBSERVATION_PARTS,
+    POLICIES,
     RANGE_SENSORS,
     REWARD_TERMS,
     VESSELS,
@@ -86,6 +89,13 @@ def test_algorithms(keys: dict[str, Any], actions: Space[Any]) -> None:
     if keys["kind"] == "sb3":
         pytest.importorskip("stable_baselines3")
     testing.check_algorithm(**keys, action_space=actions)
+
+
+@pytest.mark.parametrize("name", ["s1", *POLICIES.names()])
+def test_policies(name: str) -> None:
+    policy = load_policy(name)
+    env = Rollout(policy.scenario("s1")).env(3)
+    testing.check_policy(policy.make(env), env)
 
 
 def test_an_algorithm_whose_policy_explores_is_rejected(monkeypatch: pytest.MonkeyPatch) -> None:
