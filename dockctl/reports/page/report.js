@@ -29,8 +29,8 @@ function number(value) {
   const digits = { maximumFractionDigits: 10 };
   return Number(value.toPrecision(6)).toLocaleString("en-US", digits).replace("-", "\u2212");
 }
-/** A heading in 0 to 360. */
-const direction = (degrees) => number(((degrees % 360) + 360) % 360);
+/** A heading in 0 to 360, rounded before it is wrapped. */
+const direction = (degrees) => number((Number(degrees.toFixed(2)) % 360 + 360) % 360);
 const percent = (value, digits = 1) => (value === null ? "–" : `${(100 * value).toFixed(digits)} %`);
 
 /** Round numbers that cover a range. */

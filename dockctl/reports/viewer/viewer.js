@@ -109,7 +109,7 @@ function outline(points, color, z, opacity = 1) {
 
 /** Everything that belongs to one episode: boat, goals, trail, LiDAR. */
 function episodeGroup(episode) {
-  const group = new THREE.Group(), boat = new THREE.Group(), { boat: own } = header;
+  const group = new THREE.Group(), boat = new THREE.Group(), masts = new THREE.Group(), { boat: own } = header;
   const triangles = array(own.corners);
   const geometry = new THREE.BufferGeometry();
   geometry.setAttribute("position", new THREE.BufferAttribute(triangles.data, 3));
@@ -141,8 +141,9 @@ function episodeGroup(episode) {
     const post = withShadow(new THREE.Mesh(new THREE.CylinderGeometry(0.015, 0.015, Math.max(0.01, z - own.freeboard)), dark));
     post.rotation.x = Math.PI / 2;
     post.position.set(x, y, (z + own.freeboard) / 2);
-    boat.add(lidar, post);
+    masts.add(lidar, post);
   }
+  boat.add(masts);
 
   episode.goals.forEach(([x, y, heading, radius, allowed], index) => {
     const ghost = new THREE.Group(), last = index === episode.goals.length - 1;
@@ -187,7 +188,7 @@ function episodeGroup(episode) {
     return { arrow, name };
   });
   scene.add(group);
-  return { group, boat, drive, propeller, thrust, trail, cloud, returns, arcs, arrows };
+  return { group, boat, masts, drive, propeller, thrust, trail, cloud, returns, arcs, arrows };
 }
 
 /** An arrow along x, ARROW_M long, that lies flat above the water. */
@@ -326,6 +327,7 @@ function draw() {
   for (const [left, top, width, height, index] of layout) {
     groups.forEach((parts, i) => {
       parts.group.visible = i === index || (layout.length === 1 && now.layout === "together");
+      parts.masts.visible = i !== index || now.camera !== "bridge"; // they would stand in the middle of the picture
       if (now.layout === "together" && i !== now.selected) parts.returns.visible = parts.arcs.visible = false;
     });
     const bottom = innerHeight - top - height;
@@ -359,6 +361,8 @@ function pencil(id) {
 }
 
 const degrees = (radians) => (radians * 180) / Math.PI;
+/** A direction in degrees from 0 to 360, rounded before it is wrapped, so that 359.97 is 0.0. */
+const direction = (radians, digits) => fixed((Number(degrees(radians).toFixed(digits)) % 360 + 360) % 360, digits);
 const fixed = (value, digits) => (Object.is(+value.toFixed(digits), -0) ? 0 : value).toFixed(digits).replace("-", "\u2212");
 
 function drawState(episode, i) {
@@ -366,15 +370,15 @@ function drawState(episode, i) {
   const rows = [
     ["Policy", episode.policy],
     ["Position", `${fixed(x, 2)}, ${fixed(y, 2)} m`],
-    ["Heading", `${fixed(((degrees(heading) % 360) + 360) % 360, 1)}°`],
+    ["Heading", `${direction(heading, 1)}°`],
     ["Surge, sway", `${fixed(u, 2)}, ${fixed(v, 2)} m/s`],
     ["Yaw rate", `${fixed(degrees(r), 1)}°/s`],
     ["Goal", episode.goals.length > 1 && episode.phase.data[i] === 0 ? "intermediate pose" : "berth"],
     ["Distance", `${fixed(episode.distance_m.data[i], 2)} m`],
     ["Heading error", `${fixed(degrees(episode.heading_error_rad.data[i]), 1)}°`],
     ...episode.flow.map((name) => {
-      const [vx, vy] = episode[name].row(i), { from } = FLOWS[name], toward = degrees(Math.atan2(vy, vx)) + (from ? 180 : 0);
-      return [name[0].toUpperCase() + name.slice(1), `${fixed(Math.hypot(vx, vy), 2)} m/s ${from ? "from" : "to"} ${fixed((toward + 360) % 360, 0)}°`];
+      const [vx, vy] = episode[name].row(i), { from } = FLOWS[name], toward = Math.atan2(vy, vx) + (from ? Math.PI : 0);
+      return [name[0].toUpperCase() + name.slice(1), `${fixed(Math.hypot(vx, vy), 2)} m/s ${from ? "from" : "to"} ${direction(toward, 0)}°`];
     }),
     ["Outcome", ended ? episode.text : "under way", ended ? episode.outcome : ""],
   ];
@@ -467,7 +471,9 @@ function drawSectors(episode, i) {
 
 function drawReward(episode, i) {
   const names = header.terms, step = episode.terms.row(i), total = episode.term_sums.row(i);
-  const largest = Math.max(1e-9, ...Array.from({ length: Math.max(1, episode.last) }, (_, row) => Math.max(...episode.terms.row(row).map(Math.abs))));
+  // A bar is full at what few steps exceed: beside the reward of the berth all others would be too short to see.
+  const sizes = Array.from({ length: episode.last + 1 }, (_, row) => Math.max(...episode.terms.row(row).map(Math.abs))).sort((a, b) => a - b);
+  const largest = Math.max(1e-9, sizes[Math.floor(0.95 * episode.last)]);
   const cells = [...names.map((name, k) => [name, step[k], total[k]]), ["total", episode.reward.data[i], episode.returns.data[i]]];
   $("reward").replaceChildren(...cells.flatMap(([name, value, sum]) => {
     const label = document.createElement("span"), bar = document.createElement("u"), a = document.createElement("em"), b = document.createElement("em");
