@@ -15,10 +15,11 @@ from itertools import pairwise
 from typing import Annotated, Any
 
 import typer
+from rich.console import Console
 from typer.core import TyperCommand, TyperGroup
 
 from dockctl import __version__
-from dockctl.console import SafeStream
+from dockctl.console import SafeStream, print_text
 from dockctl.errors import DockctlError
 from dockctl.experiments.interrupt import INTERRUPTED
 
@@ -83,7 +84,7 @@ class _Commands(TyperGroup):
             if known is None:
                 raise
             for line in str(known).splitlines():
-                typer.secho(f"error: {line}", fg="red", err=True)
+                print_text(Console(stderr=True), f"error: {line}", "red")
             raise typer.Exit(known.exit_code) from known
 
     def format_commands(self, ctx: Any, formatter: Any) -> None:
@@ -96,7 +97,14 @@ class _Commands(TyperGroup):
 
 
 class _Command(TyperCommand):
-    """Options whose metavar is in brackets may be given without a value, which is the empty text then."""
+    """Options whose metavar is in brackets may be given without a value, which is the empty text then.
+
+    The help does not break the line of the example.
+    """
+
+    def format_help_text(self, ctx: Any, formatter: Any) -> None:
+        self.help = (self.help or "").replace("\n\nExample:", "\n\n\b\nExample:")
+        super().format_help_text(ctx, formatter)
 
     def parse_args(self, ctx: Any, args: list[str]) -> list[str]:
         optional = {name for each in self.params if str(each.metavar).startswith("[") for name in each.opts}

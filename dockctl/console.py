@@ -5,6 +5,7 @@ from __future__ import annotations
 import io
 import os
 import shlex
+import textwrap
 from collections.abc import Sequence
 from copy import copy
 from dataclasses import replace
@@ -15,6 +16,9 @@ from rich.console import Console
 from rich.measure import Measurement
 from rich.table import Column, Table
 from rich.text import Text
+
+WIDE = Console(width=10_000)
+"""For measurements."""
 
 
 class SafeStream(io.TextIOWrapper):
@@ -62,8 +66,14 @@ def command_line(*words: object) -> str:
 
 
 def print_text(console: Console, text: str, style: str = "") -> None:
-    """Print `text` literally: without markup, highlighting or wrapping, so that paths stay intact."""
-    console.print(Text(text, style=style), soft_wrap=True)
+    """Print `text` literally, without markup or highlighting; lines break on a terminal, between words.
+
+    Words longer than a line, such as paths, and indented lines, which are commands, stay whole.
+    """
+    for line in text.splitlines():
+        if console.is_terminal and not line.startswith(" "):
+            line = textwrap.fill(line, console.width, break_long_words=False, break_on_hyphens=False)
+        console.print(Text(line, style=style), soft_wrap=True)
 
 
 def print_table(console: Console, table: Table) -> None:
@@ -78,7 +88,7 @@ def print_table(console: Console, table: Table) -> None:
         part = _part(table, [first, *columns])
         if number:
             part.title = None
-        console.print(part)
+        console.print(_fitted(part, console.width))
 
 
 def _part(table: Table, columns: Sequence[Column]) -> Table:
@@ -89,14 +99,39 @@ def _part(table: Table, columns: Sequence[Column]) -> Table:
 
 def _least_width(table: Table) -> int:
     """Return the width below which Rich cuts cells; its own measure lets columns shrink that do not wrap."""
-    wide = Console(width=10_000)
+    return _width(table, [low for low, _ in _widths(table)])
 
-    def needed(column: Column) -> int:
-        cells = [Measurement.get(wide, wide.options, cell) for cell in (column.header, *column.cells)]
-        return max(cell.maximum if column.no_wrap else cell.minimum for cell in cells)
 
-    cut = _part(table, [replace(column, min_width=needed(column)) for column in table.columns])
-    return Measurement.get(wide, wide.options, cut).minimum
+def _fitted(table: Table, width: int) -> Table:
+    """Return the table with the widest columns narrowed to `width`, none below its longest word if possible.
+
+    Rich narrows columns without regard to their words, and breaks them.
+    """
+    spans = _widths(table)
+    for limit in range(width, 0, -1):
+        chosen = [max(low, min(high, limit)) for low, high in spans]
+        if _width(table, chosen) <= width:
+            return _with_widths(table, chosen)
+    return table
+
+
+def _widths(table: Table) -> list[tuple[int, int]]:
+    """Return the width of the longest word and line of each column; both of the line if it cannot wrap."""
+    spans = []
+    for column in table.columns:
+        cells = [Measurement.get(WIDE, WIDE.options, cell) for cell in (column.header, *column.cells)]
+        high = max(cell.maximum for cell in cells)
+        spans.append((high if column.no_wrap else max(cell.minimum for cell in cells), high))
+    return spans
+
+
+def _width(table: Table, widths: Sequence[int]) -> int:
+    return Measurement.get(WIDE, WIDE.options, _with_widths(table, widths)).maximum
+
+
+def _with_widths(table: Table, widths: Sequence[int]) -> Table:
+    columns = zip(table.columns, widths, strict=True)
+    return _part(table, [replace(column, width=width) for column, width in columns])
 
 
 def make_table(*columns: str | Column, title: str | Text | None = None) -> Table:

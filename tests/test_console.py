@@ -11,7 +11,7 @@ from rich.console import Console
 from rich.table import Column
 
 from dockctl import cli
-from dockctl.console import make_table, numeric, print_table
+from dockctl.console import make_table, numeric, print_table, print_text
 
 HEADER = ("first", "second", "difference", "95 % interval", "pairs")
 CELLS = ("12.54", "4.17", "−8.37", "−9.22 to −7.56", "1,000")
@@ -29,8 +29,39 @@ def test_no_cell_is_cut_off_in_a_narrow_terminal(width: int, no_wrap: bool) -> N
     assert max(map(len, text.splitlines())) <= width
 
 
+def test_narrow_columns_break_between_words() -> None:
+    """Columns of 24, 25 and 12 characters at most; their longest words need 10, 12 and 12."""
+    table = make_table(*(Column(name, overflow="fold") for name in ("first", "second", "third")))
+    table.add_row("one two three four seven", "lateral_area frontal_area", "incremental_")
+    stream = io.StringIO()
+    print_table(Console(file=stream, width=40), table)
+    text = stream.getvalue()
+    assert all(
+        word in text.split() for word in ("three", "seven", "lateral_area", "frontal_area", "incremental_")
+    )
+    assert max(map(len, text.splitlines())) <= 40
+
+
 def test_notes_go_through_what_replaces_standard_error() -> None:
     handler = cli._Notes()
     with redirect_stderr(io.StringIO()) as stream:  # as a spinner does as long as it turns
         handler.handle(logging.makeLogRecord({"msg": "building the table"}))
     assert stream.getvalue() == "building the table\n"
+
+
+@pytest.mark.parametrize("width", [40, 60, 80])
+def test_lines_break_between_words_on_a_terminal_only(width: int) -> None:
+    path = "/home/somebody/a-long-folder/runs/s3/20260101-120000-seed0/checkpoints/best/policy.safetensors"
+    memory = "memory: 0.9 GB at its peak (libraries and harbor 0.47, replay 0.31)"
+    text = f"{memory}\nrun folder: {path}\n  dockctl {path}"
+
+    def printed(*, terminal: bool) -> list[str]:
+        stream = io.StringIO()
+        print_text(Console(file=stream, width=width, force_terminal=terminal, color_system=None), text)
+        return stream.getvalue().splitlines()
+
+    assert printed(terminal=False) == text.splitlines()
+    lines = printed(terminal=True)
+    assert all(len(line) <= width for line in lines if path not in line)
+    assert " ".join(line.rstrip() for line in lines).split() == text.split()
+    assert lines[-1] == f"  dockctl {path}"

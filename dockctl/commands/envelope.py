@@ -85,12 +85,9 @@ def _print(result: Envelope) -> None:
     from dockctl.analysis.statistics import describe_share
 
     print_text(Console(), f"Policy {result.policy.description} on scenario '{result.scenario.name}'")
-    table = make_table(
-        "\nfactor", *numeric("\nvalue", "\ndocked", "", "95 %\ninterval", "\ncollision", "\ntimeout")
-    )
+    table = make_table("\nfactor", *numeric("\ndocked", "", "95 %\ninterval", "\ncollision", "\ntimeout"))
     for row in result.rows:
         share = describe_share(int(row["docked"] or 0), int(row["episodes"] or 0))
-        table.add_row(
-            str(row["factor"]), f"{row['value']:g}", *share, str(row["collision"]), str(row["timeout"])
-        )
+        factor = f"{row['factor']} {row['value']:g}"
+        table.add_row(factor, *share, str(row["collision"]), str(row["timeout"]))
     print_table(Console(), table)

@@ -130,9 +130,8 @@ def evaluate(
         )
         print_text(Console(stderr=True), f"note: {note}")
     if min_success is not None and result.lowest_success < min_success:
-        typer.secho(
-            f"success {result.lowest_success:.0%} is below the required {min_success:.0%}", fg="red", err=True
-        )
+        too_low = f"success {result.lowest_success:.0%} is below the required {min_success:.0%}"
+        print_text(Console(stderr=True), too_low, "red")
         raise typer.Exit(BELOW_MINIMUM)
 
 
@@ -143,7 +142,7 @@ def _episode_table(result: Evaluation) -> Table:
     units = {"time": "s", "δd": "m", "δψ": "°", "speed": "m/s", "path": "m", "clearance": "m"}
     table = make_table(
         Column("start\n[dim]x m, y m, °", no_wrap=True),
-        Column("ending", overflow="fold", min_width=10),
+        Column("ending", overflow="fold"),
         *numeric(*(f"{name}\n[dim]{unit}" for name, unit in units.items()), "control\nchanges"),
         title=START_KINDS["pose"].capitalize(),
     )

@@ -254,4 +254,4 @@ def print_paths(paths: Iterable[Path]) -> None:
     from dockctl.scenarios.catalog import display_path
 
     for path in paths:
-        print_text(Console(), display_path(path))
+        typer.echo(display_path(path))

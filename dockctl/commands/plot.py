@@ -7,8 +7,10 @@ from pathlib import Path
 from typing import Annotated
 
 import typer
+from rich.console import Console
 
 from dockctl.commands.options import latest_run, print_paths, save_figures
+from dockctl.console import print_text
 
 
 def plot(
@@ -31,7 +33,7 @@ def plot(
     data = read_run(folder)
     if data.missing:
         note = f"note: {folder} has no rows in {', '.join(data.missing)}; their figures are left out"
-        typer.secho(note, fg="yellow", err=True)
+        print_text(Console(stderr=True), note, "yellow")
     figure_folder = out or folder / FIGURES
     drawn = save_figures(lambda: dict(figures(data)), figure_folder)
     hashes = sources | {path: sha256_of(path) for path in drawn}

@@ -34,8 +34,8 @@ def train(
     out: Annotated[
         Path | None,
         typer.Option(
-            help="Output folder; a run is in <scenario>/<time>-seed<N>/ below it, one of several trainings in"
-            " <scenario>/<combination>/<scenario>/<time>-seed<N>/.",
+            help="Output folder; below it are folders for the scenario, for each combination of several"
+            " trainings, and for each run.",
             show_default=f"{RUNS}, or {SWEEPS}",
         ),
     ] = None,

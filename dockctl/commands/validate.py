@@ -5,8 +5,10 @@ from __future__ import annotations
 from typing import Annotated
 
 import typer
+from rich.console import Console
 
 from dockctl.commands.options import Overrides, Plugins, Trust
+from dockctl.console import print_text
 from dockctl.errors import DockctlError
 
 
@@ -35,20 +37,20 @@ def validate(
     catalog.fill()
     for path in plugin or ():
         plugins.load_file(path)
-    failures = 0
+    console, problems, failures = Console(), Console(stderr=True), 0
     for source in files or sorted(SCENARIOS.names()):
         try:
             loaded = load_checked(source, overrides=set_ or (), plugin_files=plugin or (), trust=trust)
             dry_run(loaded)
         except DockctlError as error:
             failures += 1
-            typer.echo(f"{typer.style('failed', fg='red')} {source}")
+            print_text(console, f"failed {source}", "red")
             for line in str(error).splitlines():
-                typer.secho(f"error: {line}", fg="red", err=True)
+                print_text(problems, f"error: {line}", "red")
         else:
             content = f"{phases(loaded.scenario)}, {summary(loaded.scenario)}"
-            typer.echo(f"{typer.style('ok', fg='green')} {source}: {content}")
+            print_text(console, f"ok {source}: {content}")
             for note in notes(loaded):
-                typer.secho(f"note: {note}", fg="yellow", err=True)
+                print_text(problems, f"note: {note}", "yellow")
     if failures:
         raise typer.Exit(DockctlError.exit_code)
