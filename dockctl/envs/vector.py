@@ -135,7 +135,8 @@ class DockingVectorEnv(VectorEnv[Observations, NDArray[Any], NDArray[Any]]):
         Args:
             seed: one seed, from which a seed for each row is spawned, or n seeds; None for no reseeding.
             options: `poses`: (n, 3) start poses x [m], y [m] and heading [rad], at rest.
-                `starts`: n `dockctl.sim.starts.Start`, which also define goals, phase and harbor.
+                `starts`: n `dockctl.sim.starts.Start`, which also define goals, phase and harbor, or None for
+                boats that rest: until they are reset, steps leave them as they are, with a reward of 0.
                 `reset_mask`: (n,) bool, the rows to reset; the others continue.
 
         Returns:
@@ -157,7 +158,11 @@ class DockingVectorEnv(VectorEnv[Observations, NDArray[Any], NDArray[Any]]):
             raise DockctlError(message, code="mismatch")
         rows = np.flatnonzero(mask)
         if "starts" in options or "poses" in options:
-            starts = self._given(rows, options)
+            given = self._given(rows, options)
+            resting = np.array([start is None for start in given])
+            self.simulator.rest(rows[resting])
+            self._ended[rows[resting]] = False
+            rows, starts = rows[~resting], [start for start in given if start is not None]
             self._require_reachable(starts)
         else:
             starts = self._draw(rows)
@@ -177,9 +182,9 @@ class DockingVectorEnv(VectorEnv[Observations, NDArray[Any], NDArray[Any]]):
             gymnasium.error.ResetNeeded: an episode has ended and was not reset.
             gymnasium.error.InvalidAction: an action is not in the action space.
         """
-        over = self._ended
-        if over.any() and (self.autoreset_mode != AutoresetMode.NEXT_STEP or not self._rngs):
+        if self._ended.any() and (self.autoreset_mode != AutoresetMode.NEXT_STEP or not self._rngs):
             raise error.ResetNeeded("an episode has ended or none has started: call reset() first")
+        over = self._ended | self.simulator.resting
         commands = self._commands(actions)
         if self._past:
             self._past = (self._view().copy(), *self._past[:-1])
@@ -192,15 +197,16 @@ class DockingVectorEnv(VectorEnv[Observations, NDArray[Any], NDArray[Any]]):
         self._extend_trails()
         events = events_of(status, truncated, by_term, self.simulator)
         if over.any():
-            reward = np.where(over, 0.0, reward)
-            events = self._restart(over, events)
+            reward, events = np.where(over, 0.0, reward), without(events, over)
+            self._restart(over & ~self.simulator.resting)
         observations, info = self._observe(), self._info(events)
         if self._ended.any() and self.autoreset_mode == AutoresetMode.SAME_STEP:
             ended, final_obs = self._ended.copy(), np.full(self.num_envs, None, object)
             for row in np.flatnonzero(ended):
                 final_obs[row] = observations[row]
             final = masked({"final_obs": final_obs, "final_info": info}, ended)
-            events = self._restart(ended, events)
+            self._restart(ended)
+            events = without(events, ended)
             observations, info = self._observe(), {**self._info(events), **final}
         return observations, reward, terminated, truncated, info
 
@@ -287,7 +293,7 @@ class DockingVectorEnv(VectorEnv[Observations, NDArray[Any], NDArray[Any]]):
     def _next_start(self, row: int, rng: np.random.Generator) -> Start:
         return self._failed.take(row, rng) or self._sampler.draw(rng)
 
-    def _given(self, rows: Ints, options: dict[str, Any]) -> list[Start]:
+    def _given(self, rows: Ints, options: dict[str, Any]) -> list[Start | None]:
         """Return the starts of these rows that the options give."""
         if "starts" in options:
             if len(options["starts"]) != self.num_envs:
@@ -309,6 +315,8 @@ class DockingVectorEnv(VectorEnv[Observations, NDArray[Any], NDArray[Any]]):
                 raise DockctlError(f"the start pose {pose_label(x, y, math.degrees(heading))} is {reason}")
 
     def _begin(self, rows: Ints, starts: Sequence[Start]) -> None:
+        if not starts:
+            return
         self.simulator.reset(rows, starts, [self._rngs[row] for row in rows])
         if self._encoder.past_steps:
             first = self._view()
@@ -322,11 +330,10 @@ class DockingVectorEnv(VectorEnv[Observations, NDArray[Any], NDArray[Any]]):
         for row in rows:
             self._trails[row] = [self.simulator.eta[row].copy()]
 
-    def _restart(self, ended: Bools, events: Info) -> Info:
-        """Start the next episode of the boats that ended, and return the events without theirs."""
+    def _restart(self, ended: Bools) -> None:
+        """Start the next episode of the boats (n,) that ended."""
         rows = np.flatnonzero(ended)
         self._begin(rows, self._draw(rows))
-        return without(events, ended)
 
     def _commands(self, actions: NDArray[Any]) -> Floats:
         """Return the commands (n, 2) [N, rad] of the actions.

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections import deque
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from typing import Any, Protocol
@@ -39,7 +40,6 @@ Clearance = Callable[[Any, Floats], float]
 RECORDED = ("pose", "velocity", "command", "distance_m", "heading_error_rad", "phase", "sector_ranges_m")
 OPTIONAL = ("current", "wind", "actuation", "measured_pose", "measured_velocity")
 """Only in scenarios with such conditions."""
-READ = (*RECORDED, *OPTIONAL, "outcome", "collided_with", "reward_terms", "conditions")
 
 
 @dataclass(frozen=True, eq=False)
@@ -162,7 +162,7 @@ class Rollout:
         """Return the episode from a start before its first step."""
         env = self.env(1)
         observation, info = env.reset(options={"starts": [start]})
-        return _Recorder(observation, info, 0).episode(info, 0, start, None)
+        return _episode([_step(observation, info, np.zeros(1))], info, 0, start, None)
 
     def validate(self, policy: Policy, starts: Sequence[Start]) -> list[Episode]:
         """Run one episode from each start, but only from the first 16 if fewer than half of these dock.
@@ -204,66 +204,58 @@ def run_episodes(
     Returns:
         k episodes in the order of the starts.
     """
-    boats = range(env.num_envs)
-    assigned = list(boats)  # the start of each boat; numbers past the last start are idle boats
-
-    def next_starts() -> list[HasPose]:
-        return [starts[min(number, len(starts) - 1)] for number in assigned]
-
-    observation, info = env.reset(seed=seed, options={"starts": next_starts()})
-    policy.reset(np.arange(env.num_envs), info)
-    recorders = [_Recorder(observation, info, boat) for boat in boats]
-    episodes: dict[int, Episode] = {}
+    waiting, episodes = deque(enumerate(starts)), dict[int, Episode]()
+    assigned: dict[int, tuple[int, HasPose]] = {}  # to each boat, the start of its episode
+    steps: dict[int, list[Step]] = {}  # of each boat's episode
+    info, ended = None, np.ones(env.num_envs, bool)
     while len(episodes) < len(starts):
+        if ended.any():
+            begun = {boat: waiting.popleft() for boat in np.flatnonzero(ended).tolist() if waiting}
+            given = [begun[boat][1] if boat in begun else None for boat in range(env.num_envs)]
+            observation, info = env.reset(
+                seed=seed if info is None else None, options={"starts": given, "reset_mask": ended}
+            )
+            assigned |= begun
+            if begun:
+                policy.reset(np.array(list(begun)), info)
+            first = _step(observation, info, np.zeros(env.num_envs))
+            steps |= {boat: [first] for boat in begun}
         observation, reward, terminated, truncated, info = env.step(policy.act(observation, info))
-        done = terminated | truncated
-        last = {key: _copy(value) for key, value in info.items() if key in READ}
-        for boat in boats:
-            recorders[boat].add(observation, last, boat, float(reward[boat]))
-        for boat in np.flatnonzero(done).tolist():
-            if assigned[boat] < len(starts):
-                start = starts[assigned[boat]]
-                episodes[assigned[boat]] = recorders[boat].episode(last, boat, start, clearance)
-            assigned[boat] = max(assigned) + 1
-        if done.any():
-            observation, info = env.reset(options={"starts": next_starts(), "reset_mask": done})
-            policy.reset(np.flatnonzero(done), info)
-            for boat in np.flatnonzero(done).tolist():
-                recorders[boat] = _Recorder(observation, info, boat)
+        ended, step = terminated | truncated, _step(observation, info, reward)
+        for recorded in steps.values():
+            recorded.append(step)
+        for boat in np.flatnonzero(ended).tolist():
+            index, start = assigned.pop(boat)
+            episodes[index] = _episode(steps.pop(boat), info, boat, start, clearance)
     return [episodes[index] for index in range(len(starts))]
 
 
-def _copy(value: Any) -> Any:
-    return {key: np.array(row) for key, row in value.items()} if isinstance(value, dict) else np.array(value)
+Step = dict[str, NDArray[Any]]
+"""What is recorded of all boats after a step, (n, ...) by name."""
 
 
-class _Recorder:
-    """Records the trajectory of one boat."""
+def _step(observation: NDArray[Any], info: Info, reward: NDArray[Any]) -> Step:
+    terms = {f"reward_{name}": term for name, term in info.get("reward_terms", {}).items()}
+    measured = {key: info[key] for key in (*RECORDED, *OPTIONAL) if key in RECORDED or key in info}
+    recorded = {"observation": observation, **measured, **terms, "reward": reward}
+    return {key: np.array(values) for key, values in recorded.items()}
 
-    def __init__(self, observation: NDArray[Any], info: Info, boat: int) -> None:
-        self._records: dict[str, list[Any]] = {}
-        self.add(observation, info, boat, 0.0)
 
-    def add(self, observation: NDArray[Any], info: Info, boat: int, reward: float) -> None:
-        terms = {f"reward_{name}": term for name, term in info.get("reward_terms", {}).items()}
-        measured = {key: info[key] for key in (*RECORDED, *OPTIONAL) if key in RECORDED or key in info}
-        rows = {"observation": observation, **measured, **terms}
-        for key, values in rows.items():
-            self._records.setdefault(key, []).append(np.array(values[boat]))
-        self._records.setdefault("reward", []).append(reward)
-
-    def episode(self, info: Info, boat: int, start: HasPose, clearance: Clearance | None) -> Episode:
-        trajectory = {key: np.stack(record) for key, record in self._records.items()}
-        return Episode(
-            start=start,
-            outcome=str(info["outcome"][boat]),
-            collided_with=str(info["collided_with"][boat] or ""),
-            phase=int(trajectory["phase"][-1]),
-            total_reward=sum(self._records["reward"]),
-            trajectory=trajectory,
-            clearance_m=math.nan if clearance is None else clearance(start, trajectory["pose"]),
-            conditions={name: float(drawn[boat]) for name, drawn in info.get("conditions", {}).items()},
-        )
+def _episode(
+    steps: Sequence[Step], info: Info, boat: int, start: HasPose, clearance: Clearance | None
+) -> Episode:
+    """Return the episode of a boat, from its start to the step whose `info` is given."""
+    trajectory = {key: np.stack([step[key][boat] for step in steps]) for key in steps[-1]}
+    return Episode(
+        start=start,
+        outcome=str(info["outcome"][boat]),
+        collided_with=str(info["collided_with"][boat] or ""),
+        phase=int(trajectory["phase"][-1]),
+        total_reward=sum(trajectory["reward"].tolist()),
+        trajectory=trajectory,
+        clearance_m=math.nan if clearance is None else clearance(start, trajectory["pose"]),
+        conditions={name: float(drawn[boat]) for name, drawn in info.get("conditions", {}).items()},
+    )
 
 
 def evaluation_rows(episodes: Sequence[Episode]) -> list[dict[str, Value]]:

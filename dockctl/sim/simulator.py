@@ -22,7 +22,7 @@ from dockctl.sim.world import World, prepare
 Answer = TypeVar("Answer", bound=NDArray[Any])
 STATE = (
     "eta", "nu", "command", "actuation", "phase", "goals", "harbor", "steps", "max_steps", "distance_m",
-    "heading_error_rad", "sector_ranges_m",
+    "heading_error_rad", "sector_ranges_m", "resting",
 )  # fmt: skip
 """Attributes with one row per boat."""
 
@@ -54,6 +54,7 @@ class Simulator:
         steps, max_steps: (n,) control steps taken in this episode, and allowed.
         distance_m, heading_error_rad: (n,) from the goal of the current phase.
         sector_ranges_m: (n, sectors) nearest LiDAR returns.
+        resting: (n,) boats without an episode, which stay as they are and are not scanned.
     """
 
     def __init__(self, scenario: Scenario, worlds: Sequence[World], num_boats: int) -> None:
@@ -90,6 +91,7 @@ class Simulator:
         self.distance_m = np.zeros(num_boats)
         self.heading_error_rad = np.zeros(num_boats)
         self.sector_ranges_m = np.zeros((num_boats, scenario.sensors.lidar.sectors))
+        self.resting = np.zeros(num_boats, bool)
 
     def prepare(self, harbors: Iterable[int]) -> None:
         """Build the tables of the sensor in these harbors now and in parallel; resets do for their starts."""
@@ -121,6 +123,7 @@ class Simulator:
         self.harbor[rows] = [start.harbor for start in starts]
         self.max_steps[rows] = [start.max_steps for start in starts]
         self.steps[rows] = 0
+        self.resting[rows] = False
         self.command[rows] = self.actuation[rows] = 0.0
         if self.disturbances:
             drawn = [
@@ -134,6 +137,10 @@ class Simulator:
         self._measure()
         self.sector_ranges_m[rows] = self.scan(rows)
 
+    def rest(self, rows: Ints) -> None:
+        """Let the boats in `rows` (k,) rest until they are reset."""
+        self.resting[rows] = True
+
     def step(self, command: Floats) -> StepStatus:
         """Hold the commands (n, 2) [N, rad] for one control period and return the result.
 
@@ -143,14 +150,15 @@ class Simulator:
         phase, distance, heading_error = self.phase.copy(), self.distance_m, self.heading_error_rad
         previous_command, self.command = self.command, command.astype(float)
         collided = self._move()
-        self.steps += 1
+        self.steps += ~self.resting
         for guard, disturbance in zip(self._conditions, self.disturbances, strict=True):
             with guard:
                 disturbance.advance(self.vessel.vessel.control_period_s)
         self._measure()
         speed = np.hypot(self.nu[:, 0], self.nu[:, 1])
         intermediate, final = reached(self.task, phase, self.distance_m, self.heading_error_rad, speed)
-        self.sector_ranges_m = self.scan()
+        active = np.flatnonzero(~self.resting)
+        self.sector_ranges_m[active] = self.scan(active)
         status = StepStatus(
             phase=phase,
             distance_m=self.distance_m.copy(),
@@ -163,8 +171,8 @@ class Simulator:
             previous_command=previous_command,
             sector_ranges_m=self.sector_ranges_m.copy(),
             collided=collided,
-            reached_intermediate=intermediate & ~collided,
-            reached_final=final & ~collided,
+            reached_intermediate=intermediate & ~collided & ~self.resting,
+            reached_final=final & ~collided & ~self.resting,
             clearance_below=self._clearances(),
         )
         if status.reached_intermediate.any():
@@ -201,7 +209,7 @@ class Simulator:
             DockctlError: it is the state of another number of boats, or of another scenario.
             KeyError: a part of it is missing.
         """
-        state = {"actuation": self.actuation, **state}  # states of early versions have none
+        state = {"actuation": self.actuation, "resting": self.resting, **state}  # not in early versions
         for name in STATE:
             expected, given = getattr(self, name), state[name]
             if np.shape(given) != expected.shape or given.dtype != expected.dtype:
@@ -303,10 +311,12 @@ class Simulator:
             nu += _in_body_frame(current, eta[:, 2])
             travel += np.hypot(*current.T) * period
         self._check(eta, nu)
+        eta[self.resting], nu[self.resting] = before[self.resting], self.nu[self.resting]
         self.eta, self.nu = eta, nu
         farthest = float(travel.max())
         collided = self.in_harbors(lambda world, rows: world.obstacles.near(eta[rows], farthest))
         collided |= self.steps == 0  # a start may be inside something; later, nothing gets there unless near
+        collided &= ~self.resting
         for row in np.flatnonzero(collided):
             obstacles = self.worlds[int(self.harbor[row])].obstacles
             if obstacles.blocked(eta[[row]])[0]:

@@ -43,7 +43,7 @@ class ToyDocking(VectorEnv[Any, Any, Any]):
         rows = np.array(options.get("reset_mask", np.ones(self.num_envs, bool)))
         self._place(rows)
         if "starts" in options:
-            self.x = np.where(rows, [start.eta[0] for start in options["starts"]], self.x)
+            self.x = np.where(rows, [start.eta[0] if start else np.nan for start in options["starts"]], self.x)
         return self._observation(), self._info()
 
     def state(self) -> tuple[dict[str, Any], dict[str, Any]]:
@@ -90,7 +90,7 @@ class ToyDocking(VectorEnv[Any, Any, Any]):
         self.steps += 1
         collided = (self.x > 0.5) | (self.x < -1.5)
         docked = ~collided & (np.abs(self.x) < 0.1) & (np.abs(self.u) < 0.1)
-        truncated = ~collided & ~docked & (self.steps >= self.max_steps)
+        truncated = ~collided & ~docked & (self.steps >= self.max_steps) & np.isfinite(self.x)
         reward = np.where(collided, -10.0, np.where(docked, 10.0, -np.abs(self.x)))
         outcome = np.select([collided, docked, truncated], ["collision", "docked", "timeout"], "")
         done = collided | docked | truncated
