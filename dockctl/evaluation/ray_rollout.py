@@ -21,12 +21,14 @@ from dockctl.agents.interface import Policy
 from dockctl.cluster import require_version, write_files
 from dockctl.errors import DockctlError
 from dockctl.evaluation.policies import LoadedPolicy, load_policy
-from dockctl.evaluation.rollout import PARALLEL_BOATS, Episode, Rollout, seeded
+from dockctl.evaluation.rollout import Episode, Rollout, seeded
 from dockctl.run_files import SCENARIO
 from dockctl.scenarios.content import self_contained
 from dockctl.scenarios.loader import load
 from dockctl.sim.starts import Start
 
+LEAST_STARTS = 16
+"""Starts of a part, if there are so many: they run side by side."""
 PARTS_PER_CORE = 4
 """Parts of the starts: episodes differ in length, and a worker that is ready takes another part."""
 
@@ -69,9 +71,7 @@ class RayRollout:
             DockctlError: the policy fails, or workers are lost repeatedly.
         """
         starts = seeded(starts)
-        count = max(
-            1, min(self._parts, len(starts) // PARALLEL_BOATS)
-        )  # as many boats side by side as in one
+        count = max(1, min(self._parts, len(starts) // LEAST_STARTS))
         task: Any = ray.remote(num_cpus=1, max_retries=3)(_run)
         bounds = [len(starts) * part // count for part in range(count + 1)]
         parts = [task.remote(self._setup, starts[a:b]) for a, b in pairwise(bounds)]

@@ -43,7 +43,9 @@ class ToyDocking(VectorEnv[Any, Any, Any]):
         rows = np.array(options.get("reset_mask", np.ones(self.num_envs, bool)))
         self._place(rows)
         if "starts" in options:
-            self.x = np.where(rows, [start.eta[0] if start else np.nan for start in options["starts"]], self.x)
+            self.x = np.where(
+                rows, [start.eta[0] if start else np.nan for start in options["starts"]], self.x
+            )
         return self._observation(), self._info()
 
     def state(self) -> tuple[dict[str, Any], dict[str, Any]]:

@@ -15,6 +15,7 @@ from dockctl.envs.actions import GridActions
 from dockctl.envs.vector import DockingVectorEnv
 from dockctl.errors import DockctlError, InputError
 from dockctl.scenarios.loader import load
+from dockctl.sim.starts import given_start, own_site
 from tests.sim.worlds import walled
 
 S2, S3 = load("s2"), load("s3", overrides=["task.max_steps=40", "training.exploring_starts.steps=25"])
@@ -197,6 +198,32 @@ def test_wrong_actions_are_rejected(actions: list[int]) -> None:
 def test_a_step_before_the_first_reset_is_rejected() -> None:
     with pytest.raises(ResetNeeded):
         env(2).step(np.array([0, 0]))
+
+
+@pytest.mark.parametrize("scenario", ["s3", "s1-weather"])
+def test_a_boat_without_a_start_rests_and_leaves_the_others_as_they_are(scenario: str) -> None:
+    loaded = load(scenario)
+    task, site = loaded.scenario.task, own_site(loaded.scenario)
+    first, second = (given_start(site, task, np.array([23.0, y, 1.6]), 0) for y in (-10.0, -9.0))
+    alone = DockingVectorEnv(loaded, 2, autoreset_mode="Disabled")
+    among = DockingVectorEnv(loaded, 3, autoreset_mode="Disabled", worlds=alone.worlds)
+    alone.reset(seed=[1, 3], options={"starts": [first, second]})
+    _, start = among.reset(seed=[1, 2, 3], options={"starts": [first, None, second]})
+    scanned: list[int] = []
+    scan = among.simulator.scan
+    among.simulator.scan = lambda rows=None: (scanned.extend(rows), scan(rows))[1]  # type: ignore[method-assign]
+    for _ in range(30):
+        expected, seen = alone.step(np.array([60, 73])), among.step(np.array([60, 5, 73]))
+        for name, there, here in zip(("observation", "reward"), expected, seen, strict=False):
+            assert np.array_equal(there, here[[0, 2]]), name
+        assert not (seen[2][1] or seen[3][1] or seen[1][1])
+        assert np.array_equal(seen[4]["pose"][1], start["pose"][1])
+    assert sorted(set(scanned)) == [0, 2]
+    _, info = among.reset(
+        options={"starts": [None, first, None], "reset_mask": np.array([False, True, False])}
+    )
+    assert np.array_equal(info["pose"][1], first.eta)
+    assert not np.array_equal(among.step(np.array([60, 60, 73]))[4]["pose"][1], first.eta)
 
 
 def test_clearance_of_the_boats() -> None:

@@ -7,7 +7,7 @@ import pytest
 
 from dockctl.agents.interface import Info, Policy
 from dockctl.evaluation import rollout
-from dockctl.evaluation.rollout import PARALLEL_BOATS, Rollout, evaluation_rows, run_episodes
+from dockctl.evaluation.rollout import TRIED_FIRST, Rollout, evaluation_rows, run_episodes
 from dockctl.scenarios.loader import load
 from dockctl.sim.starts import given_start, own_site
 from tests.agents.toy import ToyDocking, starts_at
@@ -74,7 +74,7 @@ def test_the_rows_of_a_validation() -> None:
     ]
 
 
-@pytest.mark.parametrize(("docks", "played"), [(0, PARALLEL_BOATS), (7, PARALLEL_BOATS), (8, 20)])
+@pytest.mark.parametrize(("docks", "played"), [(0, TRIED_FIRST), (7, TRIED_FIRST), (8, 20)])
 def test_a_validation_ends_early_where_few_dock(docks: int, played: int) -> None:
     """The first boats start in the berth, the others 16 m away, and all stay there."""
     loaded = load("s1", overrides=["task.max_steps=3"])
