@@ -133,7 +133,7 @@ A step of one boat through `gymnasium.make` takes {number(facts["one_step_ms"]["
 waiting for the slowest scan dominate; at large ones, the scan dominates. Memory grows by
 {number(facts["held_bytes_a_boat"] / 1e3)} kB per boat, of which the state is
 {number(facts["state_bytes_a_boat"] / 1e3)} kB; the rest is the random generator and the last observation and
-info. Boats are independent, so that the speed grows with the number of cores."""
+info. Boats are independent, so throughput grows with the number of cores."""
 
 
 def latency_section(latency: Json) -> str:
@@ -275,18 +275,18 @@ def optimal_control_section(optimal: Json) -> str:
         ]
 
     kinds = dict.fromkeys((row["what"], row["direction_deg"]) for row in facts["weather"])
-    calm_head = ("start", "optimum [s]", "carried out [s]", "policy [s]", "ratio")
+    calm_head = ("start", "optimum [s]", "executed [s]", "policy [s]", "ratio")
     weather_head = ("s1 in", "strongest solved", "time [s]", "weakest unsolved", "policy docks up to")
     return f"""## Optimal control
 
 ![optimal and learned trajectories](figures/performance-docking.png)
 
-The minimum time of docking with full knowledge of harbor, wind and current, by CasADi and IPOPT, beside the
+The minimum time of docking with full knowledge of harbor, wind and current, by CasADi and IPOPT, next to the
 shipped policies, one greedy episode from each start. The equations of motion, the wind forces and the
-tolerances are those of dockctl. "Carried out" is the plan in whole control periods of 0.5 s, whose commands
-the simulator followed until the boat docked, without a contact; the ratio is the time of the policy relative
-to it. Commands of a plan are continuous, those of a policy a grid of 77. Scenario 2 has five rows, the test
-poses of its table; `s3-direct` has no intermediate pose, and no shipped policy.
+tolerances are those of dockctl. "Executed" is the plan in whole control periods of 0.5 s, as the simulator
+followed it until the boat docked, without contact; the ratio is the time of the policy relative to it.
+Commands of a plan are continuous, those of a policy a grid of 77. Scenario 2 has five rows, the test poses of
+its table; `s3-direct` has no intermediate pose, and no shipped policy.
 
 {table(calm_head, [calm_row(row) for row in facts["calm"]])}
 
@@ -296,7 +296,7 @@ way are added, and it tests every plan against the meshes.
 
 The strongest constant wind and current for which a trajectory from the start of scenario 1 was found. The
 steps are 1 m/s and 0.05 m/s; the weather is known to the plan and unknown to the policy, which was trained in
-calm water. IPOPT is a local solver that was started from a few guesses: a time is an upper bound of the
+calm water. IPOPT is a local solver that was started from a few guesses: a time is an upper bound on the
 minimum, and a failed search does not prove that no trajectory exists.
 
 {table(weather_head, [weather_row(*kind) for kind in kinds])}"""

@@ -1,7 +1,7 @@
 """Plans of a docking in minimum time: dockctl's equations of motion on symbols of CasADi, solved by IPOPT.
 
 The commands of the control periods, the states between them and the length of the periods are the variables
-(multiple shooting). Every plan is then carried out by the simulator, in periods of the scenario's length: it
+(multiple shooting). Every plan is then executed by the simulator, in periods of the scenario's length: it
 counts only if the boat docks there, without a contact.
 
 Obstacles are the convex outlines of what lies between keel and deck, each kept apart from the hull by a line
@@ -258,7 +258,7 @@ def nearest_points(outline: Floats, points: Floats) -> Floats:
 
 @dataclass(frozen=True)
 class Run:
-    """A plan carried out by the simulator.
+    """A plan executed by the simulator.
 
     Attributes:
         steps: until the boat docked or touched something.

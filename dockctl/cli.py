@@ -163,8 +163,8 @@ def main() -> None:
     """Run the command line."""
     # The threads that BLAS starts when numpy is imported wait in busy loops; nothing here uses them.
     os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
-    # Imported modules, a million objects with torch, live until the end. Searching them for garbage, most of
-    # all once more at the exit, took a quarter of the processor time of a short evaluation.
+    # Imported modules (a million objects with torch) are never freed. Scanning them for garbage, above all at
+    # the exit, took a quarter of the CPU time of a short evaluation.
     gc.set_threshold(10_000)
     atexit.register(gc.freeze)
     for name in ("stdout", "stderr"):

@@ -1,7 +1,7 @@
 """The dueling network (thesis section 3.2.5, Fig. 3.12; eq. 2.56) with NumPy alone, from its tensors.
 
-`dockctl.agents.dqn.network` defines it in torch, for training. Running it needs no
-torch, which is slow to import.
+`dockctl.agents.dqn.network` defines it in torch, for training. Running it needs no torch, which is slow to
+import.
 
 A policy can be an ensemble of such networks. Then the names of their tensors begin with the number of the
 network, and tensors named ``mirror.<name>`` define how observations and actions are mirrored.
@@ -44,7 +44,7 @@ def network_size(observation_size: int, actions: int, hidden_sizes: Sequence[int
 
 
 class Mirror(NamedTuple):
-    """Mirror images of observations and actions, in which port and starboard change places.
+    """Mirror images of observations and actions, in which port and starboard are swapped.
 
     Attributes:
         columns, signs: (observation_size,) see `observations`.

@@ -31,7 +31,7 @@ Code = Literal[
     "busy",  # another process is using it
     "unavailable",  # this machine lacks a device, memory or package
     "plugin",  # a plugin failed or broke its contract
-    "diverged",  # a training that cannot succeed any more
+    "diverged",  # the training diverged and cannot succeed
     "untrusted",  # code of a received file that the user has not allowed to run
 ]
 

@@ -17,7 +17,7 @@ Bools = NDArray[np.bool_]
 Ints = NDArray[np.int64]
 
 MAX_SECTORS = 1024
-"""Of the horizon around a boat."""
+"""Maximum number of sectors around a boat."""
 
 
 class DegreePose(Protocol):

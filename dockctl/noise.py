@@ -48,7 +48,7 @@ def normal(seed: int | np.uint64, index: int) -> float:
 def may_exceed(seed: int | np.uint64, index: int, share: float) -> bool:
     """Return whether the size of a `normal` number may be above sqrt(-2 ln share), from half of its bits.
 
-    It is at most sqrt(-2 ln u) for the uniform number u of its radius; most are sorted out without the rest.
+    It is at most sqrt(-2 ln u) for the uniform number u of its radius; most are ruled out without the rest.
     """
     return 1.0 - uniform(seed, 2 * index) <= share
 

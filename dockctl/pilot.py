@@ -41,9 +41,9 @@ PARTS = frozenset(
 )
 """Parts of the observation that a pilot computes."""
 RANGE_MARGIN = 1.1
-"""A point may be farther from the body's origin than from its LiDAR."""
+"""Factor on the range: a point may be farther from the body's origin than from its LiDAR."""
 MAX_MAGNITUDE = 1e9
-"""Of positions, headings and velocities, as in the simulator."""
+"""Limit of positions, headings and velocities, as in the simulator."""
 
 
 @dataclass(frozen=True)
@@ -60,7 +60,7 @@ class Checks:
 
     Attributes:
         max_age_s: oldest input that is used, and farthest in the future.
-        max_jump_m: how much farther the position may move between decisions than the greatest observed speed
+        max_jump_m: how much farther the position may move between decisions than the maximum observed speed
             allows.
         min_points: points of all clouds together.
     """
@@ -198,7 +198,7 @@ class Pilot:
 
     @property
     def limits(self) -> tuple[float, float]:
-        """Greatest propeller force [N] and rudder angle [rad] of the vessel that the policy is made for."""
+        """Maximum propeller force [N] and rudder angle [rad] of the vessel that the policy is made for."""
         return self.description["limits"]["propeller_n"], self.description["limits"]["rudder_rad"]
 
     def reset(self) -> None:
@@ -298,7 +298,7 @@ class Pilot:
             )
 
     def _speed_limit(self) -> float:
-        """Return the greatest surge that the policy observes [m/s]."""
+        """Return the maximum surge that the policy observes [m/s]."""
         column = self._names.index("u")
         return float(self._high[column] * self._scale[column])
 

@@ -19,7 +19,7 @@ from dockctl.errors import Code, DockctlError
 
 MAX_BYTES = 64_000_000
 MAX_VALUES = 10_000_000
-"""Of a table or a JSON file; each value takes up to about 100 bytes of memory."""
+"""Limit of the values in a table or a JSON file; each takes up to about 100 bytes of memory."""
 MAX_DEPTH = 50
 FOREIGN = (OSError, EOFError, zlib.error, csv.Error, KeyError, TypeError, ValueError, RecursionError)
 """What parsers raise for files that are not what they expect."""

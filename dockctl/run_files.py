@@ -43,7 +43,7 @@ from __future__ import annotations
 from pathlib import Path
 
 RUNS = Path("runs")
-"""Default folder of the trainings."""
+"""Default folder of training runs."""
 SCENARIO = "scenario.yaml"
 PROVENANCE = "provenance.json"
 SCENE = "scene.json"

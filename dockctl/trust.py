@@ -1,6 +1,6 @@
 """Which third-party code may run: the plugin files of a received checkpoint or run folder.
 
-A file runs without a question if this user has trained with the same content on this machine, by SHA-256.
+A file runs without a prompt if this user has trained with the same content on this machine, by SHA-256.
 """
 
 from __future__ import annotations

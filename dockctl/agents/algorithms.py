@@ -43,7 +43,7 @@ class AlgorithmSpec(Kind):
 
         Args:
             spaces: of one boat.
-            training: the numbers that all algorithms share.
+            training: the hyperparameters that all algorithms share.
             device: torch device of the networks.
 
         Raises:
@@ -63,7 +63,7 @@ class AlgorithmSpec(Kind):
 
 
 def remember_code(scenario: Scenario) -> None:
-    """Let runs with the local code of a user's own scenario be used on this machine without a question."""
+    """Trust the local code of a user's own scenario: its runs need no ``--trust`` on this machine."""
     spec = scenario.training.algorithm
     assert isinstance(spec, AlgorithmSpec)
     remember([*map(file_digest, map(Path, scenario.plugins)), *map(text_digest, spec.imports)])
@@ -71,7 +71,7 @@ def remember_code(scenario: Scenario) -> None:
 
 @register(ALGORITHMS, source="sections 3.2.4-3.2.6")
 class Dqn(AlgorithmSpec):
-    """Dueling double DQN with n-step returns; its numbers are the keys of ``training``."""
+    """Dueling double DQN with n-step returns; its hyperparameters are the keys of ``training``."""
 
     kind: Literal["dqn"] = "dqn"
 
@@ -114,7 +114,7 @@ def _discrete(spaces: Spaces) -> tuple[int, int]:
 class StableBaselines3(AlgorithmSpec):
     """An off-policy algorithm of Stable-Baselines3, in its own implementation.
 
-    The keys of ``training`` decide whatever both have: seed, learning rate, replay, batch, discount, n-step,
+    The keys of ``training`` set what both have: seed, learning rate, replay, batch, discount, n-step,
     warm-up, steps per update, epsilon, reward scale, and ``hidden_sizes`` as ``net_arch``. A resumed training
     continues exactly, unless the model keeps a state outside of its policy, optimizers and replay, as with
     ``use_sde``.

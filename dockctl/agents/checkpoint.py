@@ -38,11 +38,11 @@ from dockctl.trust import require, text_digest
 FORMAT = 2
 """Version of the files; in version 1 the JSON file has no hash of its own."""
 COPIES = 4
-"""Of the tensors in memory while a checkpoint is loaded, at most."""
+"""Maximum number of copies of the tensors in memory while a checkpoint is loaded."""
 READS = 3
 """Attempts to read a policy that seems to be damaged: a training may have replaced it during the first."""
 MAX_SIZE = 1_000_000
-"""Of observations and actions: a larger one is a mistake, or made to exhaust the memory."""
+"""Maximum size of observations and actions: a larger one is a mistake, or meant to exhaust the memory."""
 FOREIGN = (
     *(ArithmeticError, AssertionError, AttributeError, LookupError, MemoryError),
     *(OSError, RuntimeError, TypeError, ValueError),
@@ -95,7 +95,7 @@ class PolicyCard(Model):
         """Return the card of a new policy for these spaces, with the other fields.
 
         Raises:
-            CheckpointError: observations are not vectors, or actions neither numbered nor vectors.
+            CheckpointError: observations are not vectors, or actions neither discrete nor vectors.
         """
         observation, action = spaces
         if isinstance(observation, Box) and len(observation.shape) == 1:
@@ -106,7 +106,7 @@ class PolicyCard(Model):
                 low, high = (tuple(bound.tolist()) for bound in (action.low, action.high))
                 return cls(**fields, actions=len(low), action_bounds=(low, high))
         what = f"observations {observation} and actions {action}"
-        raise CheckpointError(f"checkpoints need vectors and numbered or continuous actions, not {what}")
+        raise CheckpointError(f"checkpoints need vectors, and discrete or continuous actions, not {what}")
 
     @property
     def spaces(self) -> Spaces:

@@ -15,19 +15,19 @@ from dockctl.errors import DockctlError
 from dockctl.scenarios.training import Training
 
 PROBES = 64
-"""Observations, of as many logging intervals, with which a dead advantage stream is looked for."""
+"""Logging intervals whose observations are used to detect a dead advantage stream."""
 SAME = 1e-6
-"""Largest relative difference of advantages that counts as none."""
+"""Relative difference up to which advantages count as equal."""
 DIFFERENT = 1e-3
-"""Least difference of observations that must make a difference to the networks."""
+"""Differences of observations above this must change the advantages."""
 SLACK = 2.0
-"""How far values may be above what rewards and discount allow."""
+"""Factor by which values may exceed what rewards and discount allow."""
 LATE = 2.0
 """Multiple of the step limit after which an episode should have ended."""
 
 
 class DivergenceError(DockctlError):
-    """A training that cannot succeed any more.
+    """The training diverged and cannot succeed.
 
     Attributes:
         term: what was affected first, for example ``reward term 'speed'``.
@@ -145,7 +145,7 @@ class Monitor:
         limit = SLACK * max(self._first_scale, sums + self._last_reward)
         if scale > limit:
             flaw = f"are {scale:.3g}; rewards and discount allow at most {limit / SLACK:.3g}"
-            raise DivergenceError("the values Q", flaw, env_steps)
+            raise DivergenceError("the Q-values", flaw, env_steps)
 
     def check_parameters(self, tensors: Tensors, env_steps: int) -> None:
         """Check the parameters of a policy.

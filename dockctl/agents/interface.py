@@ -163,7 +163,7 @@ class Mirrorable(Protocol):
     """An algorithm that can also learn from the mirror images of its transitions."""
 
     def learn_mirrored(self, mirror: Mirror) -> None:
-        """Learn from mirror images, too, from now on."""
+        """From now on, also learn from mirror images."""
         ...
 
 
@@ -172,7 +172,7 @@ class Recoverable(Protocol):
     """An algorithm that can try again from a saved state."""
 
     def recover(self, attempt: int) -> None:
-        """Go on from the state that was just restored: new episodes, other random numbers, slower learning.
+        """Continue from the restored state: new episodes, other random numbers, slower learning.
 
         Args:
             attempt: how many times the training was rolled back, from 1.

@@ -148,7 +148,7 @@ class StableBaselines:
     Args:
         spec: class, policy, hyperparameters and action noise.
         spaces: of one boat.
-        training: the numbers that all algorithms share.
+        training: the hyperparameters that all algorithms share.
         device: of the networks.
     """
 

@@ -39,7 +39,7 @@ SUCCESS = Measure("docked", "success", "%", 100, 1)
 MEASURES = (
     Measure("time_s", "time", "s", 1, 1),
     Measure("path_length_m", "path", "m", 1, 2),
-    Measure("clearance_m", "least clearance", "m", 1, 2),
+    Measure("clearance_m", "minimum clearance", "m", 1, 2),
     Measure("control_changes", "control changes", "%", 100, 1),
     Measure("propeller_change_n", "propeller change per step", "N", 1, 2),
     Measure("rudder_change_deg", "rudder change per step", "°", 1, 2),

@@ -17,7 +17,7 @@ AVERAGED = (
     "propeller_change_n", "rudder_change_deg",
 )  # fmt: skip
 CLEARANCES_M = (0.1, 0.3, 0.5)
-"""Least clearances for which success is reported."""
+"""Minimum clearances for which success is reported."""
 
 
 def ending(row: Mapping[Any, Any]) -> str:

@@ -17,7 +17,7 @@ if TYPE_CHECKING:
 COLUMNS = (*MAP_START, "outcome")
 """Columns of ``map.csv`` that these functions and the figure need."""
 SMALL_OFFSET_DEG = 20.0
-"""Largest heading offset to expect when a person brings the boat to the start pose."""
+"""Largest heading offset to expect when a person steers the boat to the start pose."""
 EPS = 1e-6
 
 

@@ -190,7 +190,7 @@ def _summary_cells(summary: dict[str, Any]) -> dict[str, str]:
         "95 % interval": interval,
         **{f"success with {least} m clear": _share(given) for least, given in at_clearance.items()},
         **{kind: str(count) for kind, count in endings.items() if kind != "docked"},
-        "least clearance": "-" if clearance is None else f"{clearance:.2f} m",
+        "minimum clearance": "-" if clearance is None else f"{clearance:.2f} m",
         **({"contact speed": f"mean {contact['mean']:.2f}, max {contact['max']:.2f} m/s"} if contact else {}),
     }
     return cells | {name: form.format(means[key]) for name, key, form in MEANS if key in means}

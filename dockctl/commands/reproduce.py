@@ -1,4 +1,4 @@
-"""``dockctl reproduce``: run all trainings and measurements of a study."""
+"""``dockctl reproduce``: run all training and measurements of a study."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ def reproduce(
         ),
     ] = RUNS / "reproduce",
     jobs: Annotated[
-        int | None, typer.Option(min=1, max=1024, help="Number of parallel trainings.", show_default="cores")
+        int | None, typer.Option(min=1, max=1024, help="Number of parallel jobs.", show_default="cores")
     ] = None,
     on: On = None,
     results: Annotated[

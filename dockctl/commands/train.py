@@ -29,13 +29,13 @@ def train(
     ] = None,
     jobs: Annotated[
         int | None,
-        typer.Option(min=1, max=1024, help="Number of trainings to run in parallel.", show_default="cores"),
+        typer.Option(min=1, max=1024, help="Number of runs in parallel.", show_default="cores"),
     ] = None,
     out: Annotated[
         Path | None,
         typer.Option(
-            help="Output folder; below it are folders for the scenario, for each combination of several"
-            " trainings, and for each run.",
+            help="Output folder; below it are folders for the scenario, for each combination of a sweep, and"
+            " for each run.",
             show_default=f"{RUNS}, or {SWEEPS}",
         ),
     ] = None,
@@ -102,7 +102,7 @@ def train(
     }  # fmt: skip
     several = seeds is not None or any(map(is_list, set_ or ()))
     if json_ and not several:
-        raise DockctlError("--json: only several trainings have a summary; give --seeds, or several values")
+        raise DockctlError("--json: only a sweep has a summary; give --seeds, or several values")
     if resume is not None:
         if extra := [option for option, value in start.items() if value not in (None, [])]:
             raise DockctlError(f"--resume continues the run with its own settings: omit {', '.join(extra)}")

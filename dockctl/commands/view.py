@@ -41,15 +41,15 @@ def view(
     pose: Poses = None,
     out: Annotated[Path | None, typer.Option(help="The page; view-<name>.html by default.")] = None,
     gif: Annotated[
-        Path | None, typer.Option(help="Write a film from above to this file, instead of the page.")
+        Path | None, typer.Option(help="Write a video from above to this file (GIF), instead of the page.")
     ] = None,
     mp4: Annotated[
-        Path | None, typer.Option(help="Write a film as video; needs ffmpeg or the extra dockctl[video].")
+        Path | None, typer.Option(help="The same as MP4; needs ffmpeg or the extra dockctl[video].")
     ] = None,
     plugin: Plugins = None,
     trust: Trust = False,
 ) -> None:
-    """Write a 3-D replay as one HTML page that opens without a network, or a film.
+    """Write a 3-D replay as one HTML page that opens without a network, or a video.
 
     Example: dockctl view s3 --pose 25,0.5,175
     """
@@ -81,6 +81,6 @@ def view(
         print_paths([write_atomically(out or Path(f"view-{name}.html"), page(data).encode())])
     for path, write in ((gif, animation.write_gif), (mp4, animation.write_mp4)):
         if path:
-            with Console(stderr=True).status("drawing the film"):
-                film = write(path, shown.scene, data)
-            print_paths([film])
+            with Console(stderr=True).status("drawing the video"):
+                video = write(path, shown.scene, data)
+            print_paths([video])

@@ -1,4 +1,4 @@
-"""The mirror image of observations and actions: port and starboard change places.
+"""The mirror image of observations and actions: port and starboard are swapped.
 
 The vessel is symmetric, so the mirror image of a transition is a transition in the mirrored harbor. Images
 are found by trial: each column of the mirrored observation must be a column of the observation, or minus one.

@@ -40,7 +40,7 @@ class View:
         eta, goal: (n, 3) own pose and goal of the phase, x, y [m] and heading [rad], world frame.
         nu: (n, 3) surge, sway [m/s] and yaw rate [rad/s] over ground, body frame.
         command: (n, 2) last propeller force [N] and rudder angle [rad].
-        command_limit: (2,) greatest propeller force [N] and rudder angle [rad] of the vessel.
+        command_limit: (2,) maximum propeller force [N] and rudder angle [rad] of the vessel.
         sector_ranges_m: (n, sectors) nearest return of each sector of the range sensor [m].
         apparent_wind: (n, 2) velocity of the air relative to the boat [m/s], body frame.
         through_water: (n, 2) surge and sway relative to the water [m/s], body frame, as a speed log measures.
@@ -86,7 +86,7 @@ class View:
         )
 
     def mirrored(self) -> View:
-        """Return the view of the mirror image in the x axis, where port and starboard change places."""
+        """Return the view of the mirror image in the x axis, where port and starboard are swapped."""
         pose, vector = np.array([1, -1, -1]), np.array([1, -1])
         return replace(
             self,

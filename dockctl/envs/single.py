@@ -22,7 +22,7 @@ class DockingEnv(gymnasium.Env[NDArray[np.float32], Any]):
     ## Action space
     `Discrete(77)`: 11 propeller forces (-50 to 50 N) times 7 rudder angles (-30 to 30 degrees); action i is
     force i // 7 with angle i % 7. The command is held for the control period of 0.5 s. A scenario may define
-    another grid, or ``actions: {kind: continuous}``: `Box(-1, 1, (2,))`, fractions of the greatest propeller
+    another grid, or ``actions: {kind: continuous}``: `Box(-1, 1, (2,))`, fractions of the maximum propeller
     force and rudder angle.
 
     ## Observation space

@@ -22,7 +22,7 @@ from dockctl.runs.provenance import hardware
 from dockctl.scenarios.schema import Scenario
 
 WARM_UP = 20
-"""Decisions before the first that counts: these compile code and fill tables and caches."""
+"""Decisions that are not counted: these compile code and fill tables and caches."""
 
 
 @dataclass(frozen=True, eq=False)

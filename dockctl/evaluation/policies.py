@@ -136,7 +136,7 @@ class LoadedPolicy(ABC):
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class CheckpointPolicy(LoadedPolicy):
-    """A trained policy on disk. It brings its `PolicyInterface` along to every scenario.
+    """A trained policy on disk. Its `PolicyInterface` replaces that of every scenario it runs in.
 
     Attributes:
         file: its JSON file, which a training in progress may replace.
@@ -275,7 +275,7 @@ def load_policy(
         params: keyword parameters of a factory.
 
     Raises:
-        UntrustedError: it brings code along that may not run; none has run then.
+        UntrustedError: it contains code that is not trusted; none of it has run.
         DockctlError: there is no such policy, or it cannot be loaded.
     """
     if isinstance(policy, LoadedPolicy):
@@ -341,7 +341,7 @@ def load_checkpoint(
         plugin_files, trust: see `load_policy`.
 
     Raises:
-        UntrustedError: it brings code along that may not run; none has run then.
+        UntrustedError: it contains code that is not trusted; none of it has run.
         DockctlError: there is none, or it is damaged.
     """
     for plugin in plugin_files:

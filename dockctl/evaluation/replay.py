@@ -30,11 +30,11 @@ from dockctl.sim.harbor.solids import hull_mesh, hull_outline
 from dockctl.sim.starts import Start
 
 MAX_SCANS, MAX_POINTS = 240, 360_000
-"""LiDAR scans and points of all episodes together, so that a page stays small."""
+"""LiDAR scans and points of all episodes together, at most, so that a page stays small."""
 FARTHEST_M = 327.0
-"""Of the points in the page, which are 16-bit centimeters."""
+"""Maximum coordinate of the points in the page, which are 16-bit centimeters."""
 MAX_TRIANGLES = 200_000
-"""Of a harbor in the page; of larger ones the smallest triangles are left out."""
+"""Triangles of a harbor in the page, at most; of larger harbors the smallest triangles are left out."""
 OPEN_WATER_M = 15.0
 REWARD = "reward_"
 FLOWS = ("current", "wind")

@@ -28,7 +28,7 @@ TRIED_FIRST = 16
 
 
 class HasPose(Protocol):
-    """What an episode reports of its start, which may be one of another environment."""
+    """What an episode reports of its start, which may be that of a foreign environment."""
 
     @property
     def eta(self) -> Floats: ...

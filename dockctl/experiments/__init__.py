@@ -1,4 +1,4 @@
-"""Trainings and studies, and the Python API for them: ``from dockctl.experiments import train, resume``."""
+"""Training and studies, and the Python API for them: ``from dockctl.experiments import train, resume``."""
 
 from __future__ import annotations
 

@@ -22,7 +22,7 @@ from dockctl.runs.listing import size_of
 from dockctl.trust import state_folder
 
 FREE_BYTES = 2_000_000_000
-"""Below this a training of usual length may fill the disk."""
+"""Free space below which a typical training run may fill the disk."""
 
 
 @dataclass(frozen=True)
@@ -61,7 +61,7 @@ def examine() -> Report:
         "Extras": _extras(),
     }
     if hardware["usable_cores"] < 2:
-        problems.append("one usable core: trainings take about twice as long; allow the process two cores")
+        problems.append("one usable core: training takes about twice as long; give the process two cores")
     return Report(sections, tuple(problems))
 
 
@@ -95,7 +95,7 @@ def _folders(problems: list[str]) -> dict[str, str]:
             problems.append(f"{name}: {folder} cannot be written: {fix}")
         free = shutil.disk_usage(place).free
         if writable and free < FREE_BYTES:
-            problems.append(f"{name}: {free / 1e9:.1f} GB left on the disk of {folder}: make room")
+            problems.append(f"{name}: {free / 1e9:.1f} GB left on the disk of {folder}: free some space")
         used = sum(map(size_of, folder.rglob("*.nb[ci]"))) if folder == compiled else size_of(folder)
         size = f"{used / 1e6:,.1f} MB" if folder.is_dir() else "does not exist yet"
         found[name] = f"{folder}: {size}, {'writable' if writable else 'NOT writable'}"

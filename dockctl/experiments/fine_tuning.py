@@ -56,7 +56,7 @@ class InitialPolicy:
         save_policy(folder, self.tensors, self.card)
 
     def start(self, algorithm: Algorithm, scenario: Scenario) -> None:
-        """Give an algorithm that has not learned yet the parameters of the policy.
+        """Initialize an algorithm that has not learned yet with the parameters of the policy.
 
         The scenario may observe more than the policy: the weights of new inputs are zero.
 
@@ -73,7 +73,7 @@ class InitialPolicy:
             raise self._mismatch("its card does not list what it observes; it is from an earlier version")
         if card.hidden_sizes != training.hidden_sizes:
             sizes = f"hidden_sizes: {list(card.hidden_sizes)}"
-            raise self._mismatch(f"its network is another one; set training: {{{sizes}}}")
+            raise self._mismatch(f"its network differs; set training: {{{sizes}}}")
         for name, field in (
             ("actions", "actions"),
             ("lidar_sectors", "sensors.lidar.sectors"),

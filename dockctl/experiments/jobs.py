@@ -60,7 +60,7 @@ def log_line(stage: Stage) -> bytes:
 
 
 class LocalJob:
-    """A job at work on this machine, each stage as a process."""
+    """A job on this machine; each stage is a process."""
 
     def __init__(self, job: Job) -> None:
         self.job = job

@@ -30,7 +30,7 @@ from dockctl.scenarios.schema import Scenario, Tolerance
 from dockctl.sim.vessel import VesselModel
 
 OPSET, IR_VERSION = 17, 8
-"""Of ONNX: old enough for the runtimes of 2022 and later."""
+"""Versions of ONNX that runtimes from 2022 on support."""
 
 
 def export_files(
@@ -180,13 +180,13 @@ def description(policy: CheckpointPolicy, scenario: Scenario) -> dict[str, Any]:
     """Return what a machine needs to know to use the policy, as plain data for JSON.
 
     Raises:
-        DockctlError: its actions are not numbered.
+        DockctlError: its actions are not discrete.
     """
     vessel, lidar, task, card = scenario.vessel, scenario.sensors.lidar, scenario.task, policy.card
     space = scenario.actions.space(vessel)
     if not isinstance(space, Discrete) or scenario.actions.has_memory:
         raise DockctlError(
-            f"{policy.file}: has the actions {scenario.actions.kind}, {space}; expected numbered ones with a"
+            f"{policy.file}: has the actions {scenario.actions.kind}, {space}; expected discrete ones with a"
             " command each",
             code="unavailable",
         )

@@ -232,7 +232,7 @@ def with_log_line(output: bytes, here: Stage, local: Stage) -> bytes:
 
 
 class RayJob:
-    """A job at work on Ray; a lost worker is replaced."""
+    """A job on Ray; a lost worker is replaced."""
 
     def __init__(self, job: Job) -> None:
         self.job = job

@@ -23,10 +23,10 @@ from dockctl.runs.reader import SOURCES, read_run
 
 Note = Callable[[str], None]
 RELOAD_S = 10
-"""Between two reloads of a page that follows a training, in the browser."""
+"""Time after which the browser reloads a page that follows a training."""
 POLL_S = 2.0
 REST = 4
-"""Pause after a report by the time that it took: the training is not slowed much."""
+"""Pause between reports, as a multiple of the time that one takes: the training is hardly slowed."""
 
 
 def write_report(source: Path, out: Path | None, *, trust: bool = False, note: Note = print) -> Path:

@@ -255,7 +255,7 @@ def _counts(runner: JobRunner) -> str:
 def _report_ending(console: Console, runner: JobRunner) -> Ending:
     command = command_line(*sys.argv[1:])
     if runner.stopping and any(progress.state != "done" for progress in runner.progress):
-        print_text(console, f"Interrupted: {_counts(runner)}. Trainings are saved. To resume:\n  {command}")
+        print_text(console, f"Interrupted: {_counts(runner)}. All runs are saved. To resume:\n  {command}")
         return "interrupted"
     failed = [progress for progress in runner.progress if progress.state == "failed"]
     print_text(console, f"{len(runner.progress) - len(failed)} of {count(len(runner.progress), 'job')} done.")

@@ -145,8 +145,8 @@ def _require_usable(kind: str, name: str, starter: Starter) -> None:
     if wrong:
         letters = {
             NAME: "letters, digits, dots, dashes and underscores, a letter or digit first",
-            IDENTIFIER: "a name of Python: small letters, digits and underscores, a letter first",
-            PROJECT: "small letters, digits, dashes and underscores, a letter first",
+            IDENTIFIER: "a Python name: lowercase letters, digits and underscores, a letter first",
+            PROJECT: "lowercase letters, digits, dashes and underscores, a letter first",
         }
         better = re.sub(r"\W+", "_", name.lower()).strip("_")
         suggestion = better if re.fullmatch(starter.pattern, better) and not iskeyword(better) else ""

@@ -24,8 +24,8 @@ from dockctl.scenarios.loader import load
 Row = dict[str, Any]
 MAX_COMBINATIONS = 1000
 SEEDS = (
-    "several trainings have the seeds 0 to N-1, by which the same command finds and resumes them; give their"
-    " number with --seeds N"
+    "a sweep has the seeds 0 to N-1, by which the same command finds and resumes its runs; give their number"
+    " with --seeds N"
 )
 TOKENS = re.compile(r"""("[^"]*"|'[^']*')|([\[{(])|([\]})])|(,)|.""", re.DOTALL)
 """Quoted text, opening and closing brackets, commas, anything else."""
@@ -114,7 +114,7 @@ def sweep(
         scenario: name or file.
         settings: ``key=value`` or ``key=value,value,...``.
         out: folder of the runs, ``<scenario>/<combination>/<scenario>/<time>-seed<N>/``.
-        workers: number of parallel trainings; one per core by default.
+        workers: number of parallel runs; one per core by default.
         steps, on_divergence, plugin_files, device, trust, name, tags, log: see
             `dockctl.experiments.training.train`.
 

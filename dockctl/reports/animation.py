@@ -1,4 +1,4 @@
-"""Films of a replay: the boats from above and their commands (``dockctl view --gif, --mp4``)."""
+"""Videos of a replay: the boats from above and their commands (``dockctl view --gif, --mp4``)."""
 
 from __future__ import annotations
 
@@ -33,12 +33,12 @@ from dockctl.runs.files import write_atomically
 
 Frame = NDArray[np.uint8]
 SIZE_IN, DPI = (10.4, 6.0), 100
-"""Of a frame; the pixels are even numbers, as video formats require."""
+"""Size of a frame; width and height in pixels are even, as video formats require."""
 SPEED = 5.0
-"""Seconds of the episode per second of the film."""
+"""Seconds of the episode per second of the video."""
 GIF_FPS, MP4_FPS = 10, 30
 HOLD_S = 1.5
-"""How long the last picture stays."""
+"""How long the last frame is shown."""
 SHOWN_RANGE_M = 12.0
 PANELS = (
     ("Distance to the goal [m]", "distance"),
@@ -100,22 +100,22 @@ def _with_gap(distance: Floats, phase: NDArray[np.uint8]) -> Floats:
 
 
 def frames(scene: Scene, data: Mapping[str, Any], fps: float) -> Iterator[Frame]:
-    """Yield the pictures of a film, (height, width, 3) RGB.
+    """Yield the frames of a video, (height, width, 3) RGB.
 
     Args:
         scene: plan view of the harbor.
         data: of `dockctl.evaluation.replay.page_data`.
-        fps: pictures per second.
+        fps: frames per second.
     """
     period_s, shown = data["period_s"], boats(data)
     last = max(len(boat.pose) for boat in shown) - 1
     with figure_style():
-        film = _Film(scene, shown, data["title"], period_s, data["range_m"])
+        video = _Video(scene, shown, data["title"], period_s, data["range_m"])
         count = int(np.ceil(last * period_s * fps / SPEED))
         for i in range(count + 1):
-            picture = film.draw(min(i * SPEED / (fps * period_s), last))
-            yield picture
-        yield from [picture] * round(HOLD_S * fps)
+            frame = video.draw(min(i * SPEED / (fps * period_s), last))
+            yield frame
+        yield from [frame] * round(HOLD_S * fps)
 
 
 def write_gif(path: Path, scene: Scene, data: Mapping[str, Any]) -> Path:
@@ -124,9 +124,9 @@ def write_gif(path: Path, scene: Scene, data: Mapping[str, Any]) -> Path:
     Raises:
         DockctlError: the file cannot be written.
     """
-    pictures = (Image.fromarray(frame) for frame in frames(scene, data, GIF_FPS))
-    first = next(pictures).quantize(256, dither=Image.Dither.NONE)
-    others = (picture.quantize(palette=first, dither=Image.Dither.NONE) for picture in pictures)
+    images = (Image.fromarray(frame) for frame in frames(scene, data, GIF_FPS))
+    first = next(images).quantize(256, dither=Image.Dither.NONE)
+    others = (image.quantize(palette=first, dither=Image.Dither.NONE) for image in images)
     content = io.BytesIO()
     first.save(content, "GIF", save_all=True, append_images=others, duration=1000 // GIF_FPS, loop=0)
     return write_atomically(path, content.getvalue())
@@ -142,7 +142,7 @@ def write_mp4(path: Path, scene: Scene, data: Mapping[str, Any]) -> Path:
     raw = ("-f", "rawvideo", "-pix_fmt", "rgb24", "-s", f"{width}x{height}", "-r", str(MP4_FPS), "-i", "-")
     coded = ("-c:v", "libx264", "-pix_fmt", "yuv420p", "-crf", "18", "-movflags", "+faststart")
     with tempfile.TemporaryDirectory() as folder:
-        file = Path(folder) / "film.mp4"
+        file = Path(folder) / "video.mp4"
         with (Path(folder) / "errors").open("w+b") as errors:
             command = [ffmpeg(), "-y", "-loglevel", "error", *raw, "-an", *coded, str(file)]
             process = subprocess.Popen(command, stdin=subprocess.PIPE, stderr=errors)
@@ -172,8 +172,8 @@ def ffmpeg() -> str:
     raise DockctlError(message, code="not_found")
 
 
-class _Film:
-    """Draws what does not move once, and the rest for each picture."""
+class _Video:
+    """Draws what does not move once, and the rest for each frame."""
 
     def __init__(
         self, scene: Scene, shown: Sequence[Boat], title: str, period_s: float, range_m: float
@@ -198,7 +198,7 @@ class _Film:
         self._canvas, self._background = canvas, canvas.copy_from_bbox(self._figure.bbox)
 
     def _add(self, artist: Any) -> Any:
-        """Let an artist be drawn with every picture."""
+        """Draw an artist anew in every frame."""
         artist.set_animated(True)
         self._moving.append(artist)
         return artist
@@ -253,7 +253,7 @@ class _Film:
         return [self._add(ax.plot([], [], color=boat.color, lw=1.4, **style)[0]) for boat in self._boats]
 
     def draw(self, step: float) -> Frame:
-        """Return the picture at a time, in control steps."""
+        """Return the frame at a time, in control steps."""
         self._clock.set_text(f"{step * self._period_s:.1f} s   {SPEED:g}×")
         for i, boat in enumerate(self._boats):
             at = min(step, len(boat.pose) - 1)

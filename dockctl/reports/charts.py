@@ -22,10 +22,10 @@ from dockctl.scenarios.schema import Task, Tolerance
 
 Chart = dict[str, Any]
 MOST_POINTS = 6_000
-"""Of a series; of longer ones every second, third, ... row is drawn."""
+"""Points of a series, at most; of longer ones every second, third, ... row is drawn."""
 BINS = 70
 DENSE_STEPS = 240
-"""Of an episode; in longer ones the lines of the commands merge, and their mean is drawn, too."""
+"""Length of an episode above which the lines of the commands merge, and their mean is also drawn."""
 TRACK_TONES = tuple(f"s{i}" for i in range(len(palette.SERIES)))
 """Names of the colors of several tracks in the style sheet; they differ between the light and dark themes."""
 

@@ -43,9 +43,9 @@ from dockctl.runs.tables import RETURNS as RETURNS_COLUMNS
 from dockctl.scenarios.yaml_tree import read_file
 
 FILES = ("page/theme.css", "page/report.css", "page/report.html", "page/report.js")
-"""Package data."""
+"""Parts of the page, in the package."""
 MOST_ROWS = 40
-"""Of a table of episodes."""
+"""Rows of a table of episodes, at most."""
 
 
 @dataclass(frozen=True)
@@ -249,7 +249,7 @@ FAILURE_COLUMNS = {
 """Columns of ``evaluation.csv`` in the table of failures, and their names."""
 SUMMARY_COLUMNS = (
     "scenario", "starts", "docked", "success", "95 % interval", "time", "path", "control changes",
-    "least clearance", "other endings",
+    "minimum clearance", "other endings",
 )  # fmt: skip
 
 

@@ -29,7 +29,7 @@ TURNS_DEG = (0.0, -4.0, 4.0, -8.0, 8.0, -12.0, 12.0)
 CLOUD_EYE_M = np.array([-46.0, -30.0, 30.0])
 """Camera of the point cloud, relative to the boat."""
 CLOUD_EXTENT_M = np.array([[-24, -24, 0], [24, -24, 0], [-24, 24, 0], [24, 24, 0], [0, 20, 12]])
-"""Points around the boat that are inside the picture of the point cloud."""
+"""Points around the boat that are inside the view of the point cloud."""
 CLOUD_RINGS_M = (10.0, 20.0, 30.0)
 HEIGHTS = LinearSegmentedColormap.from_list(
     "heights", ["#3E9FD6", "#6FD3C4", "#D7E58A", "#F8C152", "#F2705B"]

@@ -29,7 +29,7 @@ from dockctl.runs.reader import Run
 from dockctl.runs.tables import START_KINDS
 
 CURVE_POINTS = 300
-"""Of a learning curve; a study has many."""
+"""Points of a learning curve, at most; a study has many curves."""
 
 
 @dataclass(frozen=True)

@@ -15,7 +15,7 @@ from dockctl.reading import read_bytes
 from dockctl.runs.files import sync, write_atomically, writing
 
 MAX_TABLE_BYTES = 2_000_000_000
-"""Of a table that a training continues: some 10 million episodes."""
+"""Size up to which a training continues a table: about 10 million episodes."""
 
 Value = str | int | float | bool | None
 
@@ -38,7 +38,7 @@ EPISODE_RESULT = (
 """Result of one greedy episode."""
 
 MANEUVER = ("contact_speed_mps", "propeller_change_n", "rudder_change_deg")
-"""How it was driven: speed at a collision, and mean changes of the commands per step."""
+"""How the boat was driven: speed at a collision, and mean changes of the commands per step."""
 
 EVALUATIONS = ("env_steps", "start_kind", "pose", *EPISODE_RESULT, "best")
 """Greedy episodes during training, from the evaluation poses and, less often, from the validation starts.

@@ -10,7 +10,7 @@ from pydantic_core import PydanticKnownError
 from dockctl.errors import Code
 
 MAX_NUMBER = 1e12
-"""Greatest magnitude, and inverse of the least, of a number in SI units: products of several stay finite."""
+"""Maximum magnitude, and inverse of the minimum, of a number in SI units: products of several stay finite."""
 MAX_COORDINATE_M = 10_000.0
 """A harbor is within 10 km of the origin: a number of single precision then resolves 1 mm."""
 
@@ -32,7 +32,7 @@ Number = Annotated[float, Strict(), Field(allow_inf_nan=False), AfterValidator(_
 Positive = Annotated[Number, Field(gt=0), AfterValidator(_not_tiny)]
 NonNegative = Annotated[Number, Field(ge=0)]
 Speed = Annotated[NonNegative, Field(le=10)]
-"""Of a boat or of the water [m/s]: the strongest tidal streams have 10 m/s."""
+"""Speed of a boat or of the water [m/s]: the strongest tidal streams reach 10 m/s."""
 Coordinate = Annotated[Number, Field(ge=-MAX_COORDINATE_M, le=MAX_COORDINATE_M)]
 Length = Annotated[Positive, Field(le=MAX_COORDINATE_M)]
 Fraction = Annotated[float, Strict(), Field(allow_inf_nan=False, ge=0, le=1)]

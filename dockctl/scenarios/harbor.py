@@ -35,9 +35,9 @@ QUAYS: dict[Side, str] = {"east": "x_max_m", "west": "x_min_m", "north": "y_max_
 FACES: dict[Side, str] = {"east": "x_min_m", "west": "x_max_m", "north": "y_min_m", "south": "y_max_m"}
 """The edge of a pier or of land at which the berths of a side begin: their sterns point to that side."""
 INTO_BASIN: dict[Side, tuple[int, int]] = {"east": (-1, 0), "west": (1, 0), "north": (0, -1), "south": (0, 1)}
-"""Direction of a boat moored stern-to."""
+"""Direction to which the bow of a boat moored stern-to points."""
 BERTH_POSE_GAP_M = 2.5
-"""From the quay to the origin of a docked boat, so that x = 36 m at the east quay of the reference harbor."""
+"""Distance of a docked boat's origin from the quay; x = 36 m at the east quay of the reference harbor."""
 MAX_LAYOUTS = 1000
 MIN_BERTH_M = 2.4
 """Narrowest generated berth; every berth has space for the narrowest of `DEFAULT_MODELS`."""

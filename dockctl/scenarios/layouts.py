@@ -30,9 +30,9 @@ STERN_GAP_CM = (50, 90)
 REFERENCE_CM = (3850, 0)
 """The east quay, and the free berth nearest to its middle: (36, 0, 180°) docks there in every layout."""
 END_MARGIN_CM = (150, 600)
-"""From an end of the basin to the first pier."""
+"""Range of the distance from an end of the basin to the first finger pier."""
 PASSAGE_CM = (1000, 1500)
-"""Between the head of a walkway and the end of the basin."""
+"""Range of the distance between the head of a walkway and the end of the basin."""
 PIER_WIDTH_CM = (160, 260)
 WEST_ROW, BACK_ROW, OPEN_BAY = 0.8, 0.5, 0.35
 """Probabilities of berths at the west quay, of berths at the inner end, and of a missing last finger."""

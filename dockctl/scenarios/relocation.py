@@ -21,7 +21,7 @@ BERTH = "berth"
 PATTERN = rf"({'|'.join(get_args(Side))})\s+([+-]?\d+(?:\.\d+)?)"
 """Side, and position of the center line along the quay [m]."""
 DECIMALS = 9
-"""Of the moved poses; further digits are rounding errors of the rotation."""
+"""Decimals of the moved poses; further digits are rounding errors of the rotation."""
 
 
 def at_berth(tree: Node, scenario: Scenario, given: Node) -> Node:

@@ -231,7 +231,7 @@ class Scenario(Model):
 
 
 class PolicyInterface(Model):
-    """What a policy brings along to every scenario: its observation, range sensor and actions.
+    """The parts of a scenario that a policy keeps in every scenario: observation, range sensor and actions.
 
     Cards of older policies have only the number of sectors; the rest of the sensor is that of the scenario.
     """
@@ -252,13 +252,13 @@ class PolicyInterface(Model):
         )
 
     def agrees(self, scenario: Scenario, other: Scenario) -> bool:
-        """Return whether the scenarios are equal in what the policy brings along."""
+        """Return whether the scenarios are equal in these parts."""
         one, two = self.of(scenario), self.of(other)
         given = [name for name, value in self if value is not None]
         return all(getattr(one, name) == getattr(two, name) for name in given)
 
     def on(self, scenario: Scenario) -> Scenario:
-        """Return `scenario` with what the policy brings along.
+        """Return `scenario` with the parts of the policy.
 
         Raises:
             DockctlError: the policy's actions exceed the limits of the vessel.

@@ -56,7 +56,7 @@ class ExploringStarts(Model):
 class CloseStarts(Model):
     """Initial starts in training that are drawn again until an obstacle is near the hull.
 
-    They are few among starts drawn uniformly, and the hardest.
+    Such starts are rare among uniform draws, and the hardest.
     """
 
     fraction: Fraction = 0.5
@@ -99,13 +99,13 @@ class StopRule(Model):
 
 
 class Ensemble(Model):
-    """The policy acts on the mean Q of the network at several times of the training.
+    """The policy acts on the mean Q of the network at several times during training.
 
     The mean is also over the mirror image of the observation with ``mirrored``. After averaged DQN (Anschel
     et al. 2017) and snapshot ensembles (Huang et al. 2017).
     """
 
-    networks: int = Field(default=4, ge=1, le=64, strict=True, description="the present one and earlier ones")
+    networks: int = Field(default=4, ge=1, le=64, strict=True, description="the current one and earlier ones")
     every_steps: Count = Field(default=100_000, description="environment steps between two of them")
 
 
@@ -135,7 +135,7 @@ PRESETS: dict[str, dict[str, Any]] = {"default": {}, "thesis": THESIS}
 
 
 class Training(Model):
-    """The algorithm and its numbers (sections 3.2.4-3.2.6); the defaults are the preset `default`."""
+    """The algorithm and its hyperparameters (sections 3.2.4-3.2.6); the defaults are the preset `default`."""
 
     preset: Literal["default", "thesis"] = "default"
     seed: int = Field(default=0, ge=0, strict=True)

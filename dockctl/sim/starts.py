@@ -130,7 +130,7 @@ def free_sites(
     Args:
         scenario: the scenario.
         unreachable: for each harbor.
-        among: whether a site is wanted; only harbors with such sites are asked.
+        among: whether a site is wanted; only harbors with such sites are checked.
 
     Raises:
         InputError: none of the trained berths, or none of the held-out berths, is free.

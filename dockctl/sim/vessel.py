@@ -133,7 +133,7 @@ class VesselModel:
     def step_and_travel(
         self, eta: Floats, nu: Floats, tau: Floats, coefficients: Floats | None = None
     ) -> tuple[Floats, Floats, Floats]:
-        """Return pose and velocity (n, 3) one control period later, and the way of the hull (n,) [m].
+        """Return pose and velocity (n, 3) one control period later, and the travel of the hull (n,) [m].
 
         Args:
             eta, nu: as in `step`.
@@ -142,7 +142,7 @@ class VesselModel:
             coefficients: (n, 17) of each boat, as `coefficients` returns them; by default of the vessel.
 
         Returns:
-            the third one is a bound of the way of any point of the hull.
+            the third one is an upper bound on the distance that any point of the hull travels.
         """
         return self._integrate(eta, nu, tau, coefficients, np.empty((0, 0, 6)))
 

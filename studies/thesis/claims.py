@@ -58,7 +58,7 @@ def trained_starts(facts: Facts, archive: Archive) -> Measured:
         parts.append(
             f"{name}: {share(sum(_all_dock([run]) for run in runs), len(runs))} seeds from the selection"
             f" poses, {spread([100 * rate for rate in rates], '{:.0f}', ' %')} of the test starts within 1 m"
-            f" and 10°, least clearance by seed {spread(gaps, '{:.2f}', ' m')}"
+            f" and 10°, minimum clearance by seed {spread(gaps, '{:.2f}', ' m')}"
         )
     return "; ".join(parts), _graded(docked and reliable, docked)
 
@@ -77,14 +77,14 @@ def five_poses(facts: Facts, archive: Archive) -> Measured:
 
 
 def convergence(facts: Facts, archive: Archive) -> Measured:
-    """Reproduced if every training with the thesis' learner docks in all of its last 100 episodes."""
+    """Reproduced if every run of the thesis' learner docks in all of its last 100 episodes."""
     runs = [run for experiment in archive.group("thesis") for run in archive[experiment.name]]
     full = sum(run.recent_docked == RECENT for run in runs)
     ours = [run for name in SCENARIOS for run in archive[name]]
     mastered = share(sum(run.mastered for run in ours), len(ours))
     return (
-        f"thesis' learner: {share(full, len(runs))} trainings dock in all of their last {RECENT} episodes;"
-        f" our learner: {mastered} trainings reach 95 of 100",
+        f"thesis' learner: {share(full, len(runs))} runs dock in all of their last {RECENT} episodes;"
+        f" our learner: {mastered} runs reach 95 of 100",
         _graded(full == len(runs), full > 0),
     )
 
@@ -107,11 +107,11 @@ def collision_share(run: ArchivedRun, facts: Facts) -> float:
 
 
 def slowing(facts: Facts, archive: Archive) -> Measured:
-    """Scenario 1: at least 8 m off in the middle of the seeds; scenario 3: at most 5 m off."""
+    """Scenario 1: at least 8 m from the goal in the middle of the seeds; scenario 3: at most 5 m."""
     found = {name: [slowing_m(track) for run in archive[name] for track in run.tracks] for name in SCENARIOS}
-    text = "; ".join(f"{name}: {spread(values, unit=' m off')}" for name, values in found.items())
+    text = "; ".join(f"{name}: {spread(values, unit=' m')}" for name, values in found.items())
     early, late = _middle(found["s1"]) >= 8, _middle(found["s3"]) <= 5
-    return f"last at top speed {text}", _graded(early and late, early or late)
+    return f"distance to the goal when last at top speed: {text}", _graded(early and late, early or late)
 
 
 def opposite_berth(facts: Facts, archive: Archive) -> Measured:
@@ -191,7 +191,7 @@ def training_time(facts: Facts, archive: Archive) -> Measured:
     runs = [run for name in SCENARIOS for run in archive[name]]
     per_step = spread([run.milliseconds_per_step for run in runs], "{:.2f}", " ms")
     minutes = [run.minutes for run in runs]
-    text = f"{per_step} per step, {spread(minutes, '{:.1f}', ' minutes')} per training, on another machine"
+    text = f"{per_step} per step, {spread(minutes, '{:.1f}', ' minutes')} per run, on another machine"
     return text, _faster(max(minutes) / 60, facts.hours_per_scenario)
 
 

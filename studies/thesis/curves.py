@@ -1,4 +1,4 @@
-"""Figures of trainings: curves of several seeds with their interquartile mean and its interval."""
+"""Figures of training runs: curves of several seeds with their interquartile mean and its interval."""
 
 from __future__ import annotations
 

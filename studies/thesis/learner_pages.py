@@ -150,7 +150,7 @@ def _controls_row(weight: str, runs: Sequence[ArchivedRun]) -> Row:
         row[f"mean {name} change per step [{unit}]"] = middle(
             [change_size(track, column) for track in tracks], "{:.1f}"
         )
-    row["last at top speed [m off]"] = middle([slowing_m(track) for track in tracks], "{:.1f}")
+    row["last at top speed [m from the goal]"] = middle([slowing_m(track) for track in tracks], "{:.1f}")
     return row
 
 
@@ -186,7 +186,7 @@ def _unit(run: ArchivedRun) -> str:
 
 
 def _td_errors(run: ArchivedRun) -> tuple[float, float, float]:
-    """Mean absolute TD error of the updates in units of the reward: least, largest, last."""
+    """Mean absolute TD error of the updates in units of the reward: minimum, maximum, last."""
     error = run.updates["td_error"].abs() / run.training["reward_scale"]
     return float(error.min()), float(error.max()), float(error.iloc[-1])
 
@@ -194,14 +194,14 @@ def _td_errors(run: ArchivedRun) -> tuple[float, float, float]:
 def _thesis_row(experiment: Experiment, run: ArchivedRun) -> Row:
     best = run.episodes["outcome"].eq("docked").rolling(RECENT).sum()
     greedy = run.greedy
-    assert greedy is not None  # every archived training has evaluations
+    assert greedy is not None  # every archived run has evaluations
     return {
         "scenario": experiment.scenario[1:],
         "δd in": _unit(run),
         "episodes": f"{len(run.episodes):,}",
         "steps": f"{run.steps:,}",
         "hours": f"{run.minutes / 60:.1f}",
-        "greedy docks first at": f"{steps(run.first_docked)} steps" if run.first_docked else "never",
+        "greedy policy first docks at": f"{steps(run.first_docked)} steps" if run.first_docked else "never",
         "greedy evaluations that dock": share(int((greedy["outcome"] == "docked").sum()), len(greedy)),
         f"most docked of {RECENT}": f"{best.max():.0f} (to episode {int(best.argmax()) + 1:,})"
         if best.max()
@@ -209,7 +209,7 @@ def _thesis_row(experiment: Experiment, run: ArchivedRun) -> Row:
         f"docked of the last {RECENT}": str(run.recent_docked),
         "selection episodes docked": docked_share(run.outcomes(SELECTION)),
         "test starts": outcome_counts(run.outcomes(TEST)),
-        "mean abs. TD error: least, largest, last": ", ".join(f"{error:,.0f}" for error in _td_errors(run)),
+        "mean abs. TD error: minimum, maximum, last": ", ".join(f"{error:,.0f}" for error in _td_errors(run)),
     }
 
 
@@ -251,7 +251,7 @@ def _settings(experiment: Experiment, base: Experiment | None = None) -> str:
 
 
 def time_page(facts: Facts, archive: Archive) -> Page:
-    """Fig. 4.38 and the time of a training."""
+    """Fig. 4.38 and the duration of training."""
     first = archive["s3"][0]
     figures: dict[str, Draw] = {"latency": partial(_latency_figure, first, facts.forward_pass_ms)}
     values = {
@@ -291,6 +291,6 @@ def _time_row(scenario: ScenarioFact, runs: Sequence[ArchivedRun]) -> Row:
     return {
         "scenario": str(scenario.number),
         "ms per step": spread([run.milliseconds_per_step for run in runs], "{:.2f}"),
-        "minutes per training": spread([run.minutes for run in runs]),
-        "steps per training": spread([run.steps for run in runs], "{:,}"),
+        "minutes per run": spread([run.minutes for run in runs]),
+        "steps per run": spread([run.steps for run in runs], "{:,}"),
     }

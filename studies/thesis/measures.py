@@ -1,4 +1,4 @@
-"""What a figure shows, in numbers: of the trainings of several seeds, or of recorded maneuvers."""
+"""What a figure shows, in numbers: of the training runs of several seeds, or of recorded maneuvers."""
 
 from __future__ import annotations
 
@@ -83,7 +83,7 @@ def reward(runs: Sequence[ArchivedRun]) -> str:
     first = [run.first_docked for run in runs if run.first_docked is not None]
     streaks = [run.best_streak() for run in runs]
     return (
-        f"greedy policy docks first after {spread(first, '{:,.0f}', ' steps')}; longest series of docked"
+        f"the greedy policy first docks after {spread(first, '{:,.0f}', ' steps')}; longest series of docked"
         f" episodes from an initial pose {spread(streaks, '{:,.0f}')}"
     )
 
@@ -102,7 +102,7 @@ def duration(runs: Sequence[ArchivedRun]) -> str:
 
 def epsilon(runs: Sequence[ArchivedRun]) -> str:
     last = [float(run.episodes["epsilon"].iloc[-1]) for run in runs]
-    return f"{spread(last, '{:.2g}')} at the end of the training"
+    return f"{spread(last, '{:.2g}')} at the end of training"
 
 
 def phase(runs: Sequence[ArchivedRun]) -> str:
@@ -129,7 +129,7 @@ def intermediate(tracks: Sequence[Track], task: Task) -> str:
     times = [float(track.table["time_s"].iloc[row]) for track in tracks if (row := track.switch) is not None]
     missed = len(tracks) - len(times)
     parts = [
-        f"intermediate pose at second {spread(times, '{:.0f}')}" if times else "",
+        f"intermediate pose after {spread(times, '{:.0f}', ' s')}" if times else "",
         f"{share(missed, len(tracks))} never reach the intermediate pose" if missed else "",
         distance(tracks, task),
     ]
@@ -161,14 +161,14 @@ def velocity(tracks: Sequence[Track], task: Task) -> str:
     top = [float(np.hypot(track.table["u_mps"], track.table["v_mps"]).max()) for track in tracks]
     return (
         f"{spread(top, '{:.2f}', ' m/s')} at most; last at top speed"
-        f" {spread([slowing_m(track) for track in tracks], unit=' m')} off"
+        f" {spread([slowing_m(track) for track in tracks], unit=' m')} from the goal"
     )
 
 
 def stop(tracks: Sequence[Track], task: Task) -> str:
-    """Top speed, and how many end with thrust ahead, which stops a boat that runs astern."""
+    """Top speed, and how many end with thrust ahead, which stops a boat that moves astern."""
     away = [off for track in tracks if (off := _ahead_from_m(track)) is not None]
-    ahead = f", from {spread(away, unit=' m')} off" if away else ""
+    ahead = f", from {spread(away, unit=' m')} on" if away else ""
     return f"{velocity(tracks, task)}; {share(len(away), len(tracks))} end with thrust ahead{ahead}"
 
 

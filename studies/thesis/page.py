@@ -41,7 +41,7 @@ def seed_rows(runs: Sequence[ArchivedRun]) -> list[Row]:
         rows.append(
             {
                 "seed": str(run.seed),
-                "greedy docks first at": steps(run.first_docked),
+                "greedy policy first docks at": steps(run.first_docked),
                 "training": f"{run.steps:,} steps",
                 "episodes": f"{len(run.episodes):,}",
                 "minutes": f"{run.minutes:.1f}",
@@ -49,7 +49,7 @@ def seed_rows(runs: Sequence[ArchivedRun]) -> list[Row]:
                 "selection episodes docked": docked_share(run.outcomes(SELECTION)),
                 "test starts": outcome_counts(run.outcomes(TEST)),
                 "mean time": f"{time.mean():.1f} s" if len(time) else "-",
-                "least clearance": f"{clearance.min():.2f} m" if len(clearance) else "-",
+                "minimum clearance": f"{clearance.min():.2f} m" if len(clearance) else "-",
             }
         )
     firsts = [run.first_docked for run in runs if run.first_docked is not None]
@@ -57,7 +57,7 @@ def seed_rows(runs: Sequence[ArchivedRun]) -> list[Row]:
     rows.append(
         {
             "seed": "interquartile mean",
-            "greedy docks first at": middle(firsts) if firsts else "never",
+            "greedy policy first docks at": middle(firsts) if firsts else "never",
             "training": middle([run.steps for run in runs]),
             "episodes": middle([len(run.episodes) for run in runs]),
             "minutes": middle([run.minutes for run in runs], "{:.1f}"),
@@ -68,12 +68,12 @@ def seed_rows(runs: Sequence[ArchivedRun]) -> list[Row]:
 
 
 def training_outcomes(runs: Sequence[ArchivedRun]) -> Row:
-    """Results of the trainings of one experiment, by seed."""
+    """Results of the training runs of one experiment, by seed."""
     ends = [run.episodes["outcome"].tail(RECENT).value_counts() for run in runs]
     return {
         "seeds": str(len(runs)),
         "mastered": mastered(runs),
-        "greedy docks first at": ", ".join(steps(run.first_docked) for run in runs),
+        "greedy policy first docks at": ", ".join(steps(run.first_docked) for run in runs),
         "training steps": ", ".join(f"{run.steps:,}" for run in runs),
         f"docked of the last {RECENT}": ", ".join(str(end.get("docked", 0)) for end in ends),
         "collisions": ", ".join(str(end.get("collision", 0)) for end in ends),
@@ -83,7 +83,7 @@ def training_outcomes(runs: Sequence[ArchivedRun]) -> Row:
 
 
 def mastered(runs: Sequence[ArchivedRun]) -> str:
-    """Trainings that the stop rule ended; "-" where there is none."""
+    """Runs that the stop rule ended; "-" where there is none."""
     ended = [run.mastered for run in runs if run.has_stop_rule]
     return share(sum(ended), len(ended)) if ended else "-"
 

@@ -116,7 +116,7 @@ FAULTS = [
     (nan_observation, "observation '0'", BOATS),
     (nan_weight, "loss", INTERVAL),
     (nan_loss, "loss", INTERVAL),
-    (exploding_values, "the values Q", INTERVAL),
+    (exploding_values, "the Q-values", INTERVAL),
     (dead_advantages, "the advantage stream", INTERVAL),
     (no_end, "the episode of boat", 2 * LIMIT * BOATS + INTERVAL),
     (frozen, "the observation", (LIMIT + 1) * BOATS + INTERVAL),

@@ -40,7 +40,7 @@ def test_the_latest_run_is_evaluated_from_poses_and_random_starts(
         "evaluation poses",
         "random starts, seed 12345",
         "95 % interval",
-        "least clearance",
+        "minimum clearance",
         "20, 2, 160",
     ):
         assert words in outcome.out, words
@@ -309,4 +309,4 @@ def test_endings_precede_measurements_whichever_starts_have_them() -> None:
     }  # fmt: skip
     result = SimpleNamespace(summaries={"pose": docked, "random": mixed}, seed=1)
     rows = list(_summary_table(cast("Any", result)).columns[0].cells)
-    assert rows.index("collision") < rows.index("least clearance") < rows.index("mean time")
+    assert rows.index("collision") < rows.index("minimum clearance") < rows.index("mean time")

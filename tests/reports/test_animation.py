@@ -1,4 +1,4 @@
-"""Films: number, size and content of the pictures, and the files."""
+"""Videos: number, size and content of the frames, and the files."""
 
 from __future__ import annotations
 
@@ -40,11 +40,11 @@ def data() -> dict[str, Any]:
             "phase": np.ones(STEPS + 1, np.uint8),
         },
     }
-    return {"title": "A film", "period_s": PERIOD_S, "range_m": 100.0, "episodes": [episode]}
+    return {"title": "A video", "period_s": PERIOD_S, "range_m": 100.0, "episodes": [episode]}
 
 
 def boat_columns(frame: animation.Frame) -> np.ndarray:
-    """Columns of the picture with the color of the boat, in the plan view."""
+    """Columns of the frame with the color of the boat, in the plan view."""
     near = (
         np.abs(frame[100:, : int(0.6 * frame.shape[1])].astype(int) - 255 * np.array(to_rgb(COLOR))).max(
             axis=2
@@ -55,7 +55,7 @@ def boat_columns(frame: animation.Frame) -> np.ndarray:
     return columns
 
 
-def test_the_boat_moves_through_the_pictures(data: dict[str, Any]) -> None:
+def test_the_boat_moves_through_the_frames(data: dict[str, Any]) -> None:
     shown = list(frames(marina(), data, 20.0))
     assert len(shown) == 1 + STEPS * PERIOD_S * 20 / SPEED + HOLD_S * 20
     assert {frame.shape for frame in shown} == {(600, 1040, 3)}
@@ -67,7 +67,7 @@ def test_the_boat_moves_through_the_pictures(data: dict[str, Any]) -> None:
 
 
 def test_the_wind_turns_with_the_time(data: dict[str, Any]) -> None:
-    """Its arrow differs from picture to picture, where without wind nothing does."""
+    """Its arrow differs from frame to frame, where without wind nothing does."""
     still = np.tile(data["episodes"][0]["arrays"]["pose"][:1], (STEPS + 1, 1))
     data["episodes"][0]["arrays"]["pose"] = still
 
@@ -82,22 +82,22 @@ def test_the_wind_turns_with_the_time(data: dict[str, Any]) -> None:
     assert (first != last).any()
 
 
-def test_a_gif_repeats_all_pictures(data: dict[str, Any], tmp_path: Path) -> None:
-    path = write_gif(tmp_path / "film.gif", marina(), data)
-    with Image.open(path) as film:
+def test_a_gif_repeats_all_frames(data: dict[str, Any], tmp_path: Path) -> None:
+    path = write_gif(tmp_path / "video.gif", marina(), data)
+    with Image.open(path) as video:
         total_ms = 0
-        for number in range(film.n_frames):  # type: ignore[attr-defined]  # of GIFs
-            film.seek(number)
-            total_ms += film.info["duration"]
-        assert film.info["loop"] == 0
-        assert film.size == (1040, 600)
+        for number in range(video.n_frames):  # type: ignore[attr-defined]  # of GIFs
+            video.seek(number)
+            total_ms += video.info["duration"]
+        assert video.info["loop"] == 0
+        assert video.size == (1040, 600)
     assert total_ms == 1000 / GIF_FPS * (1 + STEPS * PERIOD_S * GIF_FPS / SPEED + HOLD_S * GIF_FPS)
 
 
 @pytest.mark.slow
 def test_a_video(data: dict[str, Any], tmp_path: Path) -> None:
     reader = pytest.importorskip("imageio_ffmpeg")
-    path = write_mp4(tmp_path / "film.mp4", marina(), data)
+    path = write_mp4(tmp_path / "video.mp4", marina(), data)
     count, seconds = reader.count_frames_and_secs(str(path))
     assert count == 1 + STEPS * PERIOD_S * 30 / SPEED + HOLD_S * 30
     assert seconds == pytest.approx(count / 30, abs=0.05)

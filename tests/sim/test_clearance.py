@@ -1,4 +1,4 @@
-"""The least clearance of a trajectory against the clearances of all its poses."""
+"""The minimum clearance of a trajectory against the clearances of all its poses."""
 
 from __future__ import annotations
 

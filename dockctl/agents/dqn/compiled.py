@@ -1,12 +1,12 @@
-"""The gradient steps of double DQN, compiled for the processor.
+"""The gradient steps of double DQN, compiled for the CPU.
 
 The fast path of `update.AutogradSteps`, which computes the same in torch. Loss, gradient, clipping and
 optimizer of all steps that are due are one call that releases the GIL, so that learning does not delay the
 simulation.
 
 Equation 2.56 is linear in the outputs of the hidden layers of both streams. With the mean over the actions
-subtracted from the advantage's last layer, the value of one action is two dot products, so that the values of
-the other actions are computed only where the largest is sought.
+subtracted from the advantage's last layer, the value of one action is two dot products, and the values of the
+other actions are computed only where the largest is needed.
 """
 
 from __future__ import annotations
@@ -131,7 +131,7 @@ class Work(NamedTuple):
 
 
 class CompiledSteps:
-    """Gradient steps on the processor; see `update.AutogradSteps` for the arguments."""
+    """Gradient steps on the CPU; see `update.AutogradSteps` for the arguments."""
 
     def __init__(
         self,
@@ -212,7 +212,7 @@ class CompiledSteps:
         return Parameter(*(array.reshape(-1) for array in (value, gradient, mean, square)))
 
     def _rates(self, learning_rate: float) -> tuple[float, ...]:
-        """Count a step, and return the numbers of the optimizer in it; see `_optimize`."""
+        """Count a step, and return the optimizer's coefficients for it; see `_optimize`."""
         self._count += 1
         step, (mean, square, epsilon) = self._count.item(), DECAYS[self._training.optimizer]
         if self._training.optimizer == "adam":
@@ -343,7 +343,7 @@ def _greedy(layer: Layer, hidden: Floats32) -> NDArray[np.int64]:
 
 @_compiled
 def _centered(layer: Layer) -> Layer:
-    """Return the layer without the mean of its rows, A - mean A; this is also the adjoint of itself."""
+    """Return the layer minus the mean of its rows, A - mean A; the operation is self-adjoint."""
     mean = np.empty(layer.weight.shape[1], np.float32)
     _sum_rows(layer.weight, mean)
     return Layer(layer.weight - mean / np.float32(len(layer.bias)), layer.bias - layer.bias.mean())

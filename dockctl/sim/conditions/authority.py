@@ -13,8 +13,8 @@ class ControlAuthority:
     """Steady limits of a vessel, from its coefficients (thesis Table 3.1, eq. 2.23).
 
     Attributes:
-        side_force_n, yaw_moment_nm: greatest sway force and yaw moment of the propeller.
-        top_speed_mps: terminal surge speed at the greatest propeller force.
+        side_force_n, yaw_moment_nm: maximum sway force and yaw moment of the propeller.
+        top_speed_mps: terminal surge speed at the maximum propeller force.
     """
 
     vessel: Vessel

@@ -21,7 +21,7 @@ DAMPING = ("X_u_kgps", "X_uu_kgpm", "Y_v_kgps", "Y_vv_kgpm", "N_r_kgm2ps", "N_rr
 
 @register(CONDITIONS, group="vessel", source="not in the thesis")
 class Uncertainty(Condition):
-    """Greatest deviation of each mass and damping coefficient, as a fraction: 0.2 is a factor of 0.8 to 1.2.
+    """Maximum deviation of each mass and damping coefficient, as a fraction: 0.2 is a factor of 0.8 to 1.2.
 
     The factors are drawn uniformly and independently of each other. Coupling terms (Y_rdot, Y_r, N_v) stay.
     """

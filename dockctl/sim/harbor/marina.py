@@ -32,9 +32,9 @@ QUAY_WIDTH_M = 12.0
 COPING_WIDTH_M = 0.6
 FINGER_HEIGHT_M = 0.5
 LIGHT_INLAND_M = 1.2
-"""From the entrance to the axis of its lights."""
+"""Distance of the axis of a light from the entrance."""
 PIER_POST_M = 0.45
-"""From the edge of a pier to the axis of its supply posts."""
+"""Distance of the axis of a supply post from the edge of its pier."""
 PILE_SPACING_M = 8.0
 DEPTH_M = 1.0
 """Depth of quays and piles below the water; greater than the draft of hulls."""

@@ -152,7 +152,7 @@ class MooredModel:
 
     @property
     def beam_m(self) -> float:
-        """Greatest breadth [m]."""
+        """Maximum breadth [m]."""
         return float(self.mesh.extents[1])
 
 

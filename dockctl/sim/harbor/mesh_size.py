@@ -20,7 +20,7 @@ MAX_TRIANGLES = 1_000_000
 """Measured: up to 1.6 GB for a harbor of connected surfaces and its collision checker."""
 MAX_GLB_HEADER_BYTES = 10_000_000
 MAX_GLB_BYTES = 4 * MAX_FILE_BYTES
-"""Of the views and accessors of a GLB file, which may overlap."""
+"""Size of all views and accessors of a GLB file together, at most; they may overlap."""
 COMPONENTS = {"SCALAR": 1, "VEC2": 2, "VEC3": 3, "VEC4": 4, "MAT2": 4, "MAT3": 9, "MAT4": 16}
 TRIANGLES, STRIP = 4, 5
 

@@ -46,7 +46,7 @@ class ShellTable(NamedTuple):
         half_diagonals: (shells,) from the center of a cell to its farthest corner [m].
         starts, runs: the runs: first ray, number of rays, lowest and highest band.
         core: (cells, 2) centers of the core cells [m], the innermost first.
-        core_edges: (cells, 2) least and greatest azimuth of the rays in a core cell, in sectors.
+        core_edges: (cells, 2) minimum and maximum azimuth of the rays in a core cell, in sectors.
         shell_at: (k,) the first shell that is not entirely within each multiple of `SHELL_STEP_M`.
     """
 
