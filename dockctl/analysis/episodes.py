@@ -20,8 +20,8 @@ CLEARANCES_M = (0.1, 0.3, 0.5)
 """Minimum clearances for which success is reported."""
 
 
-def ending(row: Mapping[Any, Any]) -> str:
-    """How an episode ended, in words.
+def describe_outcome(row: Mapping[Any, Any]) -> str:
+    """Return the outcome of an episode as text, with what was hit and whether a timeout was early.
 
     Args:
         row: columns ``outcome``, ``collided_with`` and ``phase`` of `dockctl.runs.tables.EPISODE_RESULT`.
@@ -33,11 +33,11 @@ def ending(row: Mapping[Any, Any]) -> str:
     return str(row["outcome"])
 
 
-def kinds_of_ending(endings: Mapping[str, int]) -> dict[str, int]:
-    """Return the counts of `endings`, with one count for collisions, whatever was hit."""
+def count_by_kind(outcomes: Mapping[str, int]) -> dict[str, int]:
+    """Return the counts of described outcomes, with one count for collisions, whatever was hit."""
     kinds: Counter[str] = Counter()
-    for words, count in endings.items():
-        kinds[words.partition(" with ")[0]] += count
+    for text, count in outcomes.items():
+        kinds[text.partition(" with ")[0]] += count
     return dict(kinds.most_common())
 
 
@@ -53,7 +53,7 @@ def _is_given(value: Any) -> bool:
 
 
 def summarize(rows: Sequence[Mapping[str, Any]], control_period_s: float) -> dict[str, Any]:
-    """Success with its Wilson interval, endings, clearance, contact speeds, and means of docked episodes.
+    """Success with its Wilson interval, outcomes, clearance, contact speeds, and means of docked episodes.
 
     Success at a clearance of x m counts the episodes that dock and come no closer than x m to anything.
     Heading errors are averaged by magnitude.
@@ -86,7 +86,7 @@ def summarize(rows: Sequence[Mapping[str, Any]], control_period_s: float) -> dic
         "episodes": len(rows),
         **success(len(docked)),
         "success_at_clearance_m": at_clearance if clearances else None,
-        "endings": dict(Counter(map(ending, rows)).most_common()),
+        "endings": dict(Counter(map(describe_outcome, rows)).most_common()),
         "least_clearance_m": min(clearances, default=None),
         "contact_speed_mps": {"mean": sum(contacts) / len(contacts), "max": max(contacts)}
         if contacts

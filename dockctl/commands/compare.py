@@ -86,7 +86,7 @@ def _print(result: Comparison) -> None:
     """Print the success of each policy and its differences from the first."""
     console = Console()
     for kind in result.first.groups:
-        print_table(console, _endings_table(result, kind))
+        print_table(console, _outcome_table(result, kind))
         for pair in result.contrasts:
             if pair.kind == kind:
                 print_table(console, _difference_table(pair))
@@ -95,22 +95,22 @@ def _print(result: Comparison) -> None:
                 print_text(console, text, "dim")
 
 
-def _endings_table(result: Comparison, kind: str) -> Table:
-    from dockctl.analysis.episodes import kinds_of_ending
+def _outcome_table(result: Comparison, kind: str) -> Table:
+    from dockctl.analysis.episodes import count_by_kind
     from dockctl.analysis.statistics import describe_share
 
     seeded = "" if kind == "pose" else f", seed {result.first.seed}"
     title = f"{START_KINDS[kind].capitalize()}{seeded}, scenario '{result.first.scenario.name}'"
     policy = Column("policy", no_wrap=True)
     table = make_table(
-        policy, *numeric("docked", "success", "95 % interval"), Column("other endings"), title=title
+        policy, *numeric("docked", "success", "95 % interval"), Column("other outcomes"), title=title
     )
     for name, evaluation in result.evaluations.items():
         summary = evaluation.summaries[kind]
         docked, rate, interval = describe_share(summary["docked"], summary["episodes"])
-        kinds = kinds_of_ending(summary["endings"]).items()
-        endings = [f"{count} {ending}" for ending, count in kinds if ending != "docked"]
-        table.add_row(Text(name), docked, f"[bold]{rate}[/]", interval, ", ".join(endings) or "-")
+        kinds = count_by_kind(summary["endings"]).items()
+        others = [f"{count} {outcome}" for outcome, count in kinds if outcome != "docked"]
+        table.add_row(Text(name), docked, f"[bold]{rate}[/]", interval, ", ".join(others) or "-")
     return table
 
 

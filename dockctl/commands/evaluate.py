@@ -136,13 +136,13 @@ def evaluate(
 
 
 def _episode_table(result: Evaluation) -> Table:
-    from dockctl.analysis.episodes import ending
+    from dockctl.analysis.episodes import describe_outcome
     from dockctl.geometry import pose_label
 
     units = {"time": "s", "δd": "m", "δψ": "°", "speed": "m/s", "path": "m", "clearance": "m"}
     table = make_table(
         Column("start\n[dim]x m, y m, °", no_wrap=True),
-        Column("ending", overflow="fold"),
+        Column("outcome", overflow="fold"),
         *numeric(*(f"{name}\n[dim]{unit}" for name, unit in units.items()), "control\nchanges"),
         title=START_KINDS["pose"].capitalize(),
     )
@@ -151,7 +151,7 @@ def _episode_table(result: Evaluation) -> Table:
         row = episode.row()
         table.add_row(
             pose_label(x, y, math.degrees(heading)),
-            f"[{'green' if episode.docked else 'red'}]{ending(row)}[/]",
+            f"[{'green' if episode.docked else 'red'}]{describe_outcome(row)}[/]",
             f"{episode.steps * result.control_period_s:g}",
             f"{row['distance_m']:.2f}",
             f"{row['heading_error_deg']:+.1f}",
@@ -176,11 +176,11 @@ def _summary_table(result: Evaluation) -> Table:
 
 
 def _summary_cells(summary: dict[str, Any]) -> dict[str, str]:
-    from dockctl.analysis.episodes import kinds_of_ending
+    from dockctl.analysis.episodes import count_by_kind
     from dockctl.analysis.statistics import describe_share
 
     docked, rate, interval = describe_share(summary["docked"], summary["episodes"])
-    endings = kinds_of_ending(summary["endings"])
+    outcomes = count_by_kind(summary["endings"])
     clearance, means = summary["least_clearance_m"], summary["mean_of_docked"] or {}
     contact = summary["contact_speed_mps"]
     at_clearance = summary["success_at_clearance_m"] or {}
@@ -189,7 +189,7 @@ def _summary_cells(summary: dict[str, Any]) -> dict[str, str]:
         "success": f"[bold]{rate}[/]",
         "95 % interval": interval,
         **{f"success with {least} m clear": _share(given) for least, given in at_clearance.items()},
-        **{kind: str(count) for kind, count in endings.items() if kind != "docked"},
+        **{kind: str(count) for kind, count in outcomes.items() if kind != "docked"},
         "minimum clearance": "-" if clearance is None else f"{clearance:.2f} m",
         **({"contact speed": f"mean {contact['mean']:.2f}, max {contact['max']:.2f} m/s"} if contact else {}),
     }

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from dockctl.agents.dqn.policy import GreedyPolicy
 from dockctl.agents.interface import Policy
-from dockctl.analysis.episodes import ending
+from dockctl.analysis.episodes import describe_outcome
 from dockctl.compute import workers
 from dockctl.drawing import palette
 from dockctl.drawing.scene import Scene
@@ -283,7 +283,7 @@ def _episode(task: Task, track: Track, label: str, color: str) -> dict[str, Any]
         ]
     ]
     row = episode.row()
-    text = ending(row) if episode.outcome else "at the start"
+    text = describe_outcome(row) if episode.outcome else "at the start"
     return {
         "policy": track.policy or "none",
         "label": label,

@@ -14,7 +14,7 @@ import pandas as pd
 from rich.console import Console
 
 from dockctl.agents.checkpoint import save_policy
-from dockctl.analysis.episodes import ending
+from dockctl.analysis.episodes import describe_outcome
 from dockctl.console import command_line, print_text
 from dockctl.errors import DockctlError
 from dockctl.evaluation.policies import CheckpointPolicy, load_checkpoint
@@ -108,7 +108,7 @@ def export_checkpoint(
             print_text(
                 Console(stderr=True),
                 f"skipped {best.run.path}: from its training pose"
-                f" {pose_label(x, y, math.degrees(heading))}: {ending(episode.row())}",
+                f" {pose_label(x, y, math.degrees(heading))}: {describe_outcome(episode.row())}",
             )
     raise DockctlError("no policy docks from all its training poses; nothing was exported")
 

@@ -13,7 +13,7 @@ from jinja2 import Environment, StrictUndefined
 
 import dockctl
 from dockctl.agents.checkpoint import PolicyCard
-from dockctl.analysis.episodes import ending, kinds_of_ending
+from dockctl.analysis.episodes import count_by_kind, describe_outcome
 from dockctl.analysis.statistics import describe_share
 from dockctl.analysis.success_map import (
     SMALL_OFFSET_DEG,
@@ -236,13 +236,13 @@ def _failures(groups: Sequence[tuple[str, str, pd.DataFrame]]) -> Iterator[dict[
         failed = episodes[episodes["outcome"] != "docked"]
         if failed.empty:
             continue
-        endings = Counter(ending(row.to_dict()) for _, row in failed.iterrows())
+        endings = Counter(describe_outcome(row.to_dict()) for _, row in failed.iterrows())
         poses = [pose_label(*pose) for pose in failed[["x_m", "y_m", "heading_deg"]].to_numpy(float)]
         more = f" and {len(poses) - LISTED_FAILURES} more" if len(poses) > LISTED_FAILURES else ""
         yield {
             "scenario": name,
             "starts": kind,
             "count": f"{len(failed)} of {len(episodes):,}",
-            "endings": ", ".join(f"{count} {words}" for words, count in kinds_of_ending(endings).items()),
+            "endings": ", ".join(f"{count} {words}" for words, count in count_by_kind(endings).items()),
             "poses": f"{', '.join(poses[:LISTED_FAILURES])}{more}",
         }

@@ -16,7 +16,7 @@ from jinja2 import Environment, StrictUndefined
 from markupsafe import Markup
 
 import dockctl
-from dockctl.analysis.episodes import kinds_of_ending, summarize
+from dockctl.analysis.episodes import count_by_kind, summarize
 from dockctl.analysis.latency import PARTS, STATISTICS, verdict
 from dockctl.analysis.latency import summarize as summarize_latency
 from dockctl.analysis.returns import format_unit, verdicts
@@ -249,7 +249,7 @@ FAILURE_COLUMNS = {
 """Columns of ``evaluation.csv`` in the table of failures, and their names."""
 SUMMARY_COLUMNS = (
     "scenario", "starts", "docked", "success", "95 % interval", "time", "path", "control changes",
-    "minimum clearance", "other endings",
+    "minimum clearance", "other outcomes",
 )  # fmt: skip
 
 
@@ -257,15 +257,15 @@ def summary_cells(summary: Mapping[str, Any]) -> list[str]:
     docked, rate, interval = describe_share(summary["docked"], summary["episodes"])
     means = summary["mean_of_docked"] or {}
     clearance = summary["least_clearance_m"]
-    kinds = kinds_of_ending(summary["endings"]).items()
-    endings = [f"{number} {ending}" for ending, number in kinds if ending != "docked"]
+    kinds = count_by_kind(summary["endings"]).items()
+    others = [f"{number} {outcome}" for outcome, number in kinds if outcome != "docked"]
     return [
         docked, rate, interval,
         f"{means['time_s']:.1f} s" if means else "–",
         f"{means['path_length_m']:.1f} m" if means else "–",
         f"{means['control_changes']:.0%}" if means else "–",
         "–" if clearance is None else f"{clearance:.2f} m",
-        ", ".join(endings) or "–",
+        ", ".join(others) or "–",
     ]  # fmt: skip
 
 

@@ -296,7 +296,7 @@ def test_errors(
     assert outcome.err.count("error:") == 1
 
 
-def test_endings_precede_measurements_whichever_starts_have_them() -> None:
+def test_outcomes_precede_measurements_whichever_starts_have_them() -> None:
     """All evaluation poses dock and a random start collides; a column of each."""
     docked = {
         "docked": 1, "episodes": 1, "endings": {"docked": 1}, "least_clearance_m": 0.5,

@@ -195,7 +195,6 @@ def original(tmp_path_factory: pytest.TempPathFactory) -> Path:
 def _cheap(monkeypatch: pytest.MonkeyPatch) -> None:
     """Export any policy: those of a short training do not dock."""
     episodes = export.training_episodes
-    monkeypatch.setattr(export, "ending", model_card.ending)
     monkeypatch.setattr(export, "training_episodes", lambda policy, loaded: episodes(policy, loaded)[:0])
     monkeypatch.setattr(export, "_table", lambda _: export.pd.DataFrame(columns=model_card.EPISODES))
 
