@@ -132,16 +132,16 @@ On = Annotated[
 StartSeed = Annotated[int | None, typer.Option(min=0, help="Seed of the random starts.")]
 
 
-def latest_run(*, begun: bool = False) -> Path:
+def latest_run(*, unsaved: bool = False) -> Path:
     """Return the latest run in ./runs, and print which one that is.
 
     Args:
-        begun: see `RunDirectory.latest`.
+        unsaved: see `RunDirectory.latest`.
 
     Raises:
         DockctlError: there is none.
     """
-    run = RunDirectory.latest(RUNS, begun=begun).path
+    run = RunDirectory.latest(RUNS, unsaved=unsaved).path
     print_text(Console(stderr=True), f"note: using the latest run, {run}")
     return run
 

@@ -39,7 +39,7 @@ def report(
     def note(text: str) -> None:
         typer.echo(text, err=True)
 
-    source = source or latest_run(begun=follow)
+    source = source or latest_run(unsaved=follow)
     write = report.follow if follow else report.write_report
     with Console(stderr=True).status("following the training" if follow else "writing the report"):
         page = write(source, out, trust=trust, note=note)

@@ -273,7 +273,7 @@ class _Video:
         return np.asarray(self._canvas.buffer_rgba())[..., :3].copy()
 
     def _draw_flows(self, step: float) -> None:
-        """Replace the arrows of the current and the wind; there are none beside several boats."""
+        """Replace the arrows of the current and the wind; none are drawn for several boats."""
         if len(self._boats) > 1:
             return
         for artist in self._flows:

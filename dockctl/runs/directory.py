@@ -90,19 +90,19 @@ class RunDirectory:
         return cls(path)
 
     @classmethod
-    def latest(cls, root: Path, *, begun: bool = False) -> RunDirectory:
+    def latest(cls, root: Path, *, unsaved: bool = False) -> RunDirectory:
         """Return the run under `root`, at any depth, that was started last, of those with a checkpoint.
 
         Args:
-            begun: also consider runs without a checkpoint, as a training has at its beginning.
+            unsaved: also consider runs that have no checkpoint yet.
 
         Raises:
             DockctlError: there is none.
         """
-        runs = [run for run in cls.below(root) if begun or any(map(run.checkpoints, (BEST, LAST)))]
+        runs = [run for run in cls.below(root) if unsaved or any(map(run.checkpoints, (BEST, LAST)))]
         if not runs:
             message = (
-                f"{root}: no run{'' if begun else ' with a checkpoint'} yet; train one with: dockctl train"
+                f"{root}: no run{'' if unsaved else ' with a checkpoint'} yet; train one with: dockctl train"
             )
             raise DockctlError(message, code="not_found")
         return max(runs, key=lambda run: (run.sequence, run.path.name))

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import json
 from collections.abc import Sequence
-from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
@@ -15,11 +14,17 @@ from numpy.typing import NDArray
 from dockctl.agents.interface import Policy
 from dockctl.envs.single import DockingEnv
 from dockctl.envs.vector import DockingVectorEnv
-from dockctl.geometry import Floats
-from dockctl.scenarios.extensions import RangeNoise
 from dockctl.scenarios.loader import dump
 from dockctl.scenarios.schema import Scenario
-from dockctl.sim.world import World, build_worlds, in_open_water, load_checked, with_few_layouts
+from dockctl.sim.lidar.spinning import SpinningLidars
+from dockctl.sim.world import (
+    NothingInRange,
+    World,
+    build_worlds,
+    in_open_water,
+    load_checked,
+    with_few_layouts,
+)
 
 SECTORS = 8  # of `open_water`
 
@@ -85,21 +90,7 @@ def check_policy(policy: Policy, env: DockingVectorEnv, *, steps: int = 40) -> N
 
 def open_water() -> World:
     """Return a world without obstacles in which all ranges are 100 m."""
-    return in_open_water(_NoReturns())
-
-
-@dataclass(frozen=True)
-class _NoReturns:
-    table_bytes: int = 0
-
-    def sector_ranges(self, eta: Floats) -> Floats:
-        return np.full((len(eta), SECTORS), 100.0)
-
-    def noisy_sector_ranges(self, eta: Floats, noise: RangeNoise) -> Floats:
-        return self.sector_ranges(eta)
-
-    def points(self, pose: Floats) -> Floats:
-        return np.empty((0, 3))
+    return in_open_water(NothingInRange(SpinningLidars(sectors=SECTORS)))
 
 
 def check_environment(scenario: Scenario, worlds: Sequence[World], steps: int) -> None:
