@@ -15,7 +15,6 @@ from dockctl.envs.actions import GridActions
 from dockctl.envs.observation import Columns, View, observation_part
 from dockctl.envs.vector import DockingVectorEnv
 from dockctl.evaluation.policies import load_policy
-from dockctl.evaluation.rollout import Rollout
 from dockctl.plugins import (
     ACTIONS,
     ALGORITHMS,
@@ -94,7 +93,7 @@ def test_algorithms(keys: dict[str, Any], actions: Space[Any]) -> None:
 @pytest.mark.parametrize("name", ["s1", *POLICIES.names()])
 def test_policies(name: str) -> None:
     policy = load_policy(name)
-    env = Rollout(policy.scenario("s1")).env(3)
+    env = DockingVectorEnv(policy.scenario("s1"), 3)
     testing.check_policy(policy.make(env), env)
 
 

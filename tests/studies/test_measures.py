@@ -38,7 +38,7 @@ def test_turn_counts_from_where_the_heading_stays_within_the_tolerance() -> None
 @pytest.mark.parametrize(
     ("propeller_n", "expected"),
     [
-        ([0, -50, -50, 10, 40, 50], "1 of 1 end with thrust ahead, from 9.0 m off"),
+        ([0, -50, -50, 10, 40, 50], "1 of 1 end with thrust ahead, from 9.0 m on"),
         ([0, 50, -50, 50, -50, 0], "0 of 1 end with thrust ahead"),
         ([0, 50, 50, 50, 50, 50], "0 of 1 end with thrust ahead"),  # it never came astern
     ],
@@ -50,4 +50,4 @@ def test_boat_astern_is_stopped_by_thrust_ahead(propeller_n: list[float], expect
 def test_missed_intermediate_poses_are_counted() -> None:
     tracks = [track([0, 0, 0], [0, 0, 0]), track([0, 0, 0], [0, 0, 1])]
     text = measures.intermediate(tracks, TASK)
-    assert text.startswith("intermediate pose at second 1; 1 of 2 never reach the intermediate pose; ")
+    assert text.startswith("intermediate pose after 1 s; 1 of 2 never reach the intermediate pose; ")
