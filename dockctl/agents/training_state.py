@@ -171,13 +171,11 @@ def _blocks(facts: Mapping[str, Any]) -> dict[str, list[str]]:
     Raises:
         CheckpointError: they are not hashes.
     """
-    blocks: dict[str, list[str]] = facts.get("blocks", {})
-    try:
+    with suppress(AttributeError, TypeError):  # no dictionary, or not of lists of texts
+        blocks: dict[str, list[str]] = facts.get("blocks", {})
         if all(re.fullmatch("[0-9a-f]{64}", name) for names in blocks.values() for name in names):
             return blocks
-    except (AttributeError, TypeError):  # no dictionary of lists of texts
-        pass
-    raise CheckpointError(f"'blocks' must list hashes, not {str(blocks)[:80]}")
+    raise CheckpointError("'blocks' must list hashes")
 
 
 def _names(facts: Mapping[str, Any]) -> set[str]:

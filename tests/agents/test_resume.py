@@ -182,6 +182,22 @@ def test_a_damaged_checkpoint_is_replaced_by_the_previous_one(
         assert (copy.path / table).read_bytes() == uninterrupted[table]
 
 
+@pytest.mark.parametrize("content", ["[]", "null", '{"blocks": [{}]}'])
+def test_facts_of_another_type_are_damaged(
+    tmp_path: Path, content: str, uninterrupted: dict[str, bytes]
+) -> None:
+    run = new_run(tmp_path)
+    for steps in (304, 640):
+        stop_at(steps, run)
+    (run.checkpoint("last") / "learner.json").write_text(content)
+    trainer = toy(run)
+    (warning,) = trainer.restore()
+    assert str(run.checkpoint("last") / "learner.json") in warning
+    trainer.run()
+    for table in TABLES:
+        assert (run.path / table).read_bytes() == uninterrupted[table]
+
+
 def test_files_of_different_saves_are_no_checkpoint(tmp_path: Path, uninterrupted: dict[str, bytes]) -> None:
     run = new_run(tmp_path / "run")
     for steps in (304, 640):
