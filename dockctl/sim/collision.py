@@ -19,8 +19,6 @@ from dockctl.sim.harbor.waters import Waters, cross_section
 
 SIZE_BY_TRIANGLES = 8
 """Memory of a checker, relative to the array of the harbor's triangles; measured on the reference marina."""
-MAX_CONTACTS = 1_000_000
-"""More than a hull has with the surfaces that it touches."""
 CONTACT_RESOLUTION_M = 0.002
 """Motion of the hull between the poses at which contact is tested."""
 SLACK_M = 1e-3
@@ -42,8 +40,8 @@ class CollisionChecker:
         low, high = (getattr(harbor.triangles[:, :, 2], end)(axis=1) for end in ("min", "max"))
         margin = 2 * SLACK_M
         touchable = (low <= hull.freeboard_m + margin) & (high >= -hull.draft_m - margin)
-        self._low, self._others = np.flatnonzero(touchable), np.flatnonzero(~touchable)
-        self._low_solids = _objects(harbor.triangles[self._low])
+        # Two thirds of a marina are out of reach: rigs, cabins and decks, which only clearances depend on.
+        self._low, self._high = _Surfaces(harbor, touchable), _Surfaces(harbor, ~touchable)
         bodies = [(index, solid.mesh) for index, part in enumerate(harbor.parts) for solid in part.solids]
         self._interior = _Interior([body for body in bodies if body[1].is_watertight], self._middle)
         self._inside_hull = _InsideHull(bodies, boat)
@@ -60,7 +58,7 @@ class CollisionChecker:
         """
         length, beam, height = self._size + 2 * SLACK_M
         box = fcl.Box(length + 2 * within_m, beam + 2 * within_m, height)
-        return self._touching(box, eta, self._middle)
+        return self._touching(box, eta, within_m, self._middle)
 
     def collides(self, eta: Floats) -> Bools:
         """Return whether the surface of the hull touches a surface of the harbor, (n, 3) to (n,)."""
@@ -76,61 +74,103 @@ class CollisionChecker:
         return np.asarray((region[1:] != region[0]) | self.blocked(eta))
 
     @cached_property
-    def _other_solids(self) -> list[fcl.CollisionObject]:
-        """Two thirds of a marina: rigs, cabins and decks, which only clearances depend on."""
-        return _objects(self.harbor.triangles[self._others])
-
-    @cached_property
     def _waters(self) -> Waters:
         return Waters(self.harbor.triangles, self.hull)
 
     def collided_part(self, eta: Floats) -> str | None:
         """Return the name of the part that blocks the pose (3,), or None."""
         pose = eta[None]
-        (hull,) = _placed(self._hull, pose)
-        found = [part for solids in self._low_solids for part in _contacts(hull, solids, MAX_CONTACTS)]
-        touched = set(self.harbor.part_of_triangle[self._low[found]].tolist())
+        (hull,), (gaps,) = _placed(self._hull, pose), self._low.gaps(self._bounds(pose))
+        close = np.flatnonzero(gaps <= 0).tolist()
+        touched = {part for part in close if _touch(hull, self._low.of_part(part))}
         if len(touched) > 1:  # the first one in the order of a tree of all triangles
-            first = _contacts(hull, _all_solids(self.harbor), 1)
-            touched = set(self.harbor.part_of_triangle[first].tolist())
+            result = fcl.CollisionResult()
+            fcl.collide(hull, _all_solids(self.harbor), fcl.CollisionRequest(1, True), result)
+            touched = {int(self.harbor.part_of_triangle[result.contacts[0].b2])}
         part = touched.pop() if touched else int(self._contained(pose)[0])
         return self.harbor.parts[part].name if part >= 0 else None
+
+    def clearance(self, eta: Floats) -> Floats:
+        """Return the distance between the hull and the harbor, 0 if it is blocked, (n, 3) to (n,) [m]."""
+        return self.clearance_below(eta, np.inf)
 
     def clearance_below(self, eta: Floats, limit_m: float) -> Floats:
         """Return `clearance` where it is less than `limit_m`, else `limit_m`, (n, 3) to (n,) [m].
 
-        Much faster than `clearance` for poses in open water: an enlarged box is tested first.
+        Much faster than `clearance` for poses in open water.
         """
-        box = fcl.Box(*(self._size + 2 * (SLACK_M + limit_m)))
-        solids = self._low_solids + self._other_solids  # an enlarged box also touches what is above the deck
-        close = self._touching(box, eta, self._middle, solids) | (self._contained(eta) >= 0)
+        request, bounds = fcl.DistanceRequest(), self._bounds(eta)
+        low, high = self._low.gaps(bounds), self._high.gaps(bounds)
         result = np.full(len(eta), limit_m)
-        result[close] = np.minimum(self.clearance(eta[close]), limit_m)
+        for row, hull in enumerate(_placed(self._hull, eta)):
+            gaps = np.concatenate([low[row], high[row]])
+            for number in np.argsort(gaps).tolist():
+                if gaps[number] - SLACK_M >= result[row]:
+                    break
+                surfaces = self._low if number < len(low[row]) else self._high
+                solid = surfaces.of_part(number % len(low[row]))
+                distance = fcl.distance(hull, solid, request, fcl.DistanceResult())
+                result[row] = min(result[row], max(distance, 0.0))
+        result[self._contained(eta) >= 0] = 0.0
         return result
-
-    def clearance(self, eta: Floats) -> Floats:
-        """Return the distance between the hull and the harbor, 0 if it is blocked, (n, 3) to (n,) [m]."""
-        request, hulls = fcl.DistanceRequest(), _placed(self._hull, eta)
-        solids = self._low_solids + self._other_solids
-        gaps = [
-            min(fcl.distance(hull, some, request, fcl.DistanceResult()) for some in solids) for hull in hulls
-        ]
-        return np.where(self._contained(eta) >= 0, 0.0, np.maximum(np.array(gaps, dtype=np.float64), 0.0))
 
     def _contained(self, eta: Floats) -> Ints:
         """Return the part that contains the hull or is inside it, -1 for none, (n, 3) to (n,)."""
         return np.maximum(self._interior.part_at(eta), self._inside_hull.part_in(eta))
 
-    def _touching(
-        self, shape: Any, eta: Floats, z: float = 0.0, solids: Sequence[Any] | None = None
-    ) -> Bools:
-        """Return whether the shape touches the solids, by default those between keel and deck."""
-        request, solids = fcl.CollisionRequest(), self._low_solids if solids is None else solids
-        touching = [
-            any(fcl.collide(boat, some, request, fcl.CollisionResult()) for some in solids)
-            for boat in _placed(shape, eta, z)
-        ]
-        return np.array(touching, dtype=bool)
+    def _bounds(self, eta: Floats, margin_m: float = 0.0) -> Floats:
+        """Return x_min, y_min, x_max, y_max (n, 4) [m] of the hull, enlarged on all sides."""
+        length, beam, _ = self._size / 2 + SLACK_M + margin_m
+        cosine, sine = np.abs(np.cos(eta[:, 2])), np.abs(np.sin(eta[:, 2]))
+        reach = np.column_stack([length * cosine + beam * sine, length * sine + beam * cosine])
+        return np.hstack([eta[:, :2] - reach, eta[:, :2] + reach])
+
+    def _touching(self, shape: Any, eta: Floats, margin_m: float = 0.0, z: float = 0.0) -> Bools:
+        """Return whether the hull, or its box with a margin, touches what is between keel and deck."""
+        close = self._low.gaps(self._bounds(eta, margin_m)) <= 0
+        rows, touching = np.flatnonzero(close.any(axis=1)), np.zeros(len(eta), bool)
+        for row, boat in zip(rows, _placed(shape, eta[rows], z), strict=True):
+            parts = np.flatnonzero(close[row]).tolist()
+            touching[row] = any(_touch(boat, self._low.of_part(part)) for part in parts)
+        return touching
+
+
+class _Surfaces:
+    """Some of the triangles of a harbor, as one object of fcl for each part, built when it is needed.
+
+    fcl takes ten times the memory of the triangles, and a boat comes near few parts of a harbor.
+    """
+
+    def __init__(self, harbor: Harbor, chosen: Bools) -> None:
+        numbers = np.flatnonzero(chosen)
+        numbers = numbers[np.argsort(harbor.part_of_triangle[numbers], kind="stable")]
+        ends = np.searchsorted(harbor.part_of_triangle[numbers], np.arange(1, len(harbor.parts)))
+        self._triangles, self._numbers = harbor.triangles, np.split(numbers, ends)
+        self._objects: dict[int, fcl.CollisionObject] = {}
+        corners = [harbor.triangles[own, :, :2].reshape(-1, 2) for own in self._numbers]
+        self._low = np.array([each.min(axis=0, initial=np.inf) for each in corners])
+        self._high = np.array([each.max(axis=0, initial=-np.inf) for each in corners])
+
+    def gaps(self, bounds: Floats) -> Floats:
+        """Return the horizontal distance of each part from boxes, of their bounds, (n, 4) to (n, parts) [m].
+
+        It is 0 where bounds overlap, and infinite for a part without triangles.
+        """
+        below = self._low - bounds[:, None, 2:]
+        above = bounds[:, None, :2] - self._high
+        x, y = np.moveaxis(np.maximum(np.maximum(below, above), 0.0), -1, 0)
+        gaps: Floats = np.hypot(x, y)
+        return gaps
+
+    def of_part(self, part: int) -> fcl.CollisionObject:
+        """Return the surface of a part."""
+        if part not in self._objects:
+            self._objects[part] = fcl.CollisionObject(_bvh(self._triangles[self._numbers[part]]))
+        return self._objects[part]
+
+
+def _touch(one: fcl.CollisionObject, other: fcl.CollisionObject) -> bool:
+    return bool(fcl.collide(one, other, fcl.CollisionRequest(), fcl.CollisionResult()))
 
 
 def _placed(shape: Any, eta: Floats, z: float = 0.0) -> Iterator[fcl.CollisionObject]:
@@ -218,19 +258,6 @@ def _moved(path: Floats, reach_m: float) -> Floats:
     """
     x, y, heading = np.diff(path[:, :3], axis=0).T
     return np.concatenate([[0.0], np.cumsum(np.hypot(x, y) + reach_m * np.abs(heading))])
-
-
-def _contacts(hull: fcl.CollisionObject, solids: fcl.CollisionObject, count: int) -> Ints:
-    """Return the triangles of the solids in the first contacts, at most `count`."""
-    request = fcl.CollisionRequest(num_max_contacts=count, enable_contact=True)
-    result = fcl.CollisionResult()
-    fcl.collide(hull, solids, request, result)
-    return np.array([contact.b2 for contact in result.contacts], np.int64)
-
-
-def _objects(triangles: Floats) -> list[fcl.CollisionObject]:
-    """Return the triangles in one object, or none: fcl has no empty objects."""
-    return [fcl.CollisionObject(_bvh(triangles))] if len(triangles) else []
 
 
 @lru_cache(maxsize=4)
