@@ -32,7 +32,8 @@ from dockctl.evaluation.starts import testing_starts
 from dockctl.experiments.portable import export_files
 from dockctl.pilot import Checks, Decision, Pilot, Reading
 
-SHARES = {"s1": 0.2, "s2": 0.2, "s3": 0.4, "marina": 0.2}
+CHECKPOINTS = ("s1", "s2", "s3", "marina", "marinas")
+"""The last one is an ensemble."""
 PER_SCAN = 10
 """Decisions from one scan: that of the episode, and others at random velocities."""
 FASTEST = np.array([0.8, 0.2, 0.08])
@@ -110,13 +111,12 @@ def main() -> None:
     parser = argparse.ArgumentParser(
         description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
     )
-    parser.add_argument("checkpoints", nargs="*", default=list(SHARES))
+    parser.add_argument("checkpoints", nargs="*", default=list(CHECKPOINTS))
     parser.add_argument("--decisions", type=int, default=10_000)
     given = parser.parse_args()
-    total = sum(SHARES.get(name, 0.2) for name in given.checkpoints)
     results = {}
     for name in given.checkpoints:
-        results[name] = compare(name, round(given.decisions * SHARES.get(name, 0.2) / total))
+        results[name] = compare(name, round(given.decisions / len(given.checkpoints)))
         print(name, json.dumps(results[name]), flush=True)
     print("all:", sum(result["decisions"] for result in results.values()), "decisions,", end=" ")
     print(sum(result["other_action"] for result in results.values()), "other actions")

@@ -278,8 +278,9 @@ def test_files_that_are_no_policy(file: Path, tmp_path: Path) -> None:
 
 
 @pytest.mark.slow
-def test_its_decisions_are_those_of_the_simulator() -> None:
+@pytest.mark.parametrize("name", ["s1", pytest.param("marinas", marks=pytest.mark.thorough)])
+def test_its_decisions_are_those_of_the_simulator(name: str) -> None:
     """From all points of a scan; the sectors of the simulator come from another algorithm."""
-    result = compare("s1", 25)
+    result = compare(name, 25)
     assert (result["decisions"], result["other_action"], result["other_observation"]) == (25, 0, 0)
     assert result["stops"] == []

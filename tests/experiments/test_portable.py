@@ -10,12 +10,12 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from dockctl.dueling import Ensemble
 from dockctl.envs.observation import Columns, ObservationEncoder, View, observation_part
 from dockctl.errors import DockctlError
 from dockctl.evaluation import load_policy
 from dockctl.evaluation.policies import CheckpointPolicy
 from dockctl.experiments.portable import description, export_files, onnx_model, pilot_file
-from dockctl.pilot import Pilot
 from dockctl.scenarios.loader import load
 from dockctl.scenarios.schema import ObservationPart
 from tests.commands.conftest import dockctl
@@ -29,41 +29,47 @@ def files(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, Path]:
     return folder / "s3.onnx", folder / "s3.npz"
 
 
-def view(n: int) -> View:
-    """Random states, within and beyond the bounds of the observation."""
-    rng = np.random.default_rng(1)
+def view(n: int, sectors: int, past: int) -> View:
+    """Random states, within and beyond the bounds of the observation, each with earlier ones."""
+    rng = np.random.default_rng(past)
     return View(
         phase=rng.integers(0, 2, n),
         distance_m=rng.uniform(0, 120, n),
         heading_error_rad=rng.uniform(-np.pi, np.pi, n),
-        eta=np.zeros((n, 3)),
-        goal=np.zeros((n, 3)),
+        eta=rng.uniform(-3, 3, (n, 3)),
+        goal=rng.uniform(-3, 3, (n, 3)),
         nu=rng.normal(size=(n, 3)) * [0.4, 0.1, 0.04],
         command=rng.uniform(-1, 1, (n, 2)) * [50, np.radians(30)],
         command_limit=np.array([50, np.radians(30)]),
-        sector_ranges_m=rng.uniform(0, 30, (n, 8)),
-        apparent_wind=np.zeros((n, 2)),
-        through_water=np.zeros((n, 2)),
+        sector_ranges_m=rng.uniform(0, 30, (n, sectors)),
+        apparent_wind=rng.normal(size=(n, 2)) * 5,
+        through_water=rng.normal(size=(n, 2)) * [0.4, 0.1],
+        past=tuple(view(n, sectors, earlier) for earlier in range(past)),
     )
 
 
-def test_an_onnx_model_takes_units_and_gives_the_command(files: tuple[Path, Path]) -> None:
+@pytest.mark.parametrize("name", ["s3", "marina", "marinas", "marinas-weather"])
+def test_an_onnx_model_takes_units_and_gives_the_command(name: str) -> None:
+    """One network, one with its mirror image, and ensembles."""
     runtime = pytest.importorskip("onnxruntime")
-    session = runtime.InferenceSession(str(files[0]), providers=["CPUExecutionProvider"])
-    encoder = ObservationEncoder(load_policy("s3").scenario().scenario.observation, 8)
-    states = view(300)
+    policy = load_policy(name)
+    assert isinstance(policy, CheckpointPolicy)
+    assert (len(Ensemble.of(policy.tensors).networks) > 1) == name.startswith("marinas")
+    scenario = load(policy.own_scenario).scenario
+    session = runtime.InferenceSession(onnx_model(policy, scenario), providers=["CPUExecutionProvider"])
+    encoder = ObservationEncoder(scenario.observation, scenario.sensors.lidar.sectors)
+    states = view(300, scenario.sensors.lidar.sectors, encoder.past_steps)
     raw = np.hstack([columns.values for columns in encoder.columns(states)]).astype(np.float32)
     names = [output.name for output in session.get_outputs()]
     outputs = dict(zip(names, session.run(None, {"observation": raw}), strict=True))
-    pilot = Pilot.load(files[1])
-    expected = pilot.networks.q_values(encoder(states))
+    expected = Ensemble.of(policy.tensors).q_values(encoder(states))
     assert outputs["q_values"] == pytest.approx(expected, rel=1e-4, abs=2e-3)
     assert (outputs["action"] == outputs["q_values"].argmax(axis=1)).all()
-    commands = np.array(pilot.description["commands"])[outputs["action"]]
+    facts = json.loads(session.get_modelmeta().custom_metadata_map["description"])
+    assert facts == description(policy, scenario)
+    commands = np.array(facts["commands"])[outputs["action"]]
     found = np.stack([outputs["propeller_n"], outputs["rudder_rad"]], axis=1)
     assert found == pytest.approx(commands, rel=1e-6)
-    facts = json.loads(session.get_modelmeta().custom_metadata_map["description"])
-    assert facts == pilot.description
     assert [column["name"] for column in facts["observation"]] == list(encoder.names)
 
 
