@@ -41,7 +41,9 @@ def runs(
         message = f"'{action}': expected one of {', '.join(ACTIONS)}"
         raise DockctlError(message, code="unknown_name", suggestion=nearest(action, ACTIONS))
     if not root.is_dir():
-        raise DockctlError(f"{root}: no such folder; `dockctl train` writes runs to {RUNS}", code="not_found")
+        raise DockctlError(
+            f"{root}: no such folder; `dockctl train` writes runs to ./{RUNS}", code="not_found"
+        )
     if action == "clean":
         _clean(root, yes, json_)
     elif yes:

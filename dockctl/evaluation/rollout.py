@@ -193,8 +193,6 @@ def run_episodes(
     policy: Policy,
     starts: Sequence[HasPose],
     clearance: Clearance | None = None,
-    *,
-    seed: int = 0,
 ) -> list[Episode]:
     """Run one episode from each start; a boat whose episode ended takes the next start, or rests.
 
@@ -203,7 +201,6 @@ def run_episodes(
             a boat that rests is None.
         starts: any number of starts, k.
         clearance: least distance to the harbor [m], given a start and the poses (m, 3) of its episode.
-        seed: of the environment.
 
     Returns:
         k episodes in the order of the starts.
@@ -211,15 +208,15 @@ def run_episodes(
     waiting, episodes = deque(enumerate(starts)), dict[int, Episode]()
     assigned: dict[int, tuple[int, HasPose]] = {}  # to each boat, the start of its episode
     steps: dict[int, list[Step]] = {}  # of each boat's episode
-    first_seed: int | None = seed
+    seed: int | None = 0  # of the first reset only
     ended = np.ones(env.num_envs, bool)
     while len(episodes) < len(starts):
         if ended.any():
             begun = {boat: waiting.popleft() for boat in np.flatnonzero(ended).tolist() if waiting}
             given = [begun[boat][1] if boat in begun else None for boat in range(env.num_envs)]
             options = {"starts": given, "reset_mask": ended}
-            observation, info = env.reset(seed=first_seed, options=options)
-            first_seed = None
+            observation, info = env.reset(seed=seed, options=options)
+            seed = None
             assigned |= begun
             if begun:
                 policy.reset(np.array(list(begun)), info)

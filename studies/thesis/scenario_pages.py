@@ -23,7 +23,7 @@ from dockctl.reports.figures import overview
 from dockctl.reports.plan_view import pose_names
 from dockctl.reports.style import label
 from dockctl.reports.success_map import map_figure
-from dockctl.run_files import FAILURES
+from dockctl.run_files import FAILURES, SCENARIO
 from dockctl.runs.tables import START_KINDS
 from dockctl.scenarios.base import Pose
 from dockctl.scenarios.loader import load
@@ -58,7 +58,7 @@ def scenarios_page(facts: Facts, archive: Archive) -> Page:
     for berth in facts.berths:
         if (recording := archive["s3"][0].transfer(berth.name)) is not None:
             rows.append(_pose_row(berth.name, berth.start_table, recording.task, ()))
-    vessel = load(str(archive["s1"][0].folder / "scenario.yaml")).scenario.vessel
+    vessel = load(str(archive["s1"][0].folder / SCENARIO)).scenario.vessel
     figures: dict[str, Draw] = {
         "scenarios": lambda: maneuvers.starts_figure(first),
         "surge": lambda: maneuvers.surge_figure(vessel),
