@@ -1,4 +1,4 @@
-"""What is physically possible: docking in minimum time, planned with full knowledge, beside the policies.
+"""Docking in minimum time, planned with full knowledge of harbor and weather, next to the policies.
 
     python benchmarks/optimal_control.py
 

@@ -4,7 +4,7 @@ The commands of the control periods, the states between them and the length of t
 (multiple shooting). Every plan is then executed by the simulator, in periods of the scenario's length: it
 counts only if the boat docks there, without a contact.
 
-Obstacles are the convex outlines of what lies between keel and deck, each kept apart from the hull by a line
+Obstacles are the convex outlines of what lies between keel and deck, each separated from the hull by a line
 at the end of every period; those that the simulator finds in the way are added until there are none.
 """
 

@@ -37,14 +37,14 @@ def test_there_is_one_for_each_scenario_and_the_list_shows_them() -> None:
 def test_the_files_are_those_of_the_card(name: str) -> None:
     folder = shipped()[name]
     text = (folder / CARD).read_text()
-    told = dict(re.findall(r"^\| `([^`]+)` \| `([0-9a-f]{64})` \|$", text, re.M))
+    listed = dict(re.findall(r"^\| `([^`]+)` \| `([0-9a-f]{64})` \|$", text, re.M))
     there = {
         path.relative_to(folder).as_posix(): hashlib.sha256(path.read_bytes()).hexdigest()
         for path in folder.rglob("*")
         if path.is_file() and path.name != CARD
     }
-    assert told == there
-    assert {POLICY_JSON, POLICY_TENSORS, SCENARIO} <= set(told)
+    assert listed == there
+    assert {POLICY_JSON, POLICY_TENSORS, SCENARIO} <= set(listed)
 
 
 @each

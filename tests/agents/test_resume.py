@@ -247,10 +247,10 @@ def test_numbers_that_no_save_has_written_are_refused(
 
 @pytest.mark.parametrize("missing", ["algorithm/online", "updates"])
 @pytest.mark.parametrize(
-    ("version", "told"), [("0.0.1", "saved by dockctl 0.0.1"), (dockctl.__version__, "edited, or")]
+    ("version", "reason"), [("0.0.1", "saved by dockctl 0.0.1"), (dockctl.__version__, "edited, or")]
 )
 def test_an_incomplete_state_is_of_another_version_or_edited_and_its_policy_loads(
-    tmp_path: Path, missing: str, version: str, told: str
+    tmp_path: Path, missing: str, version: str, reason: str
 ) -> None:
     run = new_run(tmp_path)
     stop_at(304, run)
@@ -259,7 +259,7 @@ def test_an_incomplete_state_is_of_another_version_or_edited_and_its_policy_load
     kept = {name: array for name, array in tensors.items() if not name.startswith(missing)}
     facts = {name: fact for name, fact in facts.items() if name != missing} | {"dockctl": version}
     save_pair(folder, "learner", kept, facts)
-    with pytest.raises(CheckpointError, match=told) as caught:
+    with pytest.raises(CheckpointError, match=reason) as caught:
         toy(run).restore()
     assert str(folder) in caught.value.message
     _, card = load_policy(run.path)

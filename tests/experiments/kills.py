@@ -38,7 +38,7 @@ EQUAL = (
 
 
 class Shared:
-    """What a training tells the process that kills it: its steps, and whether it is saving."""
+    """What a training reports to the process that kills it: its steps, and whether it is saving."""
 
     def __init__(self) -> None:
         self._form, self._memory = struct.Struct("q?"), mmap.mmap(-1, 16)
@@ -51,7 +51,7 @@ class Shared:
         return steps, saving
 
     def watch(self) -> None:
-        """Tell it from now on."""
+        """Report it from now on."""
         show, save = TrainingDisplay.__call__, RunDirectory.new_checkpoint
 
         def shown(display: TrainingDisplay, progress: Progress) -> None:
