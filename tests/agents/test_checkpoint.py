@@ -109,7 +109,7 @@ def test_the_interface_comes_back(tmp_path: Path, network: DuelingQNetwork) -> N
     assert (transferred.name, transferred.task) == ("s1", load("s1").scenario.task)
 
 
-def test_a_policy_brings_its_range_sensor_along() -> None:
+def test_a_policy_keeps_its_range_sensor() -> None:
     other = load("s1", overrides=["sensors.lidar.azimuth_steps=900", "sensors.lidar.sectors=12"]).scenario
     s3 = load("s3").scenario
     interface = PolicyInterface.of(other)

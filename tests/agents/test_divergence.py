@@ -208,7 +208,7 @@ def test_a_fault_that_returns_stops_the_training_in_the_end(tmp_path: Path) -> N
 
 
 @pytest.mark.parametrize("fault", [nan_weight, exploding_values, nan_observation])
-def test_a_training_that_goes_on_does_not_save_what_is_not_finite(fault: Fault, tmp_path: Path) -> None:
+def test_a_training_that_continues_does_not_save_what_is_not_finite(fault: Fault, tmp_path: Path) -> None:
     warnings: list[str] = []
     made = trainer(tmp_path, fault, on_divergence="continue", total_steps=1_000)
     made.warn = warnings.append

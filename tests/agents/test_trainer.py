@@ -117,7 +117,7 @@ def test_best_docks_from_the_most_validation_starts_and_of_equal_ones_is_the_lat
     assert evaluated == [504, 1_000, 1_504, 2_000, 2_504, 3_000, 3_504, 4_000, 4_400]
 
 
-def test_training_goes_on_until_enough_validation_starts_dock_too(tmp_path: Path) -> None:
+def test_training_continues_until_enough_validation_starts_dock(tmp_path: Path) -> None:
     """The pose is docked from long before; of 20 validation starts 18 are too few, 19 are 95 %."""
     docked = [18, 18, 19]
 

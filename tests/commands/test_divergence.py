@@ -36,7 +36,7 @@ def test_numbers_that_are_not_finite_have_their_own_exit_code(tmp_path: Path) ->
     assert steps == 100
 
 
-def test_a_training_may_go_on(tmp_path: Path) -> None:
+def test_a_training_may_continue(tmp_path: Path) -> None:
     arguments = late_term(tmp_path / "late.py", "status.distance_m * np.nan")
     outcome = quick_train(tmp_path / "runs", *arguments, "--on-divergence", "continue")
     assert outcome.code == 0

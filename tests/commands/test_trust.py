@@ -124,7 +124,7 @@ def test_trust_allows_it(received: Path, marker: Path, name: str) -> None:
     assert not marker.exists()
 
 
-def test_a_run_made_here_needs_no_question(run: Path, marker: Path) -> None:
+def test_a_run_made_here_needs_no_trust(run: Path, marker: Path) -> None:
     assert call("evaluate").code == 0
     assert marker.exists()
 
@@ -160,7 +160,7 @@ def test_the_users_own_copy_runs_instead(
     assert outcome.code == 0, outcome.err
 
 
-def test_python_asks_as_well(received: Path, marker: Path) -> None:
+def test_the_python_api_refuses_untrusted_code(received: Path, marker: Path) -> None:
     with pytest.raises(UntrustedError):
         load_policy(received).scenario()
     assert not marker.exists()

@@ -35,7 +35,7 @@ def test_they_are_bounded_free_and_do_not_depend_on_their_number() -> None:
 
 
 @pytest.mark.parametrize("scenario", [S1, MARINA])
-def test_validation_starts_are_others_than_those_of_an_evaluation(scenario: Scenario) -> None:
+def test_validation_starts_differ_from_those_of_an_evaluation(scenario: Scenario) -> None:
     """They are many, bounded like test starts, at trained berths, and the same for every training seed."""
     selecting = drawn.validation_starts(scenario, OPEN)
     assert len(selecting) == 100
