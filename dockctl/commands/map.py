@@ -23,7 +23,7 @@ from dockctl.commands.options import (
     save_figures,
     select_policy,
 )
-from dockctl.console import make_table, numeric, print_table, print_text
+from dockctl.console import count, make_table, numeric, print_table, print_text
 from dockctl.run_files import MAP
 
 if TYPE_CHECKING:
@@ -95,8 +95,8 @@ def _print(result: SuccessMap) -> None:
     free, reach_m = analysis.free_starts(rows), analysis.half_width(rows)
     print_text(
         console,
-        f"Policy {result.policy.description} on scenario '{result.scenario.name}': {len(free):,} free starts"
-        f" within ±{reach_m:g} m, {len(rows) - len(free):,} blocked",
+        f"Policy {result.policy.description} on scenario '{result.scenario.name}':"
+        f" {count(len(free), 'free start')} within ±{reach_m:g} m, {len(rows) - len(free):,} blocked",
     )
     names = ("\ndocked", "", "95 %\ninterval", "\ncollision", "\ntimeout", "success\nradius")
     table = make_table(*numeric("heading\noffset", *names))
