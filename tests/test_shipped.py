@@ -77,6 +77,13 @@ def test_it_docks_from_starts_of_its_training(
 
 
 @each
+def test_its_card_names_it_as_any_folder_knows_it(name: str) -> None:
+    assert re.findall(r"^dockctl .*", (shipped()[name] / CARD).read_text(), re.M) == [
+        f"dockctl evaluate {name}"
+    ]
+
+
+@each
 def test_its_card_writes_poses_as_everything_does(name: str) -> None:
     text = (shipped()[name] / CARD).read_text()
     for numbers in re.findall(r"\(([^()]*)°\)", text):
