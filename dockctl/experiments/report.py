@@ -168,7 +168,8 @@ def _study(folder: Path) -> Study:
 
 def _trial(folder: Path, experiment: Experiment) -> Trial:
     runs = [read_run(folder / experiment.name / path) for path in _seeds(folder / experiment.name)]
-    return Trial(experiment.name, experiment.group, experiment.title, runs)
+    about = experiment.title or ", ".join(experiment.set)
+    return Trial(experiment.name, experiment.group, about, runs)
 
 
 def _seeds(folder: Path) -> list[str]:

@@ -41,12 +41,13 @@ def test_the_study_has_its_own_title_and_experiments(tmp_path: Path) -> None:
             for name in ("large", "small", "of a part that has not run")
         ],
     }
-    study["experiments"][2]["name"] = "later"  # type: ignore[index]  # JSON
+    study["experiments"][1] |= {"title": "", "set": ["training.batch_size=64"]}  # type: ignore[index]  # JSON
+    study["experiments"][2]["name"] = "later"  # type: ignore[index]
     (results / "study.json").write_text(json.dumps(study))
     page = report.write_report(results, tmp_path / "page.html", note=quiet)
     assert title(page) == "Does a larger batch help?"
     headings = re.findall(r"<h2>(.*?)</h2>", page.read_text(encoding="utf-8"))
-    assert headings == ["large: a large batch", "small: a small batch"]
+    assert headings == ["large: a large batch", "small: training.batch_size=64"]
 
 
 def test_other_paths_are_errors(tmp_path: Path) -> None:
