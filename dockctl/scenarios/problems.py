@@ -115,8 +115,21 @@ def _descend(field: FieldLocation, node: Node, step: Step) -> FieldLocation:
     if step in ("part", "params") and len(value) == 1:  # the short form `- lidar: {cap_m: 20}`
         ((name, params),) = value.items()
         return child(name, params, node.keys[name])
-    is_tag = any(tag in value and value[tag].value == step for tag in TAGS)
-    return field if is_tag else child(step, None)
+    return field if _is_tag(step, value) else child(step, None)
+
+
+def _is_tag(step: Step, value: Mapping[str, Node]) -> bool:
+    """Return whether a step is not a key, but the tag that selects the model of this mapping."""
+    return any(tag in value and value[tag].value == step for tag in TAGS)
+
+
+def _without_ambiguous_tag(tree: Node, steps: tuple[Step, ...]) -> tuple[Step, ...]:
+    """Return a location of pydantic without a tag that is also a key of its mapping, as in `kind: meshes`."""
+    for depth, step in enumerate(steps):
+        node = locate(tree, steps[:depth]).node
+        if node and isinstance(node.value, dict) and step in node.value and _is_tag(step, node.value):
+            return steps[:depth] + steps[depth + 1 :]
+    return steps
 
 
 def validate(tree: Node, model: type[M], problems: Iterable[Problem] = ()) -> M:
@@ -141,6 +154,8 @@ def validate(tree: Node, model: type[M], problems: Iterable[Problem] = ()) -> M:
 def _model_problems(error: ValidationError, tree: Node, model: type[BaseModel]) -> Iterator[Problem]:
     """Translate all errors of a validation but those that follow from the problems of a node."""
     details = error.errors(include_url=False)
+    for detail in details:
+        detail["loc"] = _without_ambiguous_tag(tree, detail["loc"])
     for detail in details:
         if detail["type"] == "too_short" and any(
             _is_inside(other["loc"], detail["loc"]) for other in details

@@ -81,6 +81,14 @@ WRONG: dict[str, tuple[str, list[str]]] = {
     "no known vessel": ("vessel: eilbrect\n", ["2:9 vessel unknown_name eilbrecht"]),
     "no known harbor": ("harbor: refrence\n", ["2:9 harbor unknown_name reference"]),
     "no such harbor file": ("harbor: gone.yaml\n", ["2:9 harbor not_found"]),
+    "unknown key of a mesh file, in a harbor whose kind is the name of the key": (
+        "harbor: {kind: meshes, meshes: [{path: x.glb, scal: 2, scale: -1}]}\n",
+        [
+            "2:47 harbor.meshes.0.scal unknown_key scale",
+            "2:63 harbor.meshes.0.scale out_of_range",
+        ],
+    ),
+    "harbor without meshes": ("harbor: {kind: meshes, meshes: []}\n", ["2:32 harbor.meshes out_of_range"]),
     "unknown kind of harbor": ("harbor: {kind: mesh}\n", ["2:16 harbor.kind unknown_name meshes"]),
     "unknown side of a row": (
         "harbor: {rows: [{side: esat, berth_y_m: [0]}]}\n",
