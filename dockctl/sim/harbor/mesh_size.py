@@ -9,7 +9,7 @@ from __future__ import annotations
 import json
 import re
 import struct
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from itertools import chain
 from typing import Any
 
@@ -21,6 +21,8 @@ MAX_TRIANGLES = 1_000_000
 MAX_GLB_HEADER_BYTES = 10_000_000
 MAX_GLB_BYTES = 4 * MAX_FILE_BYTES
 """Size of all views and accessors of a GLB file together, at most; they may overlap."""
+MAX_GLB_PRIMITIVES = 100_000
+"""In all places, at 12 kB each."""
 COMPONENTS = {"SCALAR": 1, "VEC2": 2, "VEC3": 3, "VEC4": 4, "MAT2": 4, "MAT3": 9, "MAT4": 16}
 TRIANGLES, STRIP = 4, 5
 
@@ -124,6 +126,11 @@ class _Header(BaseModel):
             if (mesh := self.nodes[child].mesh) is not None:
                 yield mesh
 
+    def total(self, size: Callable[[_Mesh], int]) -> int:
+        """Return the sum of the sizes of all meshes, or of all places if that is more."""
+        sizes = [size(mesh) for mesh in self.meshes]
+        return max(sum(sizes), sum(sizes[mesh] for mesh in self.places()))
+
 
 def _glb(data: bytes) -> int:
     """Count the triangles of all meshes, in all places."""
@@ -137,18 +144,20 @@ def _glb(data: bytes) -> int:
     try:
         header = _Header.model_validate(json.loads(data[20 : 20 + size]))
         values = sum(accessor.values for accessor in header.accessors)
-        triangles = [header.triangles(mesh) for mesh in header.meshes]
-        repeated = sum(triangles[mesh] for mesh in header.places())
+        triangles = header.total(header.triangles)
+        primitives = header.total(lambda mesh: len(mesh.primitives))
     except (ValueError, LookupError, RecursionError):
         raise ValueError("its JSON header is not valid") from None
     for buffer in header.buffers:
         if not str(buffer.get("uri", "data:")).startswith("data:"):
             raise ValueError(f"its data are in another file, {buffer['uri']!r}; embed them")
-    primitives = chain.from_iterable(mesh.primitives for mesh in header.meshes)
-    extended: Iterator[_Extended] = chain(header.bufferViews, primitives)
+    if primitives > MAX_GLB_PRIMITIVES:
+        raise ValueError(f"it has {primitives:,} primitives in all places, at most {MAX_GLB_PRIMITIVES:,}")
+    own = chain.from_iterable(mesh.primitives for mesh in header.meshes)
+    extended: Iterator[_Extended] = chain(header.bufferViews, own)
     if any("compression" in name for part in extended for name in part.extensions):
         raise ValueError("it is compressed; export it without compression")
     needed = 4 * values + sum(view.byteLength for view in header.bufferViews)
     if needed > MAX_GLB_BYTES:
         raise ValueError(f"it declares {needed / 1e9:,.1f} GB of data, at most {MAX_GLB_BYTES / 1e9:g}")
-    return max(sum(triangles), repeated)
+    return triangles

@@ -17,7 +17,7 @@ import trimesh
 
 from dockctl.errors import InputError
 from dockctl.scenarios.harbor import MeshFile
-from dockctl.sim.harbor import mesh_files
+from dockctl.sim.harbor import mesh_files, mesh_size
 from dockctl.sim.harbor.mesh_files import load_bodies, read_model
 from dockctl.sim.harbor.mesh_size import declared_triangles
 from tests.sim.meshes import peer
@@ -185,6 +185,21 @@ def test_a_glb_counts_every_place(tmp_path: Path) -> None:
     (tmp_path / "x.glb").write_bytes(data)
     bodies = load_bodies(MeshFile(path="x.glb"), tmp_path, "")
     assert sum(len(body.faces) for body in bodies) <= declared_triangles(data, ".glb")
+
+
+@pytest.mark.parametrize("where", ["meshes", "places"])
+def test_primitives_of_a_glb_are_limited(where: str, monkeypatch: pytest.MonkeyPatch) -> None:
+    """The reader needs far more memory for each than for its triangles."""
+    monkeypatch.setattr(mesh_size, "MAX_GLB_PRIMITIVES", 50)
+
+    def repeated(number: int) -> bytes:
+        (mesh,) = triangle()["meshes"]
+        several = {"meshes": {"meshes": [mesh] * number}, "places": {"scenes": [{"nodes": [0] * number}]}}
+        return glb(triangle(**several[where]), CORNERS)
+
+    assert declared_triangles(repeated(50), ".glb") == 50
+    with pytest.raises(ValueError, match="51 primitives"):
+        declared_triangles(repeated(51), ".glb")
 
 
 @pytest.mark.parametrize("attribute", ["MAX_TRIANGLES", "MAX_BODIES", "MAX_FILE_BYTES"])
