@@ -107,6 +107,8 @@ function outline(points, color, z, opacity = 1) {
   return new THREE.LineLoop(geometry, new THREE.LineBasicMaterial({ color, transparent: opacity < 1, opacity }));
 }
 
+const pointMaterial = new THREE.PointsMaterial({ color: 0xffe14d, sizeAttenuation: false });
+
 /** Everything that belongs to one episode: boat, goals, trail, LiDAR. */
 function episodeGroup(episode) {
   const group = new THREE.Group(), boat = new THREE.Group(), masts = new THREE.Group(), { boat: own } = header;
@@ -160,14 +162,14 @@ function episodeGroup(episode) {
     group.add(ghost);
   });
 
-  const trail = new THREE.BufferGeometry().setFromPoints(Array.from({ length: episode.pose.rows }, (_, i) => new THREE.Vector3(episode.pose.row(i)[0], episode.pose.row(i)[1], 0.09)));
-  group.add(new THREE.Line(trail, new THREE.LineBasicMaterial({ color: episode.color })));
+  const trail = band(episode.pose);
+  group.add(new THREE.Mesh(trail, new THREE.MeshBasicMaterial({ color: episode.color, side: THREE.DoubleSide, fog: false, toneMapped: false })));
 
   const cloud = new THREE.BufferGeometry(), returns = new THREE.Group(), arcs = new THREE.Group();
   if (episode.points) {
     const metric = Float32Array.from(episode.points.data, (cm) => cm / 100);
     cloud.setAttribute("position", new THREE.BufferAttribute(metric, 3));
-    returns.add(new THREE.Points(cloud, new THREE.PointsMaterial({ color: 0xffe14d, size: 2.6, sizeAttenuation: false })));
+    returns.add(new THREE.Points(cloud, pointMaterial));
     group.add(returns);
   }
   const count = episode.ranges.columns;
@@ -189,6 +191,25 @@ function episodeGroup(episode) {
   });
   scene.add(group);
   return { group, boat, masts, drive, propeller, thrust, trail, cloud, returns, arcs, arrows };
+}
+
+/** A band on the water along poses, six indices for each step: lines are one pixel wide in WebGL. */
+function band(poses) {
+  const corners = new Float32Array(6 * poses.rows), faces = [], half = 0.06;
+  let [acrossX, acrossY] = [0, 0];
+  for (let i = 0; i < poses.rows; i++) {
+    const [x, y, heading] = poses.row(i), [ax, ay] = poses.row(Math.max(i - 1, 0)), [bx, by] = poses.row(Math.min(i + 1, poses.rows - 1));
+    const length = Math.hypot(bx - ax, by - ay);
+    const [cx, cy] = length > 1e-6 ? [(ay - by) / length, (bx - ax) / length] : [-Math.sin(heading), Math.cos(heading)];
+    const side = cx * acrossX + cy * acrossY < 0 ? -1 : 1; // the band does not twist where the boat changes from ahead to astern
+    [acrossX, acrossY] = [side * cx, side * cy];
+    corners.set([x + half * acrossX, y + half * acrossY, 0.09, x - half * acrossX, y - half * acrossY, 0.09], 6 * i);
+    if (i) faces.push(2 * i - 2, 2 * i - 1, 2 * i, 2 * i, 2 * i - 1, 2 * i + 1);
+  }
+  const geometry = new THREE.BufferGeometry();
+  geometry.setAttribute("position", new THREE.BufferAttribute(corners, 3));
+  geometry.setIndex(faces);
+  return geometry;
 }
 
 /** An arrow along x, ARROW_M long, that lies flat above the water. */
@@ -226,7 +247,7 @@ function place(index) {
   parts.thrust.visible = Math.abs(share) > 0.01;
   parts.thrust.setDirection(new THREE.Vector3(Math.sign(share) || 1, 0, 0));
   parts.thrust.setLength(0.3 + 1.9 * Math.abs(share), 0.3, 0.2);
-  parts.trail.setDrawRange(0, i + 1);
+  parts.trail.setDrawRange(0, 6 * i);
   parts.returns.visible = parts.arcs.visible = now.lidar;
   if (episode.points) {
     let scan = 0;
@@ -334,6 +355,7 @@ function draw() {
     renderer.setViewport(left, bottom, width, height);
     renderer.setScissor(left, bottom, width, height);
     const camera = cameraFor(index, width / height);
+    pointMaterial.size = Math.min(2.6, 0.0045 * height); // of a small tile they would cover the harbor
     // Haze over what is far away, not over a harbor that is seen from afar, as a narrow screen needs it.
     scene.fog.near = extent + (camera === free ? camera.position.distanceTo(controls.target) : 0);
     scene.fog.far = scene.fog.near + 3 * extent;
