@@ -305,7 +305,7 @@ def test_a_terminal_gets_a_panel() -> None:
 
 
 def test_the_last_panel_shows_the_policy_that_the_end_selects() -> None:
-    console = Console(file=io.StringIO(), force_terminal=True, width=80)
+    console = Console(file=io.StringIO(), force_terminal=True, width=100)
     best, evaluation = [90, 100, -12_345.0], {"evaluation_docked": 1, "evaluation_episodes": 1}
     with TrainingDisplay(Training(), "s1", console) as display:
         display(progress())
