@@ -13,6 +13,8 @@ MAX_NUMBER = 1e12
 """Maximum magnitude, and inverse of the minimum, of a number in SI units: products of several stay finite."""
 MAX_COORDINATE_M = 10_000.0
 """A harbor is within 10 km of the origin: a number of single precision then resolves 1 mm."""
+MAX_TURN_DEG = 36_000.0
+"""Limit of headings, a hundred turns: with billions of them an integration counts as diverged."""
 
 
 def _bounded(value: float) -> float:
@@ -34,6 +36,8 @@ NonNegative = Annotated[Number, Field(ge=0)]
 Speed = Annotated[NonNegative, Field(le=10)]
 """Speed of a boat or of the water [m/s]: the strongest tidal streams reach 10 m/s."""
 Coordinate = Annotated[Number, Field(ge=-MAX_COORDINATE_M, le=MAX_COORDINATE_M)]
+Heading = Annotated[Number, Field(ge=-MAX_TURN_DEG, le=MAX_TURN_DEG)]
+Turn = Annotated[NonNegative, Field(le=MAX_TURN_DEG)]
 Length = Annotated[Positive, Field(le=MAX_COORDINATE_M)]
 Fraction = Annotated[float, Strict(), Field(allow_inf_nan=False, ge=0, le=1)]
 Count = Annotated[int, Strict(), Field(ge=1)]
@@ -70,4 +74,4 @@ class Pose(Model):
 
     x_m: Coordinate
     y_m: Coordinate
-    heading_deg: Number
+    heading_deg: Heading

@@ -19,6 +19,7 @@ from dockctl.scenarios.base import (
     Number,
     Pose,
     Positive,
+    Turn,
 )
 from dockctl.scenarios.berths import Berths, require_berths
 from dockctl.scenarios.extensions import ActionType, Condition, RangeSensorSpec, Sectors
@@ -35,7 +36,7 @@ class SpreadPose(Pose):
     """A pose; in training it is drawn within +- position_offset_m in x and y, and +- heading_offset_deg."""
 
     position_offset_m: Annotated[NonNegative, Field(le=MAX_COORDINATE_M)] = 0.0
-    heading_offset_deg: NonNegative = 0.0
+    heading_offset_deg: Turn = 0.0
 
 
 class Tolerance(Model):

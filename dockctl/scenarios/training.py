@@ -18,6 +18,7 @@ from dockctl.scenarios.base import (
     Pose,
     Positive,
     Speed,
+    Turn,
 )
 from dockctl.scenarios.extensions import Kind
 from dockctl.scenarios.kinds import Kinds
@@ -48,7 +49,7 @@ class ExploringStarts(Model):
 
     fraction: Fraction = 0.5
     position_noise_m: tuple[NonNegative, NonNegative] = (0.3, 2.3)
-    heading_noise_deg: tuple[NonNegative, NonNegative] = (6.0, 26.0)
+    heading_noise_deg: tuple[Turn, Turn] = (6.0, 26.0)
     max_surge_mps: Speed = 0.35
     steps: Count = 200
 
@@ -216,7 +217,7 @@ class RandomStarts(Model):
     episodes: int = Field(default=100, ge=0, le=100_000, strict=True)
     seed: int = Field(default=12345, ge=0, strict=True)
     position_m: NonNegative = 1.0
-    heading_deg: NonNegative = 10.0
+    heading_deg: Turn = 10.0
 
 
 class Evaluation(Model):

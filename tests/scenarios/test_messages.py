@@ -50,6 +50,14 @@ WRONG: dict[str, tuple[str, list[str]]] = {
             "3:19 training.gamma out_of_range",
         ],
     ),
+    "headings of billions of turns": (
+        "task: {final: {heading_deg: 1.0e+12}}\n"
+        "training: {exploring_starts: {heading_noise_deg: [6, 40000]}}\n",
+        [
+            "2:29 task.final.heading_deg out_of_range",
+            "3:54 training.exploring_starts.heading_noise_deg.1 out_of_range",
+        ],
+    ),
     "too few substeps to be stable": ("vessel: {substeps: 1}\n", ["2:20 vessel.substeps out_of_range 3"]),
     "too few substeps for turning at speed": (
         "vessel: {max_propeller_n: 1000, Y_r_kgmps: 0, N_r_kgm2ps: 100, N_rr_kgm2: 25, substeps: 1}\n",
