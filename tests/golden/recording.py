@@ -1,4 +1,4 @@
-"""What the golden tests compare: rollouts with fixed actions, and a short training.
+"""What the golden tests compare: rollouts with fixed actions, boats at their goals, and a short training.
 
 The digests cover every bit. They hold on the processor and with the libraries that they were recorded with.
 Elsewhere the last bits of sines and matrix products may differ, and the tests compare the stored numbers
@@ -13,7 +13,8 @@ import hashlib
 import json
 import platform
 import tempfile
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
+from dataclasses import replace
 from importlib.metadata import version
 from pathlib import Path
 from typing import Any
@@ -26,12 +27,15 @@ from typer.testing import CliRunner
 
 from dockctl.cli import app
 from dockctl.envs.vector import DockingVectorEnv
+from dockctl.sim.goal import TO_FINAL
+from dockctl.sim.starts import Start, given_start, own_site
 
 FOLDER = Path(__file__).parent
 DIGESTS, NUMBERS = FOLDER / "digests.json", FOLDER / "numbers.npz"
 
 SCENARIOS = ("s1", "s2", "s3", "marina")
 BOATS, STEPS, SEED = 4, 300, 11
+IDLE, ASTERN, ARRIVAL_STEPS = 38, 3, 20
 INFO = (
     "pose", "velocity", "command", "distance_m", "heading_error_rad", "phase", "sector_ranges_m",
     "start_kind", "start_index", "outcome", "collided_with",
@@ -68,18 +72,45 @@ def digest(parts: Iterable[bytes]) -> str:
 
 
 def rollout(scenario: str) -> tuple[str, NDArray[np.float64]]:
-    """Step boats through fixed actions, episode after episode.
-
-    Returns:
-        the digest of observations, rewards, flags and infos; observations and rewards, (STEPS, BOATS, k + 1).
-    """
+    """Step boats through fixed actions, episode after episode; see `_steps`."""
     env = DockingVectorEnv(scenario, BOATS, exploring=True)
     actions = (
         np.random.default_rng(SEED)
         .integers(env.single_action_space.n, size=(STEPS // 5, BOATS))
         .repeat(5, axis=0)
     )
-    observation, info = env.reset(seed=SEED)
+    return _steps(env, actions)
+
+
+def arrivals(scenario: str) -> tuple[str, NDArray[np.float64]]:
+    """Step boats that coast at the intermediate or final pose, and one that hits the quay; see `_steps`.
+
+    Half of those that coast are too fast at first.
+    """
+    env = DockingVectorEnv(scenario, 5)
+    site, task = own_site(env.scenario), env.scenario.task
+    starts = [
+        replace(given_start(site, task, goal, 0), nu=np.array([surge_mps, 0.0, 0.0]), phase=phase)
+        for goal, surge_mps, phase in (
+            (site.goals[0], 0.0, site.first_phase),
+            (site.goals[0], 0.15, site.first_phase),
+            (site.goals[1], 0.0, TO_FINAL),
+            (site.goals[1], 0.15, TO_FINAL),
+            (site.goals[1], -0.35, TO_FINAL),
+        )
+    ]
+    return _steps(env, np.tile([IDLE, IDLE, IDLE, IDLE, ASTERN], (ARRIVAL_STEPS, 1)), starts)
+
+
+def _steps(
+    env: DockingVectorEnv, actions: NDArray[np.int64], starts: Sequence[Start] | None = None
+) -> tuple[str, NDArray[np.float64]]:
+    """Step an environment through actions (steps, boats).
+
+    Returns:
+        the digest of observations, rewards, flags and infos; observations and rewards, (steps, boats, k + 1).
+    """
+    observation, info = env.reset(seed=SEED, options={"starts": starts} if starts else None)
     contents = [observation.tobytes(), *_of_info(info)]
     numbers = []
     for action in actions:
@@ -132,10 +163,11 @@ def training_numbers(run: Path) -> dict[str, NDArray[np.float64]]:
 
 
 def main() -> None:
-    digests: dict[str, Any] = {"machine": machine(), "rollouts": {}, "trainings": {}}
+    digests: dict[str, Any] = {"machine": machine(), "rollouts": {}, "arrivals": {}, "trainings": {}}
     numbers: dict[str, NDArray[np.float64]] = {}
     for scenario in SCENARIOS:
         digests["rollouts"][scenario], numbers[f"rollout {scenario}"] = rollout(scenario)
+        digests["arrivals"][scenario], numbers[f"arrivals {scenario}"] = arrivals(scenario)
     for scenario in ("s1", "s3"):
         with tempfile.TemporaryDirectory() as folder:
             run = train(scenario, Path(folder))

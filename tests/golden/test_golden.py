@@ -25,6 +25,17 @@ def test_a_rollout_with_fixed_actions(scenario: str) -> None:
 
 
 @pytest.mark.slow
+@pytest.mark.parametrize("scenario", recording.SCENARIOS)
+def test_boats_at_their_goals_and_at_the_quay(scenario: str) -> None:
+    digest, numbers = recording.arrivals(scenario)
+    rewards = numbers[:, :, -1]
+    assert ((rewards == 30_000).sum(), (rewards == -30_000).sum()) == (4, 1)  # goals and collision
+    np.testing.assert_allclose(numbers, NUMBERS[f"arrivals {scenario}"], rtol=1e-5, atol=1e-4)
+    if SAME_MACHINE:
+        assert digest == DIGESTS["arrivals"][scenario]
+
+
+@pytest.mark.slow
 @pytest.mark.parametrize("scenario", [pytest.param("s1", marks=pytest.mark.thorough), "s3"])
 def test_a_short_training(scenario: str, tmp_path: Path) -> None:
     run = recording.train(scenario, tmp_path)
