@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import copy
 from collections.abc import Callable
 from typing import Any, Literal
 
@@ -10,6 +11,7 @@ import pytest
 from gymnasium.spaces import Box, Discrete, Space
 
 from dockctl import testing
+from dockctl.agents.dqn.algorithm import DQN
 from dockctl.agents.dqn.policy import GreedyPolicy
 from dockctl.envs.actions import GridActions
 from dockctl.envs.observation import Columns, View, observation_part
@@ -103,6 +105,21 @@ def test_an_algorithm_whose_policy_explores_is_rejected(monkeypatch: pytest.Monk
     assert_rejected(lambda: testing.check_algorithm("dqn", Discrete(7)), "random")
 
 
+@pytest.mark.parametrize("lost", ["exploration", "replay"])
+def test_an_algorithm_whose_state_is_incomplete_is_rejected(
+    monkeypatch: pytest.MonkeyPatch, lost: str
+) -> None:
+    restore = DQN.restore
+
+    def restore_without(algorithm: DQN, policy: Any, tensors: Any, facts: Any) -> None:
+        blank = copy.deepcopy(vars(algorithm)[lost])
+        restore(algorithm, policy, tensors, facts)
+        vars(algorithm)[lost] = blank
+
+    monkeypatch.setattr(DQN, "restore", restore_without)
+    assert_rejected(lambda: testing.check_algorithm("dqn", Discrete(7)), "restore")
+
+
 def test_every_condition_sensor_and_algorithm_is_checked() -> None:
     assert set(CONDITIONS.names()) == {kind for kind, _ in CONDITION_KEYS}
     assert set(RANGE_SENSORS.names()) == {kind for kind, _ in SENSOR_KEYS}
@@ -180,7 +197,20 @@ def test_commands_beyond_the_limits_are_rejected() -> None:
         def require_within_limits(self, vessel: Any) -> None:
             return
 
-    assert_rejected(lambda: testing.check_action_type("strong", propeller_n=[60]), "exceeds the limits")
+    assert_rejected(
+        lambda: testing.check_action_type("strong", propeller_n=[60]), "exceeds the vessel's limits"
+    )
+
+
+def test_one_command_of_many_beyond_the_limits_is_rejected() -> None:
+    @register(ACTIONS)
+    class NearlyRight(GridActions):
+        kind: Literal["nearly_right"] = "nearly_right"  # type: ignore[assignment]
+
+        def commands(self, actions: Any, vessel: Any) -> Any:
+            return super().commands(actions, vessel) * np.where(actions == 3, 1.1, 1.0)[:, None]
+
+    assert_rejected(lambda: testing.check_action_type("nearly_right"), "exceeds the vessel's limits")
 
 
 def test_a_condition_that_draws_from_a_common_generator_is_rejected() -> None:
@@ -236,6 +266,10 @@ def test_a_sensor_whose_points_do_not_agree_is_rejected() -> None:
         def points(self, pose: Any) -> Any:
             return 2 * super().points(pose)
 
+    class Clockwise(PlanarSensor):
+        def sector_ranges(self, eta: Any) -> Any:
+            return super().sector_ranges(eta)[:, ::-1]
+
     @register(RANGE_SENSORS)
     class LongScanner(PlanarScanner):
         kind: Literal["long"] = "long"  # type: ignore[assignment]
@@ -243,5 +277,14 @@ def test_a_sensor_whose_points_do_not_agree_is_rejected() -> None:
         def build(self, triangles: Any) -> Any:
             return Long(self, triangles)
 
-    assert issubclass(LongScanner, RangeSensorSpec)
-    assert_rejected(lambda: testing.check_range_sensor("long"), "nearest point")
+    @register(RANGE_SENSORS)
+    class ClockwiseScanner(PlanarScanner):
+        kind: Literal["clockwise"] = "clockwise"  # type: ignore[assignment]
+
+        def build(self, triangles: Any) -> Any:
+            return Clockwise(self, triangles)
+
+    for scanner in (LongScanner, ClockwiseScanner):
+        assert issubclass(scanner, RangeSensorSpec)
+        kind = scanner.model_fields["kind"].default
+        assert_rejected(lambda kind=kind: testing.check_range_sensor(kind), "nearest points")  # type: ignore[misc]

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import copy
 import json
 import math
 from collections.abc import Callable
@@ -10,13 +11,14 @@ from pathlib import Path
 from typing import Any, get_args
 
 import numpy as np
-from gymnasium.spaces import Box, Space
+from gymnasium.spaces import Box, Discrete, Space
 from gymnasium.vector.utils import batch_space
+from numpy.typing import NDArray
 
 from dockctl.agents.algorithms import AlgorithmSpec
 from dockctl.agents.interface import Algorithm, Spaces, Step, Tensors
 from dockctl.envs.observation import Columns, ObservationEncoder, View
-from dockctl.geometry import Floats
+from dockctl.geometry import Floats, nearest_in_sectors, rotate
 from dockctl.plugins import (
     ACTIONS,
     ALGORITHMS,
@@ -40,7 +42,8 @@ from dockctl.sim.vessel import ReferenceVesselModel, VesselModel
 from dockctl.testing.environments import SECTORS, Rows, check_environment, open_water
 
 BOATS = 7
-LEARNING_STEPS = 24
+SAMPLES = 1000
+SAVED_AT, LEARNING_STEPS = 24, 36
 FEATURES = Box(-1.0, 1.0, (5,), np.float32)
 GROUPS = ("water", "air", "sensing", "actuation", "vessel")
 
@@ -107,8 +110,10 @@ def check_action_type(kind: str, *, vessel: str | Path = "eilbrecht", **keys: An
             {"actions": actions, "previous": previous},
         )["commands"]
         assert commands.shape == (BOATS, 2), f"{what}: next_commands of shape {commands.shape}"
-    excess = np.abs(commands) - limit
-    assert (excess <= 1e-9).all(), f"{what}: a command exceeds the limits of the vessel"
+    every = _all_actions(space)
+    for side in (-1, 0, 1):
+        commands = spec.next_commands(every, boat, np.tile(side * limit, (len(every), 1)))
+        assert (np.abs(commands) <= limit + 1e-9).all(), f"{what}: a command exceeds the vessel's limits"
     check_environment(_scenario(actions=spec), [open_water()], steps=20)
 
 
@@ -129,7 +134,7 @@ def check_condition(kind: str, **keys: Any) -> None:
 
 
 def check_range_sensor(kind: str, **keys: Any) -> None:
-    """Check the range sensor `kind` with these keys: shape, range, points that agree, row by row."""
+    """Check the range sensor `kind` with these keys: shape, range, the points of each sector, row by row."""
     spec: RangeSensorSpec = _spec(RANGE_SENSORS, RangeSensorSpec, kind, keys)
     what, sensor = f"range sensor '{kind}'", spec.build(_basin())
     rng = np.random.default_rng(0)
@@ -141,8 +146,16 @@ def check_range_sensor(kind: str, **keys: Any) -> None:
     for pose, row in zip(poses, ranges, strict=True):
         points = sensor.points(pose)
         assert points.ndim == 2 and points.shape[1] == 3, f"{what}: points of shape {points.shape}"
-        nearest = np.hypot(points[:, 0], points[:, 1]).min(initial=spec.range_m)
-        assert abs(nearest - row.min()) < 1e-3, f"{what}: the nearest point is not the nearest range"
+        nearest = [  # a point on the edge of two sectors may belong to either
+            nearest_in_sectors(
+                np.column_stack(rotate(points[:, 0], points[:, 1], turn)), spec.sectors, spec.range_m
+            )
+            for turn in (-1e-6, 1e-6)
+        ]
+        low, high = np.min(nearest, axis=0) - 1e-3, np.max(nearest, axis=0) + 1e-3
+        assert ((low <= row) & (row <= high)).all(), (
+            f"{what}: ranges {row}, but the nearest points of the sectors are at {nearest[0]}"
+        )
     assert sensor.table_bytes >= 0, f"{what}: negative table_bytes"
     empty = spec.build(np.empty((0, 3, 3))).sector_ranges(poses)
     assert (empty == spec.range_m).all(), f"{what}: nothing returns, but a range is not {spec.range_m:g} m"
@@ -153,7 +166,7 @@ def check_algorithm(kind: str, action_space: Space[Any], **keys: Any) -> None:
 
     Actions are in the space; nothing is learned in the warm-up; metrics are finite; the same seed gives the
     same policy; the greedy policy is deterministic and can be rebuilt from its tensors; a restored algorithm
-    continues with the same policy and number of updates.
+    learns on as if it had not stopped.
 
     Args:
         kind: registered name.
@@ -161,13 +174,16 @@ def check_algorithm(kind: str, action_space: Space[Any], **keys: Any) -> None:
         keys: of ``training.algorithm``.
     """
     spec: AlgorithmSpec = _spec(ALGORITHMS, AlgorithmSpec, kind, keys)
-    total = BOATS * LEARNING_STEPS
     training = Training(
-        algorithm=spec, boats=BOATS, total_steps=total, warmup_steps=total // 2, batch_size=8,
-        steps_per_update=BOATS, hidden_sizes=(8, 8), replay_capacity=1000, n_step=1,
+        algorithm=spec, boats=BOATS, total_steps=BOATS * LEARNING_STEPS,
+        warmup_steps=BOATS * SAVED_AT // 2, batch_size=8, steps_per_update=BOATS, hidden_sizes=(8, 8),
+        replay_capacity=1000, n_step=1, target_update_interval=2,
     )  # fmt: skip
     spaces = Spaces(FEATURES, action_space)
-    first, second = (_trained(spec, spaces, training) for _ in range(2))
+    first, second = (
+        _learned(spec.build(spaces, training, "cpu"), spec, spaces, training, range(SAVED_AT))
+        for _ in range(2)
+    )
     what = f"algorithm '{kind}'"
     assert first.updates > 0, f"{what} makes no updates"
     _require_equal(first.policy_tensors(), second.policy_tensors(), f"{what}: the same seed gives another")
@@ -178,11 +194,16 @@ def check_algorithm(kind: str, action_space: Space[Any], **keys: Any) -> None:
     rebuilt = spec.load_policy(first.policy_tensors(), spaces, training.hidden_sizes)
     assert np.allclose(actions, rebuilt.act(observation, {})), f"{what}: the rebuilt policy differs"
 
-    tensors, facts = first.state()
+    (tensors, facts), policy, updates = copy.deepcopy((first.state(), first.policy_tensors(), first.updates))
+    _learned(first, spec, spaces, training, range(SAVED_AT, LEARNING_STEPS))
     restored = spec.build(spaces, training, "cpu")
-    restored.restore(first.policy_tensors(), tensors, json.loads(json.dumps(facts)))
-    assert restored.updates == first.updates, f"{what}: restore changes the number of updates"
-    _require_equal(first.policy_tensors(), restored.policy_tensors(), f"{what}: restore gives another")
+    restored.restore(policy, tensors, json.loads(json.dumps(facts)))
+    assert restored.updates == updates, f"{what}: restore changes the number of updates"
+    _require_equal(policy, restored.policy_tensors(), f"{what}: restore gives another")
+    _learned(restored, spec, spaces, training, range(SAVED_AT, LEARNING_STEPS))
+    _require_equal(
+        first.policy_tensors(), restored.policy_tensors(), f"{what}: learning after restore gives another"
+    )
 
 
 def check_vessel(source: str | Path) -> None:
@@ -212,6 +233,15 @@ def check_harbor(source: str | Path) -> None:
     assert np.array_equal(harbor.triangles, again.triangles), f"{what}: built differently the second time"
     assert spec == load_harbor(source), f"{what}: loads differently the second time"
     assert build_scene(harbor, load_vessel("eilbrecht").hull).polygons, f"{what}: nothing to draw"
+
+
+def _all_actions(space: Space[Any]) -> NDArray[Any]:
+    """Return every action of a discrete space, and many of another."""
+    if isinstance(space, Discrete):
+        return np.arange(space.start, space.start + space.n)
+    many = batch_space(space, SAMPLES)
+    many.seed(0)
+    return np.asarray(many.sample())
 
 
 def _spec(registry: Registry[type[Any]], base: type[Any], kind: str, keys: dict[str, Any]) -> Any:
@@ -334,13 +364,14 @@ def _hooks(simulator: Simulator) -> Rows:
     return values
 
 
-def _trained(spec: AlgorithmSpec, spaces: Spaces, training: Training) -> Algorithm:
-    """Return an algorithm that learned from random observations and rewards."""
-    algorithm = spec.build(spaces, training, "cpu")
+def _learned(
+    algorithm: Algorithm, spec: AlgorithmSpec, spaces: Spaces, training: Training, steps: range
+) -> Algorithm:
+    """Return the algorithm after learning from random observations and rewards, the same for equal steps."""
     what, space = f"algorithm '{spec.kind}'", batch_space(spaces.action, BOATS)
-    rng = np.random.default_rng(0)
+    rng = np.random.default_rng(steps.start)
     observation = rng.uniform(-1, 1, (BOATS, 5)).astype(np.float32)
-    for step in range(LEARNING_STEPS):
+    for step in steps:
         env_steps = step * BOATS
         before = observation.copy()
         action = np.asarray(algorithm.act(observation, env_steps))
