@@ -133,6 +133,9 @@ def plugin_errors(what: str, path: Path | None = None) -> Iterator[None]:
     Args:
         what: what failed, for example ``policy 'pid' fails``.
         path: the plugin's file, whose line is reported; by default that of the innermost frame.
+
+    Raises:
+        PluginError: the block raised another exception.
     """
     try:
         yield

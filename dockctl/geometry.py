@@ -55,7 +55,7 @@ def wrap(angle: Floats) -> Floats:
 
 
 def rotate(x: Floats, y: Floats, angle: float | Floats) -> tuple[Floats, Floats]:
-    """Return the coordinates of points rotated about the origin by `angle` [rad]."""
+    """Return the coordinates (n,) of points, rotated about the origin by `angle`, one or (n,) [rad]."""
     cosine, sine = np.cos(angle), np.sin(angle)
     return cosine * x - sine * y, sine * x + cosine * y
 
@@ -116,5 +116,5 @@ def nearest_in_sectors(points: Floats, sectors: int, range_m: float) -> Floats:
 
 
 def proximities(ranges_m: Floats) -> Floats:
-    """Return the inverse of ranges, those below 1 mm as 1 mm [1/m]."""
+    """Return the inverse [1/m] of ranges [m] in the same shape, those below 1 mm as 1 mm."""
     return 1 / np.maximum(ranges_m, 1e-3)

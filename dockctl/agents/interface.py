@@ -193,7 +193,7 @@ class Resumable(Protocol):
         ...
 
     def restore(self, arrays: Tensors, facts: dict[str, Any]) -> tuple[NDArray[Any], Info]:
-        """Continue from what `state` returned, and return the observations and info of that moment.
+        """Continue from what `state` returned; return the observations (n, k) and info of that moment.
 
         Raises:
             DockctlError: it is the state of another environment.

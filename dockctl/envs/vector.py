@@ -113,7 +113,7 @@ class DockingVectorEnv(VectorEnv[Observations, NDArray[Any], NDArray[Any]]):
 
     @cached_property
     def _sampler(self) -> StartSampler:
-        """Of the first start that is not given: it needs all harbors of the training."""
+        """Draws the starts that are not given; built on first use, since it needs all trained harbors."""
         unreachable = unreachable_in(self.worlds)
         trained = free_sites(self.scenario, unreachable, among=is_trained)
         return StartSampler(self.scenario, trained, unreachable, self._near, exploring=self._exploring)

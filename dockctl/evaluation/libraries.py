@@ -47,6 +47,11 @@ class CheckedPolicy:
 
 
 def imported(module: str, given: str) -> ModuleType:
+    """Import a module; `given` is what the user wrote, for errors.
+
+    Raises:
+        PluginError: it cannot be imported.
+    """
     with plugin_errors(f"policy {given}: module '{module}' cannot be imported"):
         return importlib.import_module(module)
 
@@ -76,6 +81,9 @@ def sb3_policy(file: Path, algorithm: str, env: DockingVectorEnv) -> Policy:
 
     Args:
         algorithm: class of Stable-Baselines3, which the file does not name.
+
+    Raises:
+        DockctlError: Stable-Baselines3 is not installed, has no such class, or the model does not fit `env`.
     """
     try:
         import stable_baselines3
@@ -110,6 +118,9 @@ def onnx_policy(file: Path, env: DockingVectorEnv) -> Policy:
     """Load an ONNX model: one input, observations (n, k), and action values (n, actions) as its first output.
 
     A model of ``dockctl export`` takes the observations in units and has an output of that name.
+
+    Raises:
+        DockctlError: ONNX Runtime is not installed, or the model does not fit the spaces of `env`.
     """
     try:
         import onnxruntime

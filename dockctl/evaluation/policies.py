@@ -186,7 +186,12 @@ class CheckpointPolicy(LoadedPolicy):
         return {"file": str(self.file), **self.card.model_dump(mode="json")}
 
     def scenario(self, source: str | Path | None = None, overrides: Sequence[str] = ()) -> LoadedScenario:
-        """Load the scenario, with the observation and the actions of the policy; see `LoadedPolicy`."""
+        """Load the scenario, with the observation and the actions of the policy; see `LoadedPolicy`.
+
+        Raises:
+            DockctlError: the scenario is invalid, the actions exceed the limits of its vessel, or `overrides`
+                change what belongs to the policy.
+        """
         source = source or self.own_scenario
         loaded = super().scenario(source, overrides)
         if overrides and (interface := self.card.interface):

@@ -60,12 +60,12 @@ class Grid:
 
     @property
     def positions_m(self) -> Floats:
-        """Offsets along one axis [m], zero in the middle."""
+        """Offsets along one axis, (k,) [m], zero in the middle."""
         count = math.floor(self.reach_m / self.step_m + 1e-9)
         return self.step_m * np.arange(-count, count + 1, dtype=np.float64)
 
     def offsets(self, heading_deg: float) -> Floats:
-        """Return rows dx [m], dy [m], heading offset [°] of all starts with one heading offset."""
+        """Return dx [m], dy [m] and heading offset [°] of all starts with one heading offset, (k², 3)."""
         dx, dy = np.meshgrid(self.positions_m, self.positions_m, indexing="ij")
         return np.column_stack([dx.ravel(), dy.ravel(), np.full(dx.size, heading_deg)])
 

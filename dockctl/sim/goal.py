@@ -48,13 +48,19 @@ def bearing(eta: Floats, goal: Floats) -> Floats:
 
 
 def final_reached(limit: Limit, distance: Floats, heading_error: Floats, speed: Floats) -> Bools:
-    """Return whether the final pose is reached: distance and heading < limits, speed <= its limit."""
+    """Return whether the final pose is reached: distance and heading < limits, speed <= its limit.
+
+    All are (n,), in m, rad and m/s.
+    """
     inside = (distance < limit.distance_m) & (np.abs(heading_error) < limit.heading)
     return inside & (speed <= limit.speed_mps)
 
 
 def intermediate_reached(limit: Limit, distance: Floats, heading_error: Floats, speed: Floats) -> Bools:
-    """Return whether the intermediate pose is reached: distance and heading <= limits, speed < its limit."""
+    """Return whether the intermediate pose is reached: distance and heading <= limits, speed < its limit.
+
+    All are (n,), in m, rad and m/s.
+    """
     inside = (distance <= limit.distance_m) & (np.abs(heading_error) <= limit.heading)
     return inside & (speed < limit.speed_mps)
 

@@ -279,7 +279,7 @@ class StartSampler:
 
 
 def offset_limits(position_m: float, heading_deg: float) -> Floats:
-    """Return the largest offsets in x, y [m] and heading [rad]."""
+    """Return the largest offsets (3,) in x, y [m] and heading [rad]."""
     return np.array([position_m, position_m, np.radians(heading_deg)])
 
 
@@ -290,7 +290,7 @@ def _interpolate(bounds: Sequence[float], fraction: float) -> float:
 def with_offset(
     start: Start, offsets: Floats, rng: np.random.Generator, unreachable: Unreachable, field: str
 ) -> Start:
-    """Return `start` moved within `offsets` to a reachable pose; `field` of the scenario gives them.
+    """Return `start` moved within `offsets` (3,) to a reachable pose; `field` of the scenario gives them.
 
     Raises:
         DockctlError: none is reachable.

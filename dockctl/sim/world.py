@@ -40,7 +40,7 @@ class Obstacles(Protocol):
     """What a boat can collide with. Poses `eta` are (n, 3) x, y [m] and heading [rad]."""
 
     def near(self, eta: Floats, within_m: float) -> Bools:
-        """Return whether the hull can touch something if its points move at most this far; conservative."""
+        """Return whether the hull can touch something if its points move at most this far, (n,)."""
         ...
 
     def blocked(self, eta: Floats) -> Bools:

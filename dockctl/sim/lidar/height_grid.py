@@ -92,7 +92,11 @@ class HeightGrid(NamedTuple):
 
     @classmethod
     def build(cls, triangles: Floats, largest_radius_m: float) -> HeightGrid:
-        """Build the grid over (m, 3, 3) triangles [m], with levels up to at least `largest_radius_m`."""
+        """Build the grid over (m, 3, 3) triangles [m], with levels up to at least `largest_radius_m`.
+
+        Raises:
+            DockctlError: the triangles overlap in so many cells that the grid would be too large.
+        """
         above = triangles[triangles[:, :, 2].max(axis=1, initial=-math.inf) >= 0.0]
         corners = above.reshape(-1, 3)[:, :2] if len(above) else np.zeros((1, 2))
         margin = largest_radius_m + 1.0
