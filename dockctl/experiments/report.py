@@ -11,12 +11,12 @@ from dockctl.agents.progress import REASONS
 from dockctl.errors import DockctlError
 from dockctl.evaluation.policies import load_checkpoint
 from dockctl.evaluation.replay import page_data, replay
-from dockctl.experiments.study import Experiment, Study, load_study
-from dockctl.reading import read_json, reading
+from dockctl.experiments.study import Experiment, Study, archived_study, load_study
+from dockctl.reading import read_json
 from dockctl.reports import replay as replay_page
 from dockctl.reports.report import Page, run_page
 from dockctl.reports.study_report import Trial, comparison_page, study_page
-from dockctl.run_files import BEST, POLICY_JSON, PROVENANCE, SCENARIO, STUDY
+from dockctl.run_files import BEST, POLICY_JSON, PROVENANCE, SCENARIO
 from dockctl.runs.directory import RunDirectory
 from dockctl.runs.files import exclusive_lock, write_atomically
 from dockctl.runs.reader import SOURCES, read_run
@@ -154,10 +154,8 @@ def _study_or_comparison(path: Path) -> Page:
 
 def _study(folder: Path) -> Study:
     """Return the study of archived runs: as archived with them, or the packaged one, or from the folders."""
-    file = folder / STUDY
-    if file.is_file():
-        with reading(file):
-            return Study.model_validate(read_json(file))
+    if archived := archived_study(folder):
+        return archived
     try:
         return load_study(folder.resolve().name)
     except DockctlError:

@@ -25,7 +25,7 @@ from dockctl.experiments.archive import archive
 from dockctl.experiments.interrupt import on_interrupt
 from dockctl.experiments.jobs import LocalJob, RunningJob, last_line
 from dockctl.experiments.live import clock
-from dockctl.experiments.study import Job, load_study, make_jobs
+from dockctl.experiments.study import Job, load_study, make_jobs, require_own_results
 from dockctl.run_files import STUDY
 from dockctl.runs.files import require_writable, write_json
 
@@ -55,8 +55,8 @@ def run_study(
         on: where they run, see `dockctl.cluster.connected`; by default here, without Ray.
 
     Raises:
-        DockctlError: the study or one of its scenarios is invalid, a run is damaged, a folder cannot be
-            written, or Ray cannot be used.
+        DockctlError: the study or one of its scenarios is invalid, the archive is of another study, a
+            run is damaged, a folder cannot be written, or Ray cannot be used.
     """
     study = load_study(source)
     experiments = study.chosen(names)
@@ -64,6 +64,7 @@ def run_study(
     for folder in (out, results):
         require_writable(folder)
     jobs = make_jobs(experiments, out)
+    require_own_results(study, results)
     console = Console()
     ending, done = run_jobs(console, jobs, workers, on)
     if ending != "interrupted":

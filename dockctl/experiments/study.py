@@ -15,6 +15,7 @@ from pydantic import Field, model_validator
 
 from dockctl.analysis.success_map import SMALL_OFFSET_DEG
 from dockctl.errors import DockctlError, nearest
+from dockctl.reading import read_json, reading
 from dockctl.run_files import (
     BEST,
     DRAWN,
@@ -29,6 +30,7 @@ from dockctl.run_files import (
     RECORDING,
     RETURNS,
     SCENARIO,
+    STUDY,
     TRANSFER,
 )
 from dockctl.runs.directory import RunDirectory
@@ -131,6 +133,36 @@ def load_study(source: str) -> Study:
         message = f"'{name}' is a packaged study, whose results would be replaced; set another name"
         raise input_error(location, message, "name", "duplicate")
     return study.model_copy(update={"name": name})
+
+
+def archived_study(results: Path) -> Study | None:
+    """Return the study that is archived with its results, or None if there is none.
+
+    Raises:
+        DockctlError: its file is damaged.
+    """
+    file = results / STUDY
+    if not file.is_file():
+        return None
+    with reading(file):
+        return Study.model_validate(read_json(file))
+
+
+def require_own_results(study: Study, results: Path) -> None:
+    """Check that no archived experiment has the name of one of the study, but other settings.
+
+    Raises:
+        DockctlError: one does: it is of another study of the same name, or was changed.
+    """
+    archived = archived_study(results)
+    settings = {e.name: (e.scenario, e.set) for e in archived.experiments} if archived else {}
+    for experiment in study.experiments:
+        folder = results / experiment.name
+        own = experiment.scenario, experiment.set
+        if folder.is_dir() and settings.get(experiment.name, own) != own:
+            message = f"{folder}: results of an experiment with another scenario or other settings"
+            remedy = "set another name of the study or of the experiment, or move these results away"
+            raise DockctlError(f"{message}; {remedy}", code="mismatch")
 
 
 @dataclass(frozen=True)

@@ -17,6 +17,7 @@ import pytest
 from rich.console import Console
 
 import dockctl as package
+from dockctl.errors import DockctlError
 from dockctl.experiments import jobs as jobs_module
 from dockctl.experiments.runner import Display, JobRunner, Progress
 from dockctl.experiments.study import Experiment, Job, Stage, make_jobs, nearest_failures
@@ -285,6 +286,26 @@ def test_study_writes_only_its_own_runs_and_results(
     assert before.items() <= after.items()
     own = ("results/mine/", "runs/reproduce/mine/")
     assert [name for name in after if name not in before and not name.startswith(own)] == []
+
+
+def test_results_of_another_study_of_the_same_name_are_not_replaced(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    source, results = write_study(tmp_path, tiny(seeds=1)), tmp_path / "results" / "mine"
+    (results / "tiny" / "seed0").mkdir(parents=True)
+    (results / "study.json").write_text(
+        json.dumps({"experiments": [tiny(set=["training.gamma=0.9"])]}, default=vars)
+    )
+    before = snapshot(tmp_path)
+    monkeypatch.chdir(tmp_path)
+    outcome = dockctl("reproduce", "--study", source)
+    assert outcome.code == 2
+    assert isinstance(outcome.error, DockctlError) and outcome.error.code == "mismatch"
+    assert str(Path("results") / "mine" / "tiny") in outcome.err
+    assert snapshot(tmp_path) == before
+    shutil.rmtree(results / "tiny")
+    monkeypatch.setattr("dockctl.experiments.runner.run_jobs", lambda *given: ("done", []))
+    assert dockctl("reproduce", "--study", source).code == 0
 
 
 def test_errors_come_before_anything_is_written(tmp_path: Path) -> None:
