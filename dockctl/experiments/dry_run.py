@@ -116,7 +116,10 @@ def build_algorithm(loaded: LoadedScenario, spaces: Spaces, boats: int, device: 
     spec = training.algorithm
     assert isinstance(spec, AlgorithmSpec)
     with Guard(ALGORITHMS, spec.kind), _located(loaded):
-        algorithm = spec.build(spaces, training, device)
+        try:
+            algorithm = spec.build(spaces, training, device)
+        except MemoryError as error:  # of the replay's whole capacity, which a short training does not fill
+            raise FieldError("training.replay_capacity", f"is too large: {error}", "unavailable") from None
         if training.mirrored:
             if not isinstance(algorithm, Mirrorable):
                 message = f"the algorithm '{spec.kind}' cannot learn from mirror images"

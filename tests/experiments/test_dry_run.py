@@ -184,3 +184,16 @@ def test_an_algorithm_that_cannot_learn_from_mirror_images() -> None:
     with pytest.raises(InputError) as caught:
         build_algorithm(loaded, spaces, 1, "cpu")
     assert caught.value.problems[0].file == "--set training.mirrored"
+
+
+def test_a_replay_that_cannot_be_allocated_is_located(monkeypatch: pytest.MonkeyPatch) -> None:
+    def allocate(*_: object) -> None:
+        raise MemoryError("Unable to allocate 127 GiB")
+
+    monkeypatch.setattr("dockctl.agents.dqn.algorithm.Replay", allocate)
+    loaded = load("s1", overrides=["training.replay_capacity=999999999"])
+    spaces = Spaces(Box(-1, 1, (2,)), Discrete(3))
+    with pytest.raises(InputError, match="127 GiB") as caught:
+        build_algorithm(loaded, spaces, 2, "cpu")
+    (problem,) = caught.value.problems
+    assert (problem.file, problem.code) == ("--set training.replay_capacity", "unavailable")
