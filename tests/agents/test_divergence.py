@@ -192,11 +192,15 @@ def test_a_restored_monitor_knows_the_first_values() -> None:
         second.check_update({"q_mean": 6.1}, 16)
 
 
-def test_a_rollback_before_the_first_checkpoint_says_that_there_is_none(tmp_path: Path) -> None:
-    made = trainer(tmp_path, nan_weight, on_divergence="rollback", evaluate_every_steps=10_000)
-    with pytest.raises(DivergenceError) as caught:
-        made.run()
-    assert "no checkpoint yet" in str(caught.value)
+def test_a_rollback_before_the_first_checkpoint_stops_and_says_more(tmp_path: Path) -> None:
+    errors = {}
+    for reaction in ("stop", "rollback"):
+        made = trainer(tmp_path / reaction, nan_weight, on_divergence=reaction, evaluate_every_steps=10_000)
+        with pytest.raises(DivergenceError) as caught:
+            made.run()
+        errors[reaction] = str(caught.value)
+    assert errors["rollback"].startswith(errors["stop"])
+    assert len(errors["rollback"]) > len(errors["stop"])
 
 
 def test_a_fault_that_returns_stops_the_training_in_the_end(tmp_path: Path) -> None:

@@ -241,16 +241,15 @@ def test_numbers_that_no_save_has_written_are_refused(
         group = group[key]
     group[path[-1]] = value
     save_pair(folder, "learner", tensors, facts)
-    with pytest.raises(CheckpointError, match="cannot be resumed"):
+    with pytest.raises(CheckpointError) as caught:
         toy(run).restore()
+    assert str(folder) in caught.value.message
 
 
 @pytest.mark.parametrize("missing", ["algorithm/online", "updates"])
-@pytest.mark.parametrize(
-    ("version", "reason"), [("0.0.1", "saved by dockctl 0.0.1"), (dockctl.__version__, "edited, or")]
-)
+@pytest.mark.parametrize("version", ["0.0.1", dockctl.__version__])
 def test_an_incomplete_state_is_of_another_version_or_edited_and_its_policy_loads(
-    tmp_path: Path, missing: str, version: str, reason: str
+    tmp_path: Path, missing: str, version: str
 ) -> None:
     run = new_run(tmp_path)
     stop_at(304, run)
@@ -259,9 +258,10 @@ def test_an_incomplete_state_is_of_another_version_or_edited_and_its_policy_load
     kept = {name: array for name, array in tensors.items() if not name.startswith(missing)}
     facts = {name: fact for name, fact in facts.items() if name != missing} | {"dockctl": version}
     save_pair(folder, "learner", kept, facts)
-    with pytest.raises(CheckpointError, match=reason) as caught:
+    with pytest.raises(CheckpointError) as caught:
         toy(run).restore()
     assert str(folder) in caught.value.message
+    assert version in caught.value.message
     _, card = load_policy(run.path)
     assert card.env_steps == 304
 
