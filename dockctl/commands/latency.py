@@ -22,7 +22,6 @@ from dockctl.commands.options import (
     select_policy,
 )
 from dockctl.console import make_table, numeric, print_table, print_text
-from dockctl.run_files import LATENCY
 from dockctl.runs.results import write_measurement
 
 
@@ -57,7 +56,7 @@ def latency(
     from dockctl.reports.latency import latency_figure
 
     given = select_policy(policy, ckpt, plugin, trust, scenario)
-    outputs = Outputs.select(LATENCY, given, scenario, set_ or (), out)
+    outputs = Outputs.select("latency", given, scenario, set_ or (), out)
     folder, stem = outputs.figures, outputs.stem
     with Console(stderr=True).status("timing decisions"):
         result = run(given, scenario, decisions, overrides=set_ or ())
