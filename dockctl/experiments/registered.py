@@ -65,7 +65,7 @@ def _describe(entry: Entry[Any]) -> tuple[str, str, str, str]:
         for name, default in entry.parameters.items()
         if name != "kind"
     ]
-    documentation = inspect.getdoc(entry.value) or ""
+    documentation = inspect.cleandoc(entry.value.__doc__ or "")  # not that of a base class
     return entry.kind, documentation.partition("\n")[0], ", ".join(parameters), entry.source
 
 

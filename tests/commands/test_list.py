@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import shutil
 from pathlib import Path
+from typing import Literal
 
 import pytest
 from typer.testing import CliRunner
@@ -12,8 +13,10 @@ from typer.testing import CliRunner
 from dockctl.cli import app
 from dockctl.commands import list as command
 from dockctl.errors import DockctlError
-from dockctl.plugins import REWARD_TERMS, VESSELS
+from dockctl.experiments.registered import rows_of
+from dockctl.plugins import CONDITIONS, REWARD_TERMS, VESSELS
 from dockctl.runs.directory import SHIPPED
+from dockctl.scenarios.extensions import Condition, Disturbance, register
 
 GENTLE = Path(__file__).parent.parent.parent / "examples/local-term/gentle.py"
 runner = CliRunner()
@@ -124,3 +127,15 @@ def test_a_table_in_a_terminal(monkeypatch: pytest.MonkeyPatch, capsys: pytest.C
     out = capsys.readouterr().out
     assert "─" in out
     assert "floor [m]" in out
+
+
+def test_a_class_without_a_docstring_is_not_described_by_that_of_its_base() -> None:
+    @register(CONDITIONS, group="water")
+    class Silent(Condition):
+        kind: Literal["silent"] = "silent"
+
+        def build(self, num_boats: int) -> Disturbance:
+            return Disturbance()
+
+    (row,) = (row for row in rows_of("conditions") if row[0] == "silent")
+    assert row[2] == ""
