@@ -288,3 +288,22 @@ def test_a_sensor_whose_points_do_not_agree_is_rejected() -> None:
         assert issubclass(scanner, RangeSensorSpec)
         kind = scanner.model_fields["kind"].default
         assert_rejected(lambda kind=kind: testing.check_range_sensor(kind), "nearest points")  # type: ignore[misc]
+
+
+def test_a_sensor_whose_noise_does_not_follow_the_seeds_is_rejected() -> None:
+    common = np.random.default_rng(0)
+
+    class Noisy(PlanarSensor):
+        def noisy_sector_ranges(self, eta: Any, noise: Any) -> Any:
+            ranges = self.sector_ranges(eta)
+            return ranges * common.uniform(0.9, 1.0, ranges.shape)
+
+    @register(RANGE_SENSORS)
+    class NoisyScanner(PlanarScanner):
+        kind: Literal["noisy"] = "noisy"  # type: ignore[assignment]
+
+        def build(self, triangles: Any) -> Any:
+            return Noisy(self, triangles)
+
+    assert issubclass(NoisyScanner, RangeSensorSpec)
+    assert_rejected(lambda: testing.check_range_sensor("noisy"), "noisy")

@@ -30,7 +30,7 @@ from dockctl.plugins import (
 )
 from dockctl.rewards.terms import Kind as RewardKind
 from dockctl.scenarios import catalog
-from dockctl.scenarios.extensions import ActionType, Condition, RangeSensorSpec
+from dockctl.scenarios.extensions import ActionType, Condition, NoisyRangeSensor, RangeNoise, RangeSensorSpec
 from dockctl.scenarios.loader import load, load_harbor, load_vessel
 from dockctl.scenarios.schema import ObservationPart, Scenario
 from dockctl.scenarios.training import Training
@@ -134,7 +134,7 @@ def check_condition(kind: str, **keys: Any) -> None:
 
 
 def check_range_sensor(kind: str, **keys: Any) -> None:
-    """Check the range sensor `kind` with these keys: shape, range, the points of each sector, row by row."""
+    """Check the range sensor `kind` with these keys: shape, range, points by sector, noise, row by row."""
     spec: RangeSensorSpec = _spec(RANGE_SENSORS, RangeSensorSpec, kind, keys)
     what, sensor = f"range sensor '{kind}'", spec.build(_basin())
     rng = np.random.default_rng(0)
@@ -156,9 +156,25 @@ def check_range_sensor(kind: str, **keys: Any) -> None:
         assert ((low <= row) & (row <= high)).all(), (
             f"{what}: ranges {row}, but the nearest points of the sectors are at {nearest[0]}"
         )
+    if isinstance(sensor, NoisyRangeSensor):
+        _check_noise(what, sensor, poses, ranges)
     assert sensor.table_bytes >= 0, f"{what}: negative table_bytes"
     empty = spec.build(np.empty((0, 3, 3))).sector_ranges(poses)
     assert (empty == spec.range_m).all(), f"{what}: nothing returns, but a range is not {spec.range_m:g} m"
+
+
+def _check_noise(what: str, sensor: NoisyRangeSensor, poses: Floats, ranges: Floats) -> None:
+    """Check the noisy ranges: those without noise where all errors are zero, and each row from its seed."""
+
+    def noisy(rows: Rows, error: float) -> Rows:
+        share = np.full(len(rows["eta"]), error)
+        noise = RangeNoise(rows["seeds"], share, share, np.zeros_like(share))
+        return {"noisy ranges": sensor.noisy_sector_ranges(rows["eta"], noise)}
+
+    rows = {"eta": poses, "seeds": np.arange(len(poses), dtype=np.uint64)}
+    _check_rows(what, lambda some: noisy(some, 0.05), rows)
+    exact = noisy(rows, 0.0)["noisy ranges"]
+    assert np.allclose(exact, ranges, rtol=0, atol=1e-6), f"{what}: noisy ranges without noise differ"
 
 
 def check_algorithm(kind: str, action_space: Space[Any], **keys: Any) -> None:
