@@ -139,16 +139,19 @@ def unreachable_in(worlds: Sequence[World]) -> list[Unreachable]:
     return [partial(ask, number) for number in range(len(worlds))]
 
 
-@shared(lambda world: world.lidar.table_bytes)
 def _world(spec: HarborSpec, base_dir: Path, hull: Hull, lidar: RangeSensorSpec) -> World:
-    harbor = build_harbor(spec, base_dir)
+    return _in_harbor(build_harbor(spec, base_dir), hull, lidar, (spec, base_dir, hull, lidar))
+
+
+@shared(lambda world: world.lidar.table_bytes)
+def _in_harbor(harbor: Harbor, hull: Hull, lidar: RangeSensorSpec, source: Source) -> World:
     with Guard(RANGE_SENSORS, lidar.kind):
         sensor = lidar.build(harbor.triangles)
     return World(
         obstacles=collision_checker(harbor, hull),
         lidar=sensor,
         scene=cache(partial(build_scene, harbor, hull)),
-        source=(spec, base_dir, hull, lidar),
+        source=source,
     )
 
 

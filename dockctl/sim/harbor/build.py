@@ -14,11 +14,11 @@ from dockctl.compute import shared
 from dockctl.drawing.scene import Polygon, Scene
 from dockctl.errors import InputError, Problem
 from dockctl.geometry import Floats
-from dockctl.scenarios.harbor import Generated, HarborSpec, Marina
+from dockctl.scenarios.harbor import Generated, HarborSpec, Marina, is_model_file
 from dockctl.scenarios.layouts import generate
 from dockctl.scenarios.vessel import Hull
 from dockctl.sim.harbor.marina import Berth, harbor_problem, marina_berths, marina_parts
-from dockctl.sim.harbor.mesh_files import load_bodies, moored_model
+from dockctl.sim.harbor.mesh_files import load_bodies, model_path, moored_model, version
 from dockctl.sim.harbor.mesh_size import MAX_TRIANGLES
 from dockctl.sim.harbor.solids import Part, Solid, hull_outline, outlines
 
@@ -62,7 +62,7 @@ def build_scene(harbor: Harbor, hull: Hull) -> Scene:
 
 
 def build_harbor(spec: HarborSpec, base_dir: Path) -> Harbor:
-    """Return the harbor of `spec`, from a cache; of generated layouts, the first one.
+    """Return the harbor of `spec`, from a cache unless a file has changed; of generated layouts, the first.
 
     Args:
         spec: the harbor.
@@ -73,8 +73,11 @@ def build_harbor(spec: HarborSpec, base_dir: Path) -> Harbor:
     """
     if isinstance(spec, Generated):
         spec = generate(spec, spec.seed)
+    files = [base_dir / file.path for file in spec.meshes]
+    if isinstance(spec, Marina):
+        files += [model_path(name) for name in spec.fleet.models if is_model_file(name)]
     # Without mesh files the result does not depend on the folder.
-    return _build(spec, base_dir if spec.meshes else Path())
+    return _build(spec, base_dir if spec.meshes else Path(), tuple(map(version, files)))
 
 
 def open_bodies(spec: HarborSpec, base_dir: Path) -> dict[str, int]:
@@ -89,7 +92,7 @@ def open_bodies(spec: HarborSpec, base_dir: Path) -> dict[str, int]:
 
 
 @shared(lambda harbor: 3 * harbor.triangles.nbytes)  # the triangles, and the meshes of the parts
-def _build(spec: HarborSpec, base_dir: Path) -> Harbor:
+def _build(spec: HarborSpec, base_dir: Path, versions: tuple[tuple[int, int] | None, ...]) -> Harbor:
     basin = None
     berths: list[Berth] = []
     problems: list[Problem] = []

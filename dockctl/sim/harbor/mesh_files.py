@@ -156,14 +156,33 @@ class MooredModel:
         return float(self.mesh.extents[1])
 
 
-@cache
+def version(path: Path) -> tuple[int, int] | None:
+    """Return what changes when a file is rewritten, for caches of what was read from it."""
+    try:
+        status = path.stat()
+    except OSError:  # reported where it is read
+        return None
+    return status.st_mtime_ns, status.st_size
+
+
+def model_path(name: str) -> Path:
+    """Return the file of the model `name`, which may be a path itself."""
+    return Path(name) if is_model_file(name) else VESSEL_MODELS / f"{name}.obj"
+
+
 def moored_model(name: str) -> MooredModel:
-    """Return the model `name`, or that of the OBJ file `name`.
+    """Return the model `name`, or that of the OBJ file `name`, from a cache.
 
     Raises:
         InputError: the file is missing or damaged.
     """
-    return read_model(Path(name) if is_model_file(name) else VESSEL_MODELS / f"{name}.obj")
+    path = model_path(name)
+    return _model(path, version(path))
+
+
+@cache
+def _model(path: Path, version: tuple[int, int] | None) -> MooredModel:
+    return read_model(path)
 
 
 def read_model(path: Path) -> MooredModel:

@@ -22,12 +22,13 @@ from dockctl.drawing.scene import Scene
 from dockctl.errors import InputError
 from dockctl.scenarios.base import Pose
 from dockctl.scenarios.harbor import HarborSpec, Marina, MeshFile, MeshHarbor
+from dockctl.scenarios.loader import load
 from dockctl.scenarios.vessel import Hull
 from dockctl.sim.collision import CollisionChecker
 from dockctl.sim.harbor import build
 from dockctl.sim.harbor.build import Harbor, build_harbor, build_scene
 from dockctl.sim.harbor.solids import Part, box, hull_outline
-from dockctl.sim.world import PoseCheck, load_checked
+from dockctl.sim.world import PoseCheck, build_worlds, load_checked
 from tests.sim.harbor.harbors import reference_harbor, reference_spec
 from tests.sim.meshes import peer
 
@@ -385,3 +386,28 @@ def test_the_outline_of_a_vessel_covers_it_from_stern_to_bow(harbor: Harbor) -> 
     for part in parts(harbor, "vessel"):
         xy = np.concatenate([polygon.xy for polygon in scene.polygons if polygon.name == part.name])
         np.testing.assert_allclose([xy.min(axis=0), xy.max(axis=0)], part.mesh.bounds[:, :2], atol=0.12)
+
+
+def test_a_mesh_file_that_is_rewritten_is_read_again(tmp_path: Path) -> None:
+    """Also by the worlds of a scenario and in a fleet; the same process may load it any number of times."""
+    pier, boat, scenario = tmp_path / "pier.obj", tmp_path / "boat.obj", tmp_path / "own.yaml"
+    scenario.write_text(
+        "extends: s1\nharbor:\n  fleet: {models: [boat.obj]}\n  meshes: [{path: pier.obj, up: z}]\n", "utf-8"
+    )
+    harbors = []
+    for length in (2.0, 3.0):
+        pier.write_text(trimesh.creation.box((length, 1, 1)).export(file_type="obj"), "utf-8")
+        hull = trimesh.creation.box((4 + length, 2, 1)).export(file_type="obj")
+        boat.write_text(f"o 00-hull\n{hull.partition(chr(10))[2]}", "utf-8")
+        loaded = load(scenario)
+        (world,) = build_worlds(loaded.scenario, loaded.base_dir)
+        assert isinstance(world.obstacles, CollisionChecker)
+        harbors.append(world.obstacles.harbor)
+    grown = {"mesh": 0.0, "vessel": 0.0}
+    for before, after in zip(*(harbor.parts for harbor in harbors), strict=True):
+        if before.kind in grown:
+            first, second = (
+                np.concatenate([solid.mesh.vertices for solid in part.solids]) for part in (before, after)
+            )
+            grown[before.kind] = float(np.hypot(*(np.ptp(second, axis=0) - np.ptp(first, axis=0))[:2]))
+    assert grown == pytest.approx({"mesh": 1.0, "vessel": 1.0})
