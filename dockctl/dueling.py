@@ -74,6 +74,9 @@ class Layers(NamedTuple):
         Raises:
             ValueError: the tensors are not those of a dueling network.
         """
+        kinds = {str(array.dtype) for array in tensors.values() if array.dtype.kind != "f"}
+        if kinds:
+            raise ValueError(f"weights of {', '.join(sorted(kinds))}, expected floating-point numbers")
         own = {name: np.asarray(array, np.float32) for name, array in tensors.items()}
         streams: list[list[Layer]] = []
         for name in cls._fields:

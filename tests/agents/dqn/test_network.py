@@ -152,6 +152,12 @@ DAMAGE = {
     "a mirror with numbers for columns": lambda tensors: tensors.update({"mirror.columns": np.arange(3.0)}),
     "a mirror with an array of another name": lambda tensors: tensors.update({"mirror.more": np.zeros(3)}),
     "a mirror without signs": lambda tensors: tensors.pop("mirror.signs"),
+    "weights that are integers": lambda tensors: tensors.update(
+        {"0.shared.0.weight": np.ones_like(tensors["0.shared.0.weight"], np.int32)}
+    ),
+    "complex weights": lambda tensors: tensors.update(
+        {"0.shared.0.weight": tensors["0.shared.0.weight"] + 1j}
+    ),
     "signs of another length": lambda tensors: tensors.update({"mirror.signs": np.ones(2, np.float32)}),
 }
 
