@@ -9,6 +9,7 @@ import importlib
 import io
 import logging
 import os
+import signal
 import sys
 from collections.abc import Iterator, Mapping
 from itertools import pairwise
@@ -177,6 +178,8 @@ def main() -> None:
     try:
         app(prog_name="dockctl")
     except SystemExit as end:
+        if end.code == INTERRUPTED:
+            signal.signal(signal.SIGINT, signal.SIG_IGN)  # another Ctrl-C would print a traceback
         sys.exit(end.code or _output_status())
 
 

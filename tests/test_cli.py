@@ -136,6 +136,20 @@ def test_an_interruption_exits_130() -> None:
     assert invoke(KeyboardInterrupt()) == (130, "")
 
 
+def test_ctrl_c_during_the_exit_of_an_interrupted_command_has_no_traceback() -> None:
+    code = """
+import atexit, os, signal
+from dockctl import cli
+atexit.register(lambda: os.kill(os.getpid(), signal.SIGINT))
+def interrupted(prog_name):
+    raise SystemExit(130)
+cli.app = interrupted
+cli.main()
+"""
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True)
+    assert (done.returncode, done.stderr) == (130, "")
+
+
 def version(stdout: int, stderr: int) -> subprocess.CompletedProcess[str]:
     command = [sys.executable, "-m", "dockctl", "--version"]
     return subprocess.run(command, stdout=stdout, stderr=stderr, text=True, timeout=60)
