@@ -58,6 +58,7 @@ $(VENV)/.run: pyproject.toml constraints.txt
 	$(PYTHON) -m venv $(VENV)
 	@echo "installing dockctl into $(VENV) (a few minutes the first time)"
 	$(PIP) --editable .
+	@$(BIN)/python -m compileall -q dockctl   # pip does not, and every start would where Python writes no bytecode
 	@touch $@
 
 $(VENV)/.dev: $(VENV)/.run
