@@ -3,6 +3,7 @@
     python benchmarks/environment.py
 
 Actions are random and starts are those of training, so that all parts of the marina are visited. Full LiDAR.
+The serial part of a step is what remains without a LiDAR: scans run on all cores, everything else on one.
 """
 
 from __future__ import annotations
@@ -13,6 +14,7 @@ import statistics
 import time
 import tracemalloc
 from collections.abc import Callable
+from dataclasses import replace
 from itertools import pairwise
 
 import bench  # before numpy
@@ -22,6 +24,7 @@ import numpy as np
 import dockctl.envs  # noqa: F401  registers the environments
 from dockctl.compute import usable_cores
 from dockctl.envs.vector import DockingVectorEnv
+from dockctl.sim.world import NothingInRange
 
 BOATS = (1, 16, 256, 4096)
 BOAT_STEPS = 4096  # of all boats together, in one round
@@ -47,6 +50,15 @@ def stepping_cases(envs: dict[int, DockingVectorEnv], cores: int) -> dict[str, b
             stepping(env, steps), steps * boats, cores
         )
     return cases
+
+
+def without_lidar(env: DockingVectorEnv) -> DockingVectorEnv:
+    """Return the same environment without scans."""
+    nothing = NothingInRange(env.scenario.sensors.lidar)
+    worlds = [replace(world, lidar=nothing) for world in env.worlds]
+    blind = DockingVectorEnv(env.scenario, env.num_envs, exploring=True, worlds=worlds)
+    blind.reset(seed=0)
+    return blind
 
 
 def held_bytes(boats: int) -> int:
@@ -99,11 +111,14 @@ def main() -> None:
     slope = (held[some] - held[few]) / (some - few)
     report.seconds = bench.alternate(stepping_cases(envs, cores), arguments.rounds, "wall clock")
     processor = bench.alternate(stepping_cases(envs, 1), arguments.rounds, "CPU time")
+    blind = {boats: without_lidar(env) for boats, env in envs.items()}
+    serial = bench.alternate(stepping_cases(blind, 1), arguments.rounds, "without LiDAR")
     one_boat = single_step_ms(1020)
     report.facts = {
         "boats": list(BOATS),
         "cores": cores,
         "processor_seconds": [bench.summary(seconds) for seconds in processor.values()],
+        "serial_seconds": [bench.summary(seconds) for seconds in serial.values()],
         "held_bytes": [held[boats] for boats in BOATS],
         "state_bytes_a_boat": state_bytes(envs[BOATS[-1]]) / BOATS[-1],
         "held_bytes_a_boat": slope,

@@ -1,14 +1,16 @@
-"""Scaling: the time of a scan over rays and triangles.
+"""Scaling: the time of a scan over rays, triangles and sectors, and of a step over harbors.
 
     python benchmarks/growth.py
 
 Rays: the four LiDARs have more or fewer firings per revolution. Triangles: each one is divided into four,
-repeatedly, so that the scene is the same. Poses are in the fairway. The comparison is embree. One core.
+repeatedly, so that the scene is the same. Poses are in the fairway. The comparison is embree. Harbors:
+generated layouts of `marinas`, all in use. One core.
 """
 
 from __future__ import annotations
 
 import argparse
+import multiprocessing
 import os
 import tempfile
 from typing import Any
@@ -16,15 +18,20 @@ from unittest.mock import patch
 
 import bench  # before numpy
 import numpy as np
+import psutil
 from lidar import FAIRWAY, embree_scanner, megabytes, scans
 from numpy.typing import NDArray
 
+from dockctl.envs.vector import DockingVectorEnv
 from dockctl.scenarios.loader import load
 from dockctl.sim.lidar.spinning_sensor import SpinningSensor
 from dockctl.sim.world import build_worlds
 
 AZIMUTH_STEPS = (225, 450, 900, 1800, 3600, 7200)
 CUTS = (0, 1, 2)
+SECTORS = (4, 8, 16, 32, 64)
+HARBORS = (1, 4, 16, 64)
+BOATS = 64
 EMBREE_POSES = 4
 
 
@@ -49,10 +56,24 @@ def point(lidar: SpinningSensor, rounds: int, what: str) -> dict[str, Any]:
     return {
         "rays": len(lidar.rays.reach),
         "triangles": len(lidar.triangles),
+        "sectors": lidar.spec.sectors,
         "rays_mb": megabytes(table),
         "harbor_mb": megabytes(grid),
         **{name: bench.summary(seconds) for name, seconds in times.items()},
     }
+
+
+def in_harbors(harbors: int, rounds: int) -> dict[str, Any]:
+    """Measure a step of all boats, spread over some layouts, and the memory."""
+    before = psutil.Process().memory_info().rss
+    loaded = load("marinas", overrides=[f"harbor.layouts={harbors}"])
+    env = DockingVectorEnv(loaded, BOATS, exploring=True)
+    env.reset(seed=0)
+    actions = np.random.default_rng(0).integers(env.single_action_space.n, size=(20, BOATS))
+    case = bench.Case(lambda: [env.step(action) for action in actions], actions.size)
+    times = bench.alternate({"step": case}, rounds, "harbors")
+    used = psutil.Process().memory_info().rss - before
+    return {"harbors": harbors, "memory_mb": used / 1e6, "step": bench.summary(times["step"])}
 
 
 def exponent(points: list[dict[str, Any]], size: str) -> float:
@@ -84,12 +105,26 @@ def main() -> None:
         for _ in CUTS[1:]:
             scenes.append(quartered(scenes[-1]))
         cuts = [point(SpinningSensor(spec, scene), arguments.rounds, "triangles") for scene in scenes]
-    report.facts = {"rays": rays, "triangles": cuts}
+        sectors = [
+            point(
+                SpinningSensor(spec.model_copy(update={"sectors": count}), triangles),
+                arguments.rounds,
+                "sectors",
+            )
+            for count in SECTORS
+        ]
+    with multiprocessing.get_context("spawn").Pool(1, maxtasksperchild=1) as process:
+        # Each in a process of its own, whose memory holds nothing else.
+        harbors = [process.apply(in_harbors, (count, arguments.rounds)) for count in HARBORS]
+    report.facts = {
+        "rays": rays, "triangles": cuts, "sectors": sectors, "harbors": harbors, "boats": BOATS
+    }  # fmt: skip
     report.targets = [
         bench.Target("exponent of the time of a scan over the rays", exponent(rays, "rays"), at_most=1),
         bench.Target(
             "exponent of the time of a scan over the triangles", exponent(cuts, "triangles"), at_most=0.5
         ),
+        bench.Target("64 harbors in one training", harbors[-1]["memory_mb"] / 1e3, at_most=3, unit="GB"),
     ]
     report.write()
 

@@ -2,13 +2,16 @@
 
     python benchmarks/lidar.py
 
-Fairway poses are between the rows of berths, berth poses on the approach to a berth.
+Fairway poses are between the rows of berths, berth poses on the approach to a berth. The slowest scans of
+the whole basin are those under the overhang of a bow or a deck.
 """
 
 from __future__ import annotations
 
 import argparse
 import os
+import statistics
+import time
 from collections.abc import Callable
 from threading import Barrier, get_native_id
 
@@ -18,9 +21,11 @@ import trimesh
 from numpy.typing import NDArray
 from trimesh.ray.ray_pyembree import RayMeshIntersector
 
+from dockctl.compute import workers
 from dockctl.geometry import Floats
 from dockctl.scenarios.loader import load
 from dockctl.sim.lidar import spinning_sensor as lidar_module
+from dockctl.sim.lidar.shell_table import needed_radii
 from dockctl.sim.lidar.spinning_sensor import SpinningSensor
 from dockctl.sim.world import build_worlds
 
@@ -82,7 +87,26 @@ def pin_threads(cores: int) -> None:
         os.sched_setaffinity(get_native_id(), {core})
 
     if cores > 1 and hasattr(os, "sched_setaffinity"):
-        list(lidar_module.workers().map(pin, sorted(os.sched_getaffinity(0))[1:cores]))
+        list(workers().map(pin, sorted(os.sched_getaffinity(0))[1:cores]))
+
+
+def slowest_ms(lidar: SpinningSensor, poses: Floats, repetitions: int = 3) -> float:
+    """Return the CPU time of the slowest scan from the poses, the least of the repetitions [ms]."""
+
+    def milliseconds(pose: Floats) -> float:
+        begin = time.thread_time()
+        lidar.sector_ranges(pose)
+        return 1e3 * (time.thread_time() - begin)
+
+    lidar_module.usable_cores = lambda: 1
+    return max(min(milliseconds(pose[None]) for _ in range(repetitions)) for pose in poses)
+
+
+def building_s(lidar: SpinningSensor) -> float:
+    """Return the CPU time in which the tables of a harbor are built [s]."""
+    begin = time.thread_time()
+    lidar._build_grid(needed_radii(lidar._tables[0]).max())
+    return time.thread_time() - begin
 
 
 def megabytes(arrays: tuple[NDArray[np.generic], ...]) -> float:
@@ -94,7 +118,8 @@ def main() -> None:
     parser.add_argument("--rounds", type=int, default=15)
     arguments = parser.parse_args()
     loaded = load("s3")
-    lidar = build_worlds(loaded.scenario, loaded.base_dir)[0].lidar
+    marina = build_worlds(loaded.scenario, loaded.base_dir)[0]
+    lidar = marina.lidar
     lidar.sector_ranges(np.zeros((1, 3)))
     rng, cores = np.random.default_rng(0), lidar_module.usable_cores()
     fairway, berth, few = rng.uniform(*FAIRWAY, (500, 3)), rng.uniform(*BERTH, (500, 3)), 10
@@ -124,6 +149,8 @@ def main() -> None:
     report.seconds |= wall_clock
 
     table, grid, _ = lidar._tables
+    x_min, y_min, x_max, y_max = marina.obstacles.harbor.bounds
+    basin = rng.uniform((x_min, y_min, -np.pi), (x_max, y_max, np.pi), (10_000, 3))
     report.facts = {
         "rays": len(lidar.rays.reach),
         "triangles": len(lidar.triangles),
@@ -138,7 +165,12 @@ def main() -> None:
             at_least=0.85 * cores,
             unit="×",
         ),
+        bench.Target(
+            "a scan in the fairway", 1e3 * statistics.median(report.seconds[SCAN]), at_most=0.25, unit="ms"
+        ),
+        bench.Target("slowest of 10,000 scans in the basin", slowest_ms(lidar, basin), at_most=5, unit="ms"),
         bench.Target("grid of a harbor", report.facts["harbor_mb"], at_most=10, unit="MB"),
+        bench.Target("grid of a harbor, built in", building_s(lidar), at_most=2, unit="s"),
     ]
     report.write()
 

@@ -17,6 +17,7 @@ from matplotlib.figure import Figure
 
 from dockctl.reports.style import figure_style
 
+CORES = (1, 2, 8, 32, 128)
 DOCS = Path(__file__).parents[1] / "docs"
 SCRIPTS = (
     "lidar", "reference", "environment", "growth", "learner", "gpu", "latency", "start", "training",
@@ -80,8 +81,13 @@ inside one. Embree computes in single precision; its largest difference is
 
 
 def growth_section(growth: Json) -> str:
-    rays, cuts = growth["facts"]["rays"], growth["facts"]["triangles"]
-    by_rays, by_triangles = (f"{target['value']:.2f}" for target in growth["targets"])
+    facts = growth["facts"]
+    rays, cuts, sectors = facts["rays"], facts["triangles"], facts["sectors"]
+    by_rays, by_triangles, *_ = (f"{target['value']:.2f}" for target in growth["targets"])
+    harbors = [
+        [f"{one['harbors']}", number(1e6 * one["step"]["median"]), number(one["memory_mb"])]
+        for one in facts["harbors"]
+    ]
 
     def rows(points: list[Json], size: str) -> list[list[str]]:
         return [
@@ -110,9 +116,18 @@ tested only at its heights in a cell.
 
 {table(("triangles", *head), rows(cuts, "triangles"))}
 
+More sectors mean more nearest returns to find, each of which ends the search in a narrower direction:
+
+{table(("sectors", *head), rows(sectors, "sectors"))}
+
 About half of the time is the traversal of rays through cells of 0.1 m and the intersection tests there; the
 rest is the selection of the rays. Both are bound by memory access, because every pose uses another part of
-the tables."""
+the tables.
+
+Harbors in one training: {facts["boats"]} boats of `marinas`, with its eight LiDARs, in so many generated
+layouts. The memory is that of harbors, LiDAR tables and environment.
+
+{table(("harbors", "CPU time per boat and step [µs]", "memory [MB]"), harbors)}"""
 
 
 def boats_section(environment: Json) -> str:
@@ -121,6 +136,18 @@ def boats_section(environment: Json) -> str:
     rows = [
         [f"{boats:,}", f"{1 / wall['median']:,.0f}", number(1e6 * processor["median"]), number(held / 1e6)]
         for (boats, wall, processor), held in zip(timed, facts["held_bytes"], strict=True)
+    ]
+    processor, serial = (
+        [seconds["median"] for seconds in facts[key]] for key in ("processor_seconds", "serial_seconds")
+    )
+    implied = [
+        [
+            f"{boats:,}",
+            number(1e6 * own),
+            f"{own / total:.0%}",
+            *(f"{1 / (own + (total - own) / cores):,.0f}" for cores in CORES),
+        ]
+        for boats, total, own in zip(facts["boats"], processor, serial, strict=True)
     ]
     return f"""## Batched environments
 
@@ -133,7 +160,13 @@ A step of one boat through `gymnasium.make` takes {number(facts["one_step_ms"]["
 waiting for the slowest scan dominate; at large ones, the scan dominates. Memory grows by
 {number(facts["held_bytes_a_boat"] / 1e3)} kB per boat, of which the state is
 {number(facts["state_bytes_a_boat"] / 1e3)} kB; the rest is the random generator and the last observation and
-info. Boats are independent, so throughput grows with the number of cores."""
+info.
+
+Scans run on all cores, everything else in one thread. From the CPU time of a step without a LiDAR, the serial
+part, follows how many steps per second other numbers of cores would make (Amdahl's law); the machine has
+{facts["cores"]}:
+
+{table(("boats", "serial [µs]", "share", *(f"{cores} cores" for cores in CORES)), implied)}"""
 
 
 def latency_section(latency: Json) -> str:
@@ -192,15 +225,24 @@ the inner loops; both are cached:
 def training_section(training: Json) -> str:
     rows = [
         [
-            str(run["seed"]),
-            f"{run['wall_s'] / 60:.1f}",
+            f"{run['scenario']}, seed {run['seed']}",
+            f"{run['wall_s']:.0f}",
+            f"{run['env_steps']:,}",
+            f"{run['validation']:.0%}",
             f"{run['cores_used']:.2f}",
+            number(run["steps_per_second"]) if run["steps_per_second"] else "",
             f"{run['peak_memory_gb']:.2f}",
         ]
         for run in training["facts"]["runs"]
     ]
-    head = ("seed", "minutes", "cores in use", "peak memory [GB]")
-    return "## Training of scenario 3 until mastery\n\n" + table(head, rows)
+    head = ("training", "seconds", "steps", "docked", "cores in use", "steps per second", "peak memory [GB]")
+    return f"""## Training until mastery
+
+From the command to mastery: in scenarios 1 to 3 the stop rule ends the training, in the marina the first
+validation does that docks from 99 of 100 starts. "Docked" is the share of the last validation's starts. Steps
+per second are those while learning, without validations.
+
+{table(head, rows)}"""
 
 
 def machine_section(found: dict[str, Json]) -> str:
