@@ -3,7 +3,8 @@
     python benchmarks/lidar.py
 
 Fairway poses are between the rows of berths, berth poses on the approach to a berth. The slowest scans of
-the whole basin are those under the overhang of a bow or a deck.
+the whole basin are those under the overhang of a bow or a deck; poses in contact are left out, as they end
+the episode.
 """
 
 from __future__ import annotations
@@ -151,6 +152,7 @@ def main() -> None:
     table, grid, _ = lidar._tables
     x_min, y_min, x_max, y_max = marina.obstacles.harbor.bounds
     basin = rng.uniform((x_min, y_min, -np.pi), (x_max, y_max, np.pi), (10_000, 3))
+    free = basin[~marina.obstacles.blocked(basin)]
     report.facts = {
         "rays": len(lidar.rays.reach),
         "triangles": len(lidar.triangles),
@@ -168,7 +170,9 @@ def main() -> None:
         bench.Target(
             "a scan in the fairway", 1e3 * statistics.median(report.seconds[SCAN]), at_most=0.25, unit="ms"
         ),
-        bench.Target("slowest of 10,000 scans in the basin", slowest_ms(lidar, basin), at_most=5, unit="ms"),
+        bench.Target(
+            f"slowest of {len(free):,} scans in the basin", slowest_ms(lidar, free), at_most=5, unit="ms"
+        ),
         bench.Target("grid of a harbor", report.facts["harbor_mb"], at_most=10, unit="MB"),
         bench.Target("grid of a harbor, built in", building_s(lidar), at_most=2, unit="s"),
     ]
