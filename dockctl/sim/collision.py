@@ -54,7 +54,7 @@ class CollisionChecker:
 
         Args:
             eta: (n, 3) poses.
-            within_m: greatest displacement of a point of the hull [m].
+            within_m: maximum displacement of a point of the hull [m].
         """
         length, beam, height = self._size + 2 * SLACK_M
         box = fcl.Box(length + 2 * within_m, beam + 2 * within_m, height)
@@ -197,7 +197,7 @@ def first_contact(
 
     A section of the path is skipped if nothing is near the hull at its middle; others are halved, down to
     `CONTACT_RESOLUTION_M` or, for small hulls, a tenth of the beam or length. A hull therefore cannot cross a
-    surface, and only contact on a shorter way is missed.
+    surface, and only contact on a shorter path is missed.
 
     Args:
         path: (k, 3 + m) successive poses and any m other columns, linear in between; k >= 1.
@@ -231,7 +231,7 @@ def least_clearance(eta: Floats, clearance: Callable[[Floats], Floats], reach_m:
     Args:
         eta: (k, 3) successive poses, x, y [m] and heading [rad]; k >= 1.
         clearance: clearance of poses, (m, 3) to (m,) [m].
-        reach_m: greatest distance of a point of the hull from the body origin [m].
+        reach_m: maximum distance of a point of the hull from the body origin [m].
     """
 
     @cache
@@ -252,9 +252,9 @@ def least_clearance(eta: Floats, clearance: Callable[[Floats], Floats], reach_m:
 
 
 def _moved(path: Floats, reach_m: float) -> Floats:
-    """Return a bound of the way of any point of the hull up to each pose of a path, (k, 3 + m) to (k,) [m].
+    """Return an upper bound on the distance that any point of the hull moved up to each pose of a path [m].
 
-    No point moves farther than the body origin plus the heading change times `reach_m`.
+    (k, 3 + m) to (k,). No point moves farther than the body origin plus the heading change times `reach_m`.
     """
     x, y, heading = np.diff(path[:, :3], axis=0).T
     return np.concatenate([[0.0], np.cumsum(np.hypot(x, y) + reach_m * np.abs(heading))])

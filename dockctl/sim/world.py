@@ -131,7 +131,7 @@ def build_worlds(scenario: Scenario, base_dir: Path) -> Worlds:
 
 
 def unreachable_in(worlds: Sequence[World]) -> list[Unreachable]:
-    """Return for each harbor whether poses are unreachable there; a world is built when that is asked."""
+    """Return for each harbor whether poses are unreachable there; a world is built when it is queried."""
 
     def ask(number: int, eta: Floats, goal: Floats) -> Bools:
         return worlds[number].obstacles.unreachable(eta, goal)

@@ -23,7 +23,7 @@ from dockctl.dueling import Mirror, join, split
 from dockctl.scenarios.training import Training
 
 DRAWN_BYTES = 2**25
-"""Most memory of the transitions that are drawn at once, if that is enough for one update."""
+"""Memory limit of the transitions that are sampled at once, if that is enough for one update."""
 
 
 @pydantic.dataclasses.dataclass
@@ -40,7 +40,7 @@ class DQN:
     Args:
         observation_size: length of an observation.
         actions: number of discrete actions.
-        training: every number of the algorithm.
+        training: the hyperparameters.
         device: of the networks; the replay stays in main memory.
     """
 
