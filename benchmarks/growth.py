@@ -68,6 +68,7 @@ def in_harbors(harbors: int, rounds: int) -> dict[str, Any]:
     before = psutil.Process().memory_info().rss
     loaded = load("marinas", overrides=[f"harbor.layouts={harbors}"])
     env = DockingVectorEnv(loaded, BOATS, exploring=True)
+    env.simulator.prepare(range(harbors))
     env.reset(seed=0)
     actions = np.random.default_rng(0).integers(env.single_action_space.n, size=(20, BOATS))
     case = bench.Case(lambda: [env.step(action) for action in actions], actions.size)

@@ -17,7 +17,7 @@ from matplotlib.figure import Figure
 
 from dockctl.reports.style import figure_style
 
-CORES = (1, 2, 8, 32, 128)
+CORES = (2, 8, 32, 128)
 DOCS = Path(__file__).parents[1] / "docs"
 SCRIPTS = (
     "lidar", "reference", "environment", "growth", "learner", "gpu", "latency", "start", "training",
