@@ -13,6 +13,7 @@ import argparse
 import multiprocessing
 import os
 import tempfile
+from collections.abc import Iterable
 from typing import Any
 from unittest.mock import patch
 
@@ -94,26 +95,16 @@ def main() -> None:
     report = bench.Report("growth", "Scaling")
     with tempfile.TemporaryDirectory() as folder, patch.dict(os.environ, XDG_CACHE_HOME=folder):
         # These tables need not be cached.
-        rays = [
-            point(
-                SpinningSensor(spec.model_copy(update={"azimuth_steps": steps}), triangles),
-                arguments.rounds,
-                "rays",
-            )
-            for steps in AZIMUTH_STEPS
-        ]
+        def varied(key: str, values: Iterable[int], what: str) -> list[dict[str, Any]]:
+            specs = (spec.model_copy(update={key: value}) for value in values)
+            return [point(SpinningSensor(each, triangles), arguments.rounds, what) for each in specs]
+
+        rays = varied("azimuth_steps", AZIMUTH_STEPS, "rays")
+        sectors = varied("sectors", SECTORS, "sectors")
         scenes = [triangles]
         for _ in CUTS[1:]:
             scenes.append(quartered(scenes[-1]))
         cuts = [point(SpinningSensor(spec, scene), arguments.rounds, "triangles") for scene in scenes]
-        sectors = [
-            point(
-                SpinningSensor(spec.model_copy(update={"sectors": count}), triangles),
-                arguments.rounds,
-                "sectors",
-            )
-            for count in SECTORS
-        ]
     with multiprocessing.get_context("spawn").Pool(1, maxtasksperchild=1) as process:
         # Each in a process of its own, whose memory holds nothing else.
         harbors = [process.apply(in_harbors, (count, arguments.rounds)) for count in HARBORS]

@@ -11,6 +11,7 @@ from __future__ import annotations
 
 import argparse
 import contextlib
+import json
 import os
 import statistics
 import subprocess
@@ -25,6 +26,8 @@ from typing import Any
 import bench
 import pandas as pd
 import psutil
+
+from dockctl.experiments.interrupt import INTERRUPTED
 
 POLL_S = 0.2
 ENOUGH = 0.99  # of the marina's validation starts
@@ -64,6 +67,10 @@ def train(scenario: str, seed: int, out: Path) -> dict[str, Any]:
     if process.poll() is None:
         process.terminate()
         process.wait()
+    if process.returncode not in (0, INTERRUPTED):
+        raise subprocess.CalledProcessError(process.returncode, command)
+    (provenance,) = out.glob("*/*/provenance.json")
+    stop_reason = json.loads(provenance.read_text(encoding="utf-8"))["stop_reason"]
     timing = pd.read_csv(next(out.glob("*/*/timing.csv")))
     learning = timing[timing["env_steps"].between(*LEARNING)].diff().sum()
     rate = float(learning["env_steps"] / learning["wall_s"]) if learning["wall_s"] else None
@@ -73,6 +80,7 @@ def train(scenario: str, seed: int, out: Path) -> dict[str, Any]:
         "wall_s": wall,
         "env_steps": int(timing["env_steps"].iloc[-1]),
         "validation": docked_share(out),
+        "mastered": docked_share(out) >= ENOUGH if scenario == "marina" else stop_reason == "mastered",
         "cores_used": processor_s / wall,
         "peak_memory_gb": peak_bytes / 1e9,
         "steps_per_second": rate,
@@ -101,6 +109,10 @@ def main() -> None:
             runs.append(train(scenario, seed, Path(folder)))
             bench.console.print(runs[-1])
     report.facts = {"runs": runs, "cores": os.cpu_count()}
+    report.targets = [
+        bench.Target("trainings that reached mastery", sum(run["mastered"] for run in runs), len(runs)),
+        bench.Target("peak memory", max(run["peak_memory_gb"] for run in runs), at_most=1.5, unit="GB"),
+    ]
     for scenario in arguments.scenarios:
         own = [run["wall_s"] for run in runs if run["scenario"] == scenario]
         limits = LIMITS[scenario]

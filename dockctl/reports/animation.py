@@ -198,7 +198,7 @@ class _Video:
         self._canvas, self._background = canvas, canvas.copy_from_bbox(self._figure.bbox)
 
     def _add(self, artist: Any) -> Any:
-        """Draw an artist anew in every frame."""
+        """Redraw an artist in every frame."""
         artist.set_animated(True)
         self._moving.append(artist)
         return artist

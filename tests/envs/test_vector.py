@@ -211,7 +211,7 @@ def test_a_boat_without_a_start_rests_and_leaves_the_others_as_they_are(scenario
     _, start = among.reset(seed=[1, 2, 3], options={"starts": [first, None, second]})
     scanned: list[int] = []
     scan = among.simulator.scan
-    among.simulator.scan = lambda rows=None: (scanned.extend(rows), scan(rows))[1]  # type: ignore[method-assign]
+    among.simulator.scan = lambda rows=None: (scanned.extend(rows), scan(rows))[1]  # type: ignore[method-assign]  # spy
     for _ in range(30):
         expected, seen = alone.step(np.array([60, 73])), among.step(np.array([60, 5, 73]))
         for name, there, here in zip(("observation", "reward"), expected, seen, strict=False):

@@ -42,7 +42,7 @@ def test_the_study_has_its_own_title_and_experiments(tmp_path: Path) -> None:
         ],
     }
     study["experiments"][1] |= {"title": "", "set": ["training.batch_size=64"]}  # type: ignore[index]  # JSON
-    study["experiments"][2]["name"] = "later"  # type: ignore[index]
+    study["experiments"][2]["name"] = "later"  # type: ignore[index]  # JSON
     (results / "study.json").write_text(json.dumps(study))
     page = report.write_report(results, tmp_path / "page.html", note=quiet)
     assert title(page) == "Does a larger batch help?"
