@@ -2,14 +2,21 @@
 
     python tools/vessels/generate.py [FOLDER]
 
-Coordinates are written with all digits of a float64, so that dockctl reads back the same numbers.
+Coordinates are written with all digits of a float64, so that dockctl reads back the same numbers. On a
+processor with AVX-512 they are those of the packaged files, bit for bit; on others, NumPy's power rounds some
+last bits differently.
 """
 
 from __future__ import annotations
 
+import os
 import sys
 from collections.abc import Callable, Iterator
 from pathlib import Path
+
+if "avx512vl" in Path("/proc/cpuinfo").read_text():
+    # OpenBLAS chooses a kernel when it loads. Those for such processors differ in the last bits.
+    os.environ["OPENBLAS_CORETYPE"] = "SkylakeX"
 
 import motorboats
 import sailboats

@@ -86,7 +86,8 @@ def test_only_sailing_boats_have_masts() -> None:
 
 
 def test_the_files_are_those_of_the_generator(tmp_path: Path) -> None:
-    """Coordinates may differ in the last bits: numpy's sine and cosine depend on the processor."""
+    """Bit for bit where NumPy's power uses AVX-512; others round some last bits differently."""
+    rounding_m = 0.0 if "avx512vl" in Path("/proc/cpuinfo").read_text() else 1e-14
     script = ROOT / "tools" / "vessels" / "generate.py"
     subprocess.run([sys.executable, script, tmp_path], check=True, env={"PYTHONPATH": str(ROOT)})
     assert {file.name for file in tmp_path.iterdir()} == {file.name for file in VESSEL_MODELS.iterdir()}
@@ -96,7 +97,7 @@ def test_the_files_are_those_of_the_generator(tmp_path: Path) -> None:
         for ours, theirs in zip(generated.solids, packaged.solids, strict=True):
             assert ours.kind == theirs.kind
             np.testing.assert_array_equal(ours.mesh.faces, theirs.mesh.faces)
-            np.testing.assert_allclose(ours.mesh.vertices, theirs.mesh.vertices, rtol=0, atol=1e-12)
+            np.testing.assert_allclose(ours.mesh.vertices, theirs.mesh.vertices, rtol=0, atol=rounding_m)
 
 
 def test_a_file_from_another_program(tmp_path: Path) -> None:
