@@ -1,14 +1,15 @@
 """Decisions of `dockctl.pilot` from full scans, against those of the policy in the simulator, and their time.
 
-    python benchmarks/pilot.py                         # 10,000 decisions from 1,000 scans; some minutes
+    python benchmarks/pilot.py                         # 12,000 decisions from 1,200 scans; some minutes
     python benchmarks/pilot.py --decisions 200 s1      # fewer, of one checkpoint
 
 Each checkpoint is exported and docks in the simulator from random starts, as in `dockctl evaluate`. At every
 step the pilot gets the pose, the velocity, and all points of a scan: it computes sectors, observation and
 action itself. The simulator computes the sectors without the points.
 
-Each scan is used for ten decisions: that of the episode, and nine at random velocities with the command of
-the decision before, for which the simulator's observation is computed with these.
+Each scan is used for ten decisions: that of the episode, and nine at random velocities of the boat, the air
+and the water with the command of the decision before, for which the simulator's observation is computed with
+these. The errors of the sensors are left out: in the simulator, the true pose decides whether one is reached.
 """
 
 from __future__ import annotations
@@ -32,11 +33,13 @@ from dockctl.evaluation.starts import testing_starts
 from dockctl.experiments.portable import export_files
 from dockctl.pilot import Checks, Decision, Pilot, Reading
 
-CHECKPOINTS = ("s1", "s2", "s3", "marina", "marinas")
-"""The last one is an ensemble."""
+CHECKPOINTS = ("s1", "s2", "s3", "marina", "marinas", "marinas-weather")
+"""The last two are ensembles, and the last one observes wind, current and earlier steps."""
+ERRORS = ("lidar_noise", "navigation")
 PER_SCAN = 10
 """Decisions from one scan: that of the episode, and others at random velocities."""
 FASTEST = np.array([0.8, 0.2, 0.08])
+FASTEST_AIR = np.array([8.0, 8.0])
 SLOWEST_SURGE = 0.11  # [m/s]: no pose counts as reached
 
 Row = tuple[int, np.ndarray, Decision, float]
@@ -48,17 +51,24 @@ def decisions(name: str, count: int, folder: Path) -> Iterator[Row]:
     export_files([Path(name)], None, file)
     pilot = Pilot.load(file, checks=Checks(max_jump_m=0.1))
     loaded = load_policy(name)
-    env = Rollout(loaded.scenario()).env()
+    given = loaded.scenario()
+    exact = {kind: each for kind, each in given.scenario.conditions.items() if kind not in ERRORS}
+    env = Rollout(replace(given, scenario=given.scenario.model_copy(update={"conditions": exact}))).env()
     simulator, scenario, policy = env.simulator, env.scenario, loaded.make(env)
     encode = ObservationEncoder(scenario.observation, scenario.sensors.lidar.sectors)
     rng = np.random.default_rng(0)
     starts = testing_starts(scenario, env.worlds, 1 + count // 50, seed=0)
 
-    def timed(pilot: Pilot, velocity: np.ndarray) -> tuple[Decision, float]:
+    def timed(pilot: Pilot, view: View) -> tuple[Decision, float]:
         now_s = step * pilot.control_period_s
         begin = perf_counter()
-        pose, nu, points = (Reading(now_s, value) for value in (simulator.eta[0], velocity, cloud))
-        decision = pilot.decide(now_s, pose, nu, {"all": points})
+        pose, nu, points, *flows = (
+            Reading(now_s, value)
+            for value in (view.eta[0], view.nu[0], cloud, *(getattr(view, name)[0] for name in pilot.flows))
+        )
+        decision = pilot.decide(
+            now_s, pose, nu, {"all": points}, **dict(zip(pilot.flows, flows, strict=True))
+        )
         return decision, 1000 * (perf_counter() - begin)
 
     for number in itertools.count():
@@ -73,18 +83,23 @@ def decisions(name: str, count: int, folder: Path) -> Iterator[Row]:
         while not ended:
             action = policy.act(observation, info)
             cloud = env.worlds[int(simulator.harbor[0])].lidar.points(simulator.eta[0])
-            yield int(action[0]), observation[0], *timed(pilot, simulator.nu[0])
+            view = View.of(simulator, simulator.sector_ranges_m)
+            yield int(action[0]), observation[0], *timed(pilot, view)
             other = Pilot(pilot.description, pilot.networks, pilot.goals)
             other.phase = int(simulator.phase[0])
-            command = np.zeros((1, 2))
+            command, past = np.zeros((1, 2)), ()
             for _ in range(PER_SCAN - 1):
-                velocity = rng.uniform(-FASTEST, FASTEST)
-                velocity[0] += math.copysign(SLOWEST_SURGE, velocity[0])
-                view = View.of(simulator, simulator.sector_ranges_m)
-                seen = encode(replace(view, nu=velocity[None], command=command))
-                decision, milliseconds = timed(other, velocity)
+                velocity, air, water = (
+                    rng.uniform(-limit, limit)[None] for limit in (FASTEST, FASTEST_AIR, FASTEST[:2])
+                )
+                velocity[0, 0] += math.copysign(SLOWEST_SURGE, velocity[0, 0])
+                view = replace(
+                    view, nu=velocity, command=command, past=past, apparent_wind=air, through_water=water
+                )
+                seen = encode(view)
+                decision, milliseconds = timed(other, view)
                 yield int(policy.act(seen, info)[0]), seen[0], decision, milliseconds
-                command = np.array([[decision.propeller_n, decision.rudder_rad]])
+                command, past = np.array([[decision.propeller_n, decision.rudder_rad]]), (view, *past)
             observation, _, terminated, truncated, info = env.step(action)
             ended, step = bool(terminated[0] or truncated[0]), step + 1
 
@@ -112,7 +127,7 @@ def main() -> None:
         description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
     )
     parser.add_argument("checkpoints", nargs="*", default=list(CHECKPOINTS))
-    parser.add_argument("--decisions", type=int, default=10_000)
+    parser.add_argument("--decisions", type=int, default=12_000)
     given = parser.parse_args()
     results = {}
     for name in given.checkpoints:

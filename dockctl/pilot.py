@@ -17,7 +17,9 @@ from __future__ import annotations
 
 import io
 import math
+import re
 import zipfile
+from collections import deque
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -30,16 +32,25 @@ from dockctl.dueling import Ensemble
 from dockctl.errors import DockctlError
 from dockctl.geometry import MAX_SECTORS, Floats, nearest_in_sectors, proximities
 from dockctl.reading import FOREIGN, parse_json, read_bytes
-from dockctl.sim.goal import TO_FINAL, TO_INTERMEDIATE, bearing, measure, reached
+from dockctl.sim.goal import TO_FINAL, TO_INTERMEDIATE, bearing, course, measure, reached
 
 FORMAT = 1
 MAX_FILE_BYTES = 2**31
 DESCRIPTION = "description"
 """Name of the JSON text among the arrays of a pilot file."""
 PARTS = frozenset(
-    {"phase", "distance", "heading_error", "velocity", "command", "lidar", "proximity", "bearing"}
-)
+    {
+        "phase", "distance", "heading_error", "velocity", "command", "lidar", "proximity", "bearing",
+        "course", "apparent_wind", "through_water", "history",
+    }
+)  # fmt: skip
 """Parts of the observation that a pilot computes."""
+FLOWS = {"apparent_wind": ("wind_ahead", "wind_port"), "through_water": ("u_water", "v_water")}
+"""Inputs that not every policy observes, and their columns."""
+BOUNDED = {"distance", "u", "v", "r", *(column for columns in FLOWS.values() for column in columns)}
+"""Columns in whose bounds a policy decides; others are clipped to them."""
+EARLIER = re.compile(r"(.+)_(\d+)_ago")
+"""Name of a column of the part `history`: another column, and the decisions since then."""
 RANGE_MARGIN = 1.1
 """Factor on the range: a point may be farther from the body's origin than from its LiDAR."""
 MAX_MAGNITUDE = 1e9
@@ -118,6 +129,7 @@ class Pilot:
         goals: (2, 3) intermediate and final pose, x, y [m] and heading [rad]; the first is NaN if there is
             none.
         phase: 0 on the way to the intermediate pose, 1 on the way to the final pose.
+        flows: those of the inputs `apparent_wind` and `through_water` that the policy observes.
     """
 
     description: dict[str, Any]
@@ -128,7 +140,12 @@ class Pilot:
     def __post_init__(self) -> None:
         facts = self.description
         self._columns: list[dict[str, Any]] = facts["observation"]
-        self._names = [str(column["name"]) for column in self._columns]
+        names = (str(column["name"]) for column in self._columns)
+        earlier = ((name, EARLIER.fullmatch(name)) for name in names)
+        self._sources = [(match[1], int(match[2])) if match else (name, 0) for name, match in earlier]
+        observed = {name for name, _ in self._sources}
+        self.flows = tuple(name for name, columns in FLOWS.items() if not observed.isdisjoint(columns))
+        self._seen: deque[dict[str, float]] = deque(maxlen=1 + max(age for _, age in self._sources))
         self._scale = np.array([column["scale"] for column in self._columns], float)
         self._low, self._high = (
             np.array([column[bound] for column in self._columns], np.float32) for bound in ("low", "high")
@@ -205,7 +222,7 @@ class Pilot:
         """Begin a maneuver, with the intermediate pose if there is one."""
         self.phase = TO_FINAL if np.isnan(self.goals[0]).any() else TO_INTERMEDIATE
         self._steps = 0
-        self._command = np.zeros(2)
+        self._stop()
         self._arrived = False
         self._position: tuple[float, Floats] | None = None
 
@@ -215,6 +232,9 @@ class Pilot:
         pose: Reading | None,
         velocity: Reading | None,
         clouds: Mapping[str, Reading | None],
+        *,
+        apparent_wind: Reading | None = None,
+        through_water: Reading | None = None,
     ) -> Decision:
         """Return the command for the next control period.
 
@@ -224,20 +244,30 @@ class Pilot:
             velocity: (3,) surge, sway [m/s] and yaw rate [rad/s] over ground, body frame.
             clouds: the points (k, 3) [m] of each LiDAR, or of all, in the body frame, without returns of the
                 own boat and the water; a name for each, for the reasons of stops.
+            apparent_wind: (2,) velocity of the air relative to the boat, ahead and to port [m/s], body frame;
+                needed by a policy with it in `flows`, as the following.
+            through_water: (2,) surge and sway relative to the water [m/s], body frame.
         """
         self._steps += 1
         try:
             eta, nu, points = self._checked(now_s, pose, velocity, clouds)
+            given = {"apparent_wind": apparent_wind, "through_water": through_water}
+            flows = {name: self._vector(now_s, name, given[name], 2) for name in self.flows}
             if self._steps > 1:  # as in the simulator, where a goal is reached by a step
                 self._switch(eta, nu)
             if self._arrived:
                 raise _Unusable("the final pose is reached")
             if self._steps > self._max_steps:
                 raise _Unusable(f"not at the final pose after {self._max_steps} control periods")
-            return self._choose(eta, nu, nearest_in_sectors(points, self._sectors, self._range_m))
+            return self._choose(eta, nu, nearest_in_sectors(points, self._sectors, self._range_m), flows)
         except _Unusable as reason:
-            self._command = np.zeros(2)
+            self._stop()
             return Decision(0.0, 0.0, str(reason), self._arrived, self.phase)
+
+    def _stop(self) -> None:
+        """Note that the boat gets no thrust, and that what follows has no history, as after a start."""
+        self._command = np.zeros(2)
+        self._seen.clear()
 
     def _checked(
         self,
@@ -251,18 +281,22 @@ class Pilot:
         Raises:
             _Unusable: one of them is missing, too old, or implausible.
         """
-        vectors = []
-        for name, reading in (("pose", pose), ("velocity", velocity)):
-            vector = self._fresh(now_s, name, reading)
-            if vector.shape != (3,) or not (np.abs(vector) < MAX_MAGNITUDE).all():
-                raise _Unusable(f"{name}: {_short(vector)}, expected three finite numbers")
-            vectors.append(vector[None])
+        eta, nu = (
+            self._vector(now_s, name, reading, 3)[None]
+            for name, reading in (("pose", pose), ("velocity", velocity))
+        )
         parts = [self._points(now_s, f"cloud '{name}'", cloud) for name, cloud in clouds.items()]
         points = np.concatenate([np.empty((0, 3)), *parts])
         if len(points) < self.checks.min_points:
             raise _Unusable(f"clouds: {len(points)} points, expected at least {self.checks.min_points}")
-        self._require_no_jump(now_s, vectors[0])
-        return vectors[0], vectors[1], points
+        self._require_no_jump(now_s, eta)
+        return eta, nu, points
+
+    def _vector(self, now_s: float, name: str, reading: Reading | None, size: int) -> Floats:
+        vector = self._fresh(now_s, name, reading)
+        if vector.shape != (size,) or not (np.abs(vector) < MAX_MAGNITUDE).all():
+            raise _Unusable(f"{name}: {_short(vector)}, expected {size} finite numbers")
+        return vector
 
     def _fresh(self, now_s: float, name: str, reading: Reading | None) -> Floats:
         if reading is None:
@@ -288,7 +322,7 @@ class Pilot:
 
     def _require_no_jump(self, now_s: float, eta: Floats) -> None:
         previous, self._position = self._position, (now_s, eta[0, :2])
-        if previous is None or "u" not in self._names:
+        if previous is None or ("u", 0) not in self._sources:
             return
         moved = math.dist(previous[1], eta[0, :2])
         allowed = self._speed_limit() * max(now_s - previous[0], 0.0) + self.checks.max_jump_m
@@ -299,7 +333,7 @@ class Pilot:
 
     def _speed_limit(self) -> float:
         """Return the maximum surge that the policy observes [m/s]."""
-        column = self._names.index("u")
+        column = self._sources.index(("u", 0))
         return float(self._high[column] * self._scale[column])
 
     def _switch(self, eta: Floats, nu: Floats) -> None:
@@ -311,21 +345,19 @@ class Pilot:
             self.phase = TO_FINAL
         self._arrived |= bool(final[0])
 
-    def _choose(self, eta: Floats, nu: Floats, ranges: Floats) -> Decision:
+    def _choose(self, eta: Floats, nu: Floats, ranges: Floats, flows: Mapping[str, Floats]) -> Decision:
         """Return the decision of the policy.
 
         Raises:
-            _Unusable: the boat is farther from the goal, or faster, than the policy observes.
+            _Unusable: the boat is farther from the goal, or faster, than the policy observes, or the wind is.
         """
-        goal = self.goals[[self.phase]]
-        quantities = self._quantities(eta, nu, goal, ranges)
-        raw = np.array([quantities[name] for name in self._names])
+        self._seen.appendleft(self._quantities(eta, nu, self.goals[[self.phase]], ranges, flows))
+        first = len(self._seen) - 1  # stands for all before it
+        raw = np.array([self._seen[min(age, first)][name] for name, age in self._sources])
         scaled = (raw / self._scale).astype(np.float32)
-        for index, name in enumerate(self._names):
-            if (
-                name in ("distance", "u", "v", "r")
-                and not self._low[index] <= scaled[index] <= self._high[index]
-            ):
+        inside = (self._low <= scaled) & (scaled <= self._high)
+        for index, (name, age) in enumerate(self._sources):
+            if name in BOUNDED and not age and not inside[index]:
                 bound, unit = self._high[index] * self._scale[index], self._columns[index]["unit"]
                 raise _Unusable(
                     f"{name}: {raw[index]:.4g} {unit}, the policy observes up to {bound:.4g} {unit}"
@@ -337,10 +369,12 @@ class Pilot:
         force, angle = self._command.tolist()
         return Decision(force, angle, "", False, self.phase, action, observation, ranges, q_values)
 
-    def _quantities(self, eta: Floats, nu: Floats, goal: Floats, ranges: Floats) -> dict[str, float]:
-        """Return the value of every column that a policy may observe, before scaling."""
+    def _quantities(
+        self, eta: Floats, nu: Floats, goal: Floats, ranges: Floats, flows: Mapping[str, Floats]
+    ) -> dict[str, float]:
+        """Return the value of every column that a policy may observe now, before scaling."""
         distance, heading_error = measure(eta, goal)
-        (direction,) = bearing(eta, goal)
+        (direction,), (speed,), (track,) = bearing(eta, goal), *course(eta, nu, goal)
         return {
             "phase": float(self.phase),
             "distance": distance[0],
@@ -351,6 +385,10 @@ class Pilot:
             **{f"proximity_{i}": value for i, value in enumerate(proximities(ranges), start=1)},
             "bearing_sin": np.sin(direction),
             "bearing_cos": np.cos(direction),
+            "speed": speed,
+            "course_sin": np.sin(track),
+            "course_cos": np.cos(track),
+            **{column: x for name in flows for column, x in zip(FLOWS[name], flows[name], strict=True)},
         }
 
 

@@ -195,6 +195,70 @@ def test_bad_inputs_stop_the_boat(pilot: Pilot, name: str) -> None:
     assert after.observation is not None and after.observation[6:8].tolist() == [0, 0]  # of the stop
 
 
+@pytest.fixture(scope="module")
+def weather(tmp_path_factory: pytest.TempPathFactory) -> Pilot:
+    """A shipped policy that observes wind, the speed through the water, and earlier steps."""
+    path = tmp_path_factory.mktemp("weather") / "marinas-weather.npz"
+    export_files([Path("marinas-weather")], None, path)
+    return Pilot.load(path, final=FINAL, intermediate=INTERMEDIATE)
+
+
+def in_wind(pilot: Pilot, now_s: float, **readings: Any) -> Decision:
+    """Decide from good inputs measured now, except those given."""
+    good = {"pose": AWAY, "velocity": REST, "apparent_wind": (-3.0, 1.0), "through_water": (0.3, -0.05)}
+    given = {name: Reading(now_s, value) for name, value in good.items()} | readings
+    return pilot.decide(now_s, clouds={"bow": Reading(now_s, CLOUD)}, **given)
+
+
+def observed(pilot: Pilot, decision: Decision) -> dict[str, float]:
+    """Return the columns of an observation in units."""
+    assert decision.observation is not None
+    columns = zip(pilot.description["observation"], decision.observation, strict=True)
+    return {column["name"]: column["scale"] * value for column, value in columns}
+
+
+def test_a_policy_that_observes_the_wind(weather: Pilot, pilot: Pilot) -> None:
+    assert (weather.flows, pilot.flows) == (("apparent_wind", "through_water"), ())
+    weather.reset()
+    velocities = [(0.3, 0.0, 0.0), (0.2, -0.05, 0.01), (0.1, 0.05, 0.0), (0.0, 0.04, 0.0)]
+    decisions = [in_wind(weather, i, velocity=Reading(i, nu)) for i, nu in enumerate(velocities)]
+    first, *_, last = (observed(weather, decision) for decision in decisions)
+    assert [last[name] for name in ("wind_ahead", "wind_port")] == pytest.approx([-3, 1])
+    assert [last[name] for name in ("u_water", "v_water")] == pytest.approx([0.3, -0.05])
+    assert last["speed"] == pytest.approx(0.04)
+    course = math.radians(90 + 90 - 150)  # heading, to port of it, and the heading of the goal
+    assert [last["course_sin"], last["course_cos"]] == pytest.approx([math.sin(course), math.cos(course)])
+    for age in (1, 2):
+        then = [last[f"{name}_{age}_ago"] for name in ("u", "v", "r", "propeller", "rudder")]
+        before = decisions[2 - age]  # whose command the decision after it observed
+        command = before.propeller_n, before.rudder_rad
+        assert then == pytest.approx([*velocities[3 - age], *command], abs=1e-6)
+        assert [first[f"{name}_{age}_ago"] for name in ("u", "propeller")] == pytest.approx([0.3, 0])
+
+
+BAD_FLOWS = {
+    "never arrived": None,
+    "too old": Reading(9.4, (1.0, 0.0)),
+    "NaN": Reading(10.0, (math.nan, 0.0)),
+    "three numbers": Reading(10.0, (1.0, 0.0, 0.0)),
+    "text": Reading(10.0, ("x", "y")),
+    "too fast": Reading(10.0, (0.0, 26.0)),
+}
+
+
+@pytest.mark.parametrize("name", ["apparent_wind", "through_water"])
+@pytest.mark.parametrize("bad", BAD_FLOWS)
+def test_bad_measurements_of_air_and_water_stop_the_boat(weather: Pilot, name: str, bad: str) -> None:
+    weather.reset()
+    assert not in_wind(weather, 9.0, velocity=Reading(9.0, (0.3, 0.0, 0.0))).stop
+    decision = in_wind(weather, 10.0, **{name: BAD_FLOWS[bad]})
+    columns = {"apparent_wind": "wind_port", "through_water": "v_water"}
+    assert decision.stop.startswith(columns[name] if bad == "too fast" else name)
+    assert (decision.propeller_n, decision.rudder_rad, decision.action) == (0, 0, None)
+    after = observed(weather, in_wind(weather, 11.0))
+    assert [after[f"{name}_1_ago"] for name in ("u", "propeller")] == [0, 0]  # as after a start
+
+
 def test_far_from_the_goal_it_does_not_start(pilot: Pilot) -> None:
     assert decide(pilot, pose=(-90.0, 0.0, 0.0)).stop.startswith("distance")
 
@@ -278,7 +342,9 @@ def test_files_that_are_no_policy(file: Path, tmp_path: Path) -> None:
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("name", ["s1", pytest.param("marinas", marks=pytest.mark.thorough)])
+@pytest.mark.parametrize(
+    "name", ["s1", "marinas-weather", pytest.param("marinas", marks=pytest.mark.thorough)]
+)
 def test_its_decisions_are_those_of_the_simulator(name: str) -> None:
     """From all points of a scan; the sectors of the simulator come from another algorithm."""
     result = compare(name, 25)

@@ -75,17 +75,19 @@ def policy(tmp_path_factory: pytest.TempPathFactory) -> Path:
 @pytest.fixture
 def node(policy: Path, monkeypatch: pytest.MonkeyPatch) -> Any:
     messages = {
-        name: type(name, (SimpleNamespace,), {}) for name in ("Odometry", "PointCloud2", "Float64", "String")
+        name: type(name, (SimpleNamespace,), {})
+        for name in ("Odometry", "PointCloud2", "Vector3Stamped", "Float64", "String")
     }
     modules = {
         **stub("rclpy", init=lambda **_: None, spin=lambda node: None, shutdown=lambda: None),
         **stub("rclpy.node", Node=Node),
         **stub("rclpy.qos", qos_profile_sensor_data="sensor data"),
         **stub("rclpy.signals", SignalHandlerOptions=SimpleNamespace(NO=0)),
+        **stub("geometry_msgs.msg", Vector3Stamped=messages["Vector3Stamped"]),
         **stub("nav_msgs.msg", Odometry=messages["Odometry"]),
         **stub("sensor_msgs.msg", PointCloud2=messages["PointCloud2"]),
         **stub("std_msgs.msg", Float64=messages["Float64"], String=messages["String"]),
-        **{name: ModuleType(name) for name in ("nav_msgs", "sensor_msgs", "std_msgs")},
+        **{name: ModuleType(name) for name in ("geometry_msgs", "nav_msgs", "sensor_msgs", "std_msgs")},
     }
     for name, module in modules.items():
         monkeypatch.setitem(sys.modules, name, module)
@@ -124,6 +126,10 @@ def odometry(time_s: float, frame: str = "base_link") -> Any:
             )
         ),
     )
+
+
+def vector(time_s: float, x: float, y: float, frame: str = "base_link") -> Any:
+    return SimpleNamespace(header=header(time_s, frame), vector=SimpleNamespace(x=x, y=y, z=0.0))
 
 
 def cloud(time_s: float, points: list[tuple[float, ...]], frame: str = "base_link") -> Any:
@@ -178,6 +184,35 @@ def test_clouds_and_odometry_become_commands(node: Any, policy: Path) -> None:
         "~/rudder": expected.rudder_rad,
         "~/status": f"action {expected.action}",
     }
+
+
+def test_a_policy_that_observes_wind_and_current(
+    node: Any, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    assert "/apparent_wind" not in node.callbacks  # the policy of scenario 3 has no use for it
+    policy, goals = (
+        tmp_path / "weather.npz",
+        {"final": [36.0, 0.0, math.pi], "intermediate": [18.0, 3.0, 2.6]},
+    )
+    export_files([Path("marinas-weather")], None, policy)
+    monkeypatch.setattr(Node, "given", {**Node.given, "policy": str(policy), **goals})
+    sailor = node.module.DockingNode()
+    flows = {"apparent_wind": (-3.0, 1.0), "through_water": (0.3, -0.05)}
+    for topic, make in (("/odometry", odometry), ("/bow", cloud), ("/stern", cloud)):
+        sailor.callbacks[topic](make(1.0, *([POINTS] if make is cloud else [])))
+    sailor.callbacks["/apparent_wind"](vector(1.0, *flows["apparent_wind"]))
+    sailor.callbacks["/through_water"](vector(1.0, *flows["through_water"], frame="log"))
+    assert len(sailor.warnings) == 1
+    assert tick(sailor, 1.1)["~/status"].startswith("stop: through_water")
+    sailor.callbacks["/through_water"](vector(1.2, *flows["through_water"]))
+    expected = Pilot.load(policy, **goals).decide(
+        1.2,
+        Reading(1.0, (23.0, -10.0, math.pi / 2)),
+        Reading(1.0, (0.2, -0.05, 0.01)),
+        {"all": Reading(1.0, np.array(POINTS, np.float32))},
+        **{name: Reading(1.2, value) for name, value in flows.items()},
+    )
+    assert tick(sailor, 1.2)["~/status"] == f"action {expected.action}"
 
 
 def test_old_messages_stop_the_boat(node: Any) -> None:

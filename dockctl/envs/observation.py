@@ -21,6 +21,7 @@ from dockctl.plugins import OBSERVATION_PARTS, Guard
 from dockctl.scenarios.base import Count, Positive
 from dockctl.scenarios.schema import ObservationPart
 from dockctl.sim.goal import bearing as goal_bearing
+from dockctl.sim.goal import course as goal_course
 from dockctl.sim.goal import measure
 
 if TYPE_CHECKING:  # slow to import, and not needed to check a scenario
@@ -245,9 +246,8 @@ def through_water(
 @observation_part("course", source="not in the thesis")
 def course(view: View, *, scale_mps: Positive = 0.4, cap: Positive = 5.0) -> Columns:
     """Return speed over ground / scale, and sine and cosine of the course relative to the goal's heading."""
-    u, v, _ = view.nu.T
-    angle = view.eta[:, 2] + np.arctan2(v, u) - view.goal[:, 2]
-    values = np.column_stack([np.hypot(u, v), np.sin(angle), np.cos(angle)])
+    speed, angle = goal_course(view.eta, view.nu, view.goal)
+    values = np.column_stack([speed, np.sin(angle), np.cos(angle)])
     names, scale = ["speed", "course_sin", "course_cos"], [scale_mps, 1, 1]
     return Columns(names, values, [0, -1, -1], [cap, 1, 1], scale, ["m/s", "", ""])
 

@@ -19,7 +19,7 @@ from rich.console import Console
 import dockctl
 from dockctl.console import print_text
 from dockctl.dueling import Ensemble, Layers
-from dockctl.envs.observation import ObservationEncoder, blank_view
+from dockctl.envs.observation import HISTORY, ObservationEncoder, blank_view
 from dockctl.errors import DockctlError
 from dockctl.evaluation.policies import CheckpointPolicy, load_checkpoint
 from dockctl.geometry import pose_array
@@ -72,10 +72,12 @@ def pilot_file(policy: CheckpointPolicy, scenario: Scenario) -> bytes:
             compute.
     """
     _networks(policy)
-    for given in scenario.observation:
-        if given.part not in PARTS or OBSERVATION_PARTS.origin(given.part) != PACKAGE_ORIGIN:
+    histories = [given for given in scenario.observation if given.part == HISTORY]
+    earlier = [part for given in histories for part in given.params.get("parts", ())]
+    for part in (*(given.part for given in scenario.observation), *earlier):
+        if part not in PARTS or OBSERVATION_PARTS.origin(part) != PACKAGE_ORIGIN:
             raise DockctlError(
-                f"{policy.file}: observes '{given.part}', which the pilot does not compute"
+                f"{policy.file}: observes '{part}', which the pilot does not compute"
                 f" (it knows {', '.join(sorted(PARTS))}); export an ONNX model instead",
                 code="unavailable",
             )

@@ -47,6 +47,20 @@ def bearing(eta: Floats, goal: Floats) -> Floats:
     return wrap(np.arctan2(offset[:, 1], offset[:, 0]) - eta[:, 2])
 
 
+def course(eta: Floats, nu: Floats, goal: Floats) -> tuple[Floats, Floats]:
+    """Return speed over ground (n,) [m/s], and course relative to the goals' headings (n,) [rad].
+
+    Args:
+        eta, goal: (n, 3) poses, world frame.
+        nu: (n, 3) velocity over ground, body frame.
+
+    Returns:
+        The course is not wrapped.
+    """
+    u, v = nu[:, 0], nu[:, 1]
+    return np.hypot(u, v), eta[:, 2] + np.arctan2(v, u) - goal[:, 2]
+
+
 def final_reached(limit: Limit, distance: Floats, heading_error: Floats, speed: Floats) -> Bools:
     """Return whether the final pose is reached: distance and heading < limits, speed <= its limit.
 

@@ -5,6 +5,9 @@
 Subscribes to
     clouds        sensor_msgs/PointCloud2 in the body frame, one topic per LiDAR or one merged cloud
     odometry      nav_msgs/Odometry: pose in the world frame of the goals, twist in the body frame
+and, if the policy observes them, in the body frame to
+    apparent_wind  geometry_msgs/Vector3Stamped, velocity of the air relative to the boat
+    through_water  geometry_msgs/Vector3Stamped, velocity of the boat relative to the water
 Publishes, once per control period,
     ~/propeller   std_msgs/Float64, force [N]
     ~/rudder      std_msgs/Float64, angle [rad]
@@ -21,6 +24,7 @@ from typing import Any
 
 import numpy as np
 import rclpy
+from geometry_msgs.msg import Vector3Stamped
 from nav_msgs.msg import Odometry
 from rclpy.node import Node
 from rclpy.qos import qos_profile_sensor_data
@@ -35,6 +39,8 @@ PARAMETERS = {
     "policy": "policy.npz",
     "clouds": ["/points"],
     "odometry": "/odometry",
+    "apparent_wind": "/apparent_wind",
+    "through_water": "/through_water",
     "body_frame": "base_link",
     "max_age_s": 0.5,
     "final": [math.nan] * 3,  # x, y [m], heading [rad]; those of the policy by default
@@ -66,6 +72,7 @@ class DockingNode(Node):
         self.pose: Reading | None = None
         self.velocity: Reading | None = None
         self.clouds: dict[str, Reading | None] = dict.fromkeys(given["clouds"])
+        self.flows: dict[str, Reading | None] = dict.fromkeys(self.pilot.flows)
         self.propeller = self.create_publisher(Float64, "~/propeller", 1)
         self.rudder = self.create_publisher(Float64, "~/rudder", 1)
         self.status = self.create_publisher(String, "~/status", 1)
@@ -75,6 +82,13 @@ class DockingNode(Node):
                 PointCloud2,
                 topic,
                 lambda cloud, topic=topic: self.on_cloud(topic, cloud),
+                qos_profile_sensor_data,
+            )
+        for name in self.flows:
+            self.create_subscription(
+                Vector3Stamped,
+                given[name],
+                lambda vector, name=name: self.on_flow(name, vector),
                 qos_profile_sensor_data,
             )
         self.create_timer(self.pilot.control_period_s, self.on_timer)
@@ -96,6 +110,12 @@ class DockingNode(Node):
             return
         self.clouds[topic] = Reading(seconds(cloud.header.stamp), self.obstacles(points_of(cloud)))
 
+    def on_flow(self, name: str, stamped: Any) -> None:
+        if stamped.header.frame_id != self.body_frame:
+            self.warn(f"{name}: frame '{stamped.header.frame_id}', expected '{self.body_frame}'")
+            return
+        self.flows[name] = Reading(seconds(stamped.header.stamp), (stamped.vector.x, stamped.vector.y))
+
     def obstacles(self, points: np.ndarray) -> np.ndarray:
         """Return the points without missing returns, the own boat and the water."""
         points = points[np.isfinite(points).all(axis=1)]  # NaN is how drivers mark rays without a return
@@ -110,7 +130,7 @@ class DockingNode(Node):
 
     def on_timer(self) -> None:
         now_s = self.get_clock().now().nanoseconds / 1e9
-        self.publish(self.pilot.decide(now_s, self.pose, self.velocity, self.clouds))
+        self.publish(self.pilot.decide(now_s, self.pose, self.velocity, self.clouds, **self.flows))
 
     def publish(self, decision: Decision) -> None:
         self.propeller.publish(Float64(data=decision.propeller_n))

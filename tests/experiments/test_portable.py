@@ -16,6 +16,8 @@ from dockctl.errors import DockctlError
 from dockctl.evaluation import load_policy
 from dockctl.evaluation.policies import CheckpointPolicy
 from dockctl.experiments.portable import description, export_files, onnx_model, pilot_file
+from dockctl.pilot import Pilot, Reading
+from dockctl.runs.directory import shipped
 from dockctl.scenarios.loader import load
 from dockctl.scenarios.schema import ObservationPart
 from tests.commands.conftest import dockctl
@@ -73,6 +75,19 @@ def test_an_onnx_model_takes_units_and_gives_the_command(name: str) -> None:
     assert [column["name"] for column in facts["observation"]] == list(encoder.names)
 
 
+@pytest.mark.parametrize("name", sorted(shipped()))
+def test_every_shipped_policy_runs_on_a_pilot(name: str, tmp_path: Path) -> None:
+    export_files([Path(name)], None, tmp_path / "policy.npz")
+    pilot = Pilot.load(tmp_path / "policy.npz")
+    now = {
+        key: Reading(0.0, value)
+        for key, value in (("pose", pilot.goals[1] + [3, 0, 0]), ("velocity", np.zeros(3)))
+    }
+    flows = {flow: Reading(0.0, (0.1, 0.0)) for flow in pilot.flows}
+    clouds = {"all": Reading(0.0, [[5.0, 1.0, 0.5]])}
+    assert pilot.decide(0.0, **now, clouds=clouds, **flows).action is not None
+
+
 @pytest.mark.slow
 def test_an_exported_model_docks_like_its_policy(files: tuple[Path, Path], tmp_path: Path) -> None:
     pytest.importorskip("onnxruntime")
@@ -116,11 +131,13 @@ def test_an_observation_that_the_pilot_does_not_compute() -> None:
 
     policy = load_policy("s1")
     assert isinstance(policy, CheckpointPolicy)
-    scenario = load("s1").scenario.model_copy(update={"observation": (ObservationPart(part="knots"),)})
-    with pytest.raises(DockctlError) as caught:
-        pilot_file(policy, scenario)
-    assert caught.value.code == "unavailable"
-    assert "knots" in str(caught.value)
+    earlier = ObservationPart(part="history", params={"parts": ("velocity", "knots")})
+    for part in (earlier, ObservationPart(part="knots")):
+        scenario = load("s1").scenario.model_copy(update={"observation": (part,)})
+        with pytest.raises(DockctlError) as caught:
+            pilot_file(policy, scenario)
+        assert caught.value.code == "unavailable"
+        assert "knots" in str(caught.value)
     (column,) = description(policy, scenario)["observation"]
     assert column == {"name": "knots", "unit": "m/s", "scale": 0.5144, "low": -10.0, "high": 10.0}
 
