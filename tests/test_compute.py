@@ -59,7 +59,6 @@ def test_building_is_shown_by_default(caplog: pytest.LogCaptureFixture) -> None:
         cached("squares", [b"10"], lambda: table(10))
     (record,) = caplog.records
     assert record.levelname == "WARNING"
-    assert "building the" in record.message
 
 
 def test_every_input_counts() -> None:

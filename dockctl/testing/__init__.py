@@ -5,10 +5,12 @@
     def test_smooth_rudder():
         check_reward_term("smooth_rudder", scale_deg=30.0)
 
-Each function returns None, or raises an `AssertionError` that names the rule that is broken. Import the
-module that registers the name first, or install its package. Values are random but the same in every run.
+Each function returns None, or raises a `ContractError`: an `AssertionError` with the name of the broken rule.
+Import the module that registers the name first, or install its package. Values are random but the same in
+every run.
 """
 
+from dockctl.testing.contract import ContractError
 from dockctl.testing.environments import check_policy, check_scenario, open_water
 from dockctl.testing.parts import (
     check_action_type,
@@ -22,6 +24,7 @@ from dockctl.testing.parts import (
 )
 
 __all__ = [
+    "ContractError",
     "check_action_type",
     "check_algorithm",
     "check_condition",

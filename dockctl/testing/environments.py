@@ -25,6 +25,7 @@ from dockctl.sim.world import (
     load_checked,
     with_few_layouts,
 )
+from dockctl.testing.contract import Rule, contract_of
 
 SECTORS = 8  # of `open_water`
 
@@ -41,8 +42,10 @@ def check_scenario(source: str | Path, *, steps: int = 40) -> None:
     """
     loaded = load_checked(source)
     scenario = loaded.scenario
-    assert scenario.model_validate(scenario.model_dump(mode="json")) == scenario, "the dump differs"
-    assert "name:" in dump(scenario), "the scenario has no name"
+    require = contract_of(f"scenario '{scenario.name}'")
+    again = scenario.model_validate(scenario.model_dump(mode="json"))
+    require("consistent", again == scenario, "the dump differs")
+    require("valid", "name:" in dump(scenario), "the scenario has no name")
     few = with_few_layouts(scenario)
     check_environment(few, build_worlds(few, loaded.base_dir), steps=steps)
 
@@ -63,17 +66,20 @@ def check_policy(policy: Policy, env: DockingVectorEnv, *, steps: int = 40) -> N
         policy.reset(np.arange(env.num_envs), info)
         chosen = []
         for step in range(steps):
+            require = contract_of(f"{what}, step {step}")
             before = {key: value.copy() for key, value in _arrays((observation, info)).items()}
             action = np.asarray(policy.act(observation, info))
             for key, value in _arrays((observation, info)).items():
-                assert np.array_equal(before[key], value), f"{what}, step {step}: act changes {key}"
+                require("pure", np.array_equal(before[key], value), f"act changes {key}")
             space = env.single_action_space
-            assert action.shape == env.action_space.shape, (
-                f"{what}: actions of shape {action.shape}, expected {env.action_space.shape}"
+            require(
+                "shape",
+                action.shape == env.action_space.shape,
+                f"actions of shape {action.shape}, expected {env.action_space.shape}",
             )
             typed = action.astype(space.dtype)
-            assert np.array_equal(typed, action) or typed.dtype.kind == "f", f"{what}: actions {action}"
-            assert all(map(space.contains, typed)), f"{what}, step {step}: actions {action} not in {space}"
+            require("valid", np.array_equal(typed, action) or typed.dtype.kind == "f", f"actions {action}")
+            require("in_range", all(map(space.contains, typed)), f"actions {action} not in {space}")
             chosen.append(action.copy())
             observation, _, terminated, truncated, info = env.step(action)
             if (terminated | truncated).any():
@@ -82,9 +88,12 @@ def check_policy(policy: Policy, env: DockingVectorEnv, *, steps: int = 40) -> N
 
     first, again, alone = actions(env), actions(env), actions(single)
     for step in range(steps):
-        assert np.array_equal(first[step], again[step]), f"{what}, step {step}: state left after reset"
-        assert np.array_equal(first[step][:1], alone[step]), (
-            f"{what}, step {step}: the action of a boat depends on the other {boats - 1} boats"
+        require = contract_of(f"{what}, step {step}")
+        require("deterministic", np.array_equal(first[step], again[step]), "state left after reset")
+        require(
+            "independent_rows",
+            np.array_equal(first[step][:1], alone[step]),
+            f"the action of a boat depends on the other {boats - 1} boats",
         )
 
 
@@ -112,28 +121,32 @@ def check_environment(scenario: Scenario, worlds: Sequence[World], steps: int) -
     first = env.reset(seed=seed)
     returned = [_arrays(first), _arrays(same.reset(seed=seed)), _arrays(fewer.reset(seed=seed))]
     alone = _arrays(single.reset(seed=seed))
-    equality = "under the same seed"
+    rule: Rule = "deterministic"
     for step in range(steps):
         many, equal, few = returned
-        where = f"{what}, step {step}"
+        require = contract_of(f"{what}, step {step}")
         for key, value in many.items():
-            assert np.array_equal(value, equal[key]), f"{where}: {key} differs {equality}"
-            assert np.array_equal(value[:2], few[key]), f"{where}: {key} depends on the number of boats"
-            assert np.array_equal(value[0], alone[key]), f"{where}: {key} of a single boat differs"
-            assert value.dtype == object or np.isfinite(value).all(), f"{where}: {key} is not finite"
-        assert many["observation"] in env.observation_space, f"{where}: observation out of bounds"
+            require(rule, np.array_equal(value, equal[key]), f"{key} differs in an equal environment")
+            require(
+                "independent_rows",
+                np.array_equal(value[:2], few[key]),
+                f"{key} depends on the number of boats",
+            )
+            require("consistent", np.array_equal(value[0], alone[key]), f"{key} of a single boat differs")
+            require("finite", value.dtype == object or np.isfinite(value).all(), f"{key} is not finite")
+        require("in_range", many["observation"] in env.observation_space, "observation out of bounds")
         for value in equal.values():  # the caller may overwrite them
             if value.dtype != object:
                 value[:] = 0
         if step == steps // 2:
             arrays, facts = env.state()
-            same, equality = make(boats), "in an environment that continues from a saved state"
+            same, rule = make(boats), "resumable"
             same.restore(arrays, json.loads(json.dumps(facts)))
         action = env.action_space.sample()
         results = [env.step(action), same.step(action), fewer.step(action[:2])]
         lone = single.step(action[0])
         terms = sum(results[0][4]["reward_terms"].values())
-        assert np.allclose(results[0][1], terms), f"{where}: the reward is not the sum of its terms"
+        require("consistent", np.allclose(results[0][1], terms), "the reward is not the sum of its terms")
         returned, alone = [_arrays(result) for result in results], _arrays(lone)
         if (results[0][2] | results[0][3]).any():
             returned = [_arrays(each.reset()) for each in (env, same, fewer)]

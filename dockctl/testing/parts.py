@@ -39,6 +39,7 @@ from dockctl.sim.harbor.build import build_harbor, build_scene
 from dockctl.sim.simulator import Simulator
 from dockctl.sim.starts import given_start, own_site
 from dockctl.sim.vessel import ReferenceVesselModel, VesselModel
+from dockctl.testing.contract import Require, Rule, contract_of
 from dockctl.testing.environments import SECTORS, Rows, check_environment, open_water
 
 BOATS = 7
@@ -52,12 +53,13 @@ def check_reward_term(name: str, **params: Any) -> None:
     """Check the reward term `name` with these parameters: shape, finite, pure, row by row."""
     catalog.fill()
     entry = REWARD_TERMS.get(name)
-    assert entry.kind in get_args(RewardKind), f"reward term '{name}': unknown kind '{entry.kind}'"
+    require = contract_of(f"reward term '{name}'")
+    require("valid", entry.kind in get_args(RewardKind), f"unknown kind '{entry.kind}'")
     if "distance_unit_m" in entry.parameters:
         params = {"distance_unit_m": 20.0, **params}
     term = entry.bind(params)
     _check_rows(
-        f"reward term '{name}'",
+        require,
         lambda values: {"value": np.asarray(term(_status(values)), float)},
         _step_values(),
     )
@@ -66,7 +68,7 @@ def check_reward_term(name: str, **params: Any) -> None:
 def check_observation_part(name: str, **params: Any) -> None:
     """Check the observation part `name` with these parameters: shape, names, bounds, pure, row by row."""
     catalog.fill()
-    part, what = OBSERVATION_PARTS.get(name).bind(params), f"observation part '{name}'"
+    part, require = OBSERVATION_PARTS.get(name).bind(params), contract_of(f"observation part '{name}'")
     limit = np.array([50.0, np.radians(30.0)])
 
     def columns(values: Rows) -> Columns:
@@ -74,78 +76,84 @@ def check_observation_part(name: str, **params: Any) -> None:
         return result
 
     values = _view_values()
-    _check_rows(what, lambda rows: {"values": np.asarray(columns(rows).values, float)}, values)
+    _check_rows(require, lambda rows: {"values": np.asarray(columns(rows).values, float)}, values)
     names = tuple(columns(values).names)
-    assert len({*names}) == len(names), f"{what}: duplicate column names {names}"
+    require("valid", len({*names}) == len(names), f"duplicate column names {names}")
     alone = columns({key: value[:1] for key, value in values.items()})
-    assert tuple(alone.names) == names, f"{what}: the names depend on the number of boats"
+    require("independent_rows", tuple(alone.names) == names, "the names depend on the number of boats")
     encoder = ObservationEncoder([ObservationPart(part=name, params=params)], SECTORS)
     low, high = encoder.space.low, encoder.space.high
-    assert np.isfinite([low, high]).all(), f"{what}: the bounds are not finite"
-    assert (low < high).all(), f"{what}: a lower bound is not below its upper bound"
+    require("finite", np.isfinite([low, high]).all(), "the bounds are not finite")
+    require("in_range", (low < high).all(), "a lower bound is not below its upper bound")
 
 
 def check_action_type(kind: str, *, vessel: str | Path = "eilbrecht", **keys: Any) -> None:
     """Check the action type `kind` with these keys: space, shape and limits of the commands, row by row."""
     spec: ActionType = _spec(ACTIONS, ActionType, kind, keys)
-    what, boat = f"action type '{kind}'", load_vessel(vessel)
+    require, boat = contract_of(f"action type '{kind}'"), load_vessel(vessel)
     spec.require_within_limits(boat)
-    assert spec.describe(), f"{what}: no description"
+    require("valid", spec.describe(), "no description")
     space = spec.space(boat)
-    assert isinstance(space, Space), f"{what}: space() returned {space!r}, expected a Gymnasium space"
+    require("valid", isinstance(space, Space), f"space() returned {space!r}, expected a Gymnasium space")
     batch = batch_space(space, BOATS)
     batch.seed(0)
     actions = np.asarray(batch.sample())
-    assert batch.contains(actions), f"{what}: samples of the space are not plain arrays"
+    require("valid", batch.contains(actions), "samples of the space are not plain arrays")
     commands = _check_rows(
-        what, lambda rows: {"commands": spec.commands(rows["actions"], boat)}, {"actions": actions}
+        require, lambda rows: {"commands": spec.commands(rows["actions"], boat)}, {"actions": actions}
     )["commands"]
-    assert commands.shape == (BOATS, 2), f"{what}: commands of shape {commands.shape}, expected {(BOATS, 2)}"
+    require(
+        "shape", commands.shape == (BOATS, 2), f"commands of shape {commands.shape}, expected {(BOATS, 2)}"
+    )
     limit = VesselModel(boat).command_limit
     if spec.has_memory:
         previous = np.random.default_rng(0).uniform(-1, 1, (BOATS, 2)) * limit
         commands = _check_rows(
-            what,
+            require,
             lambda rows: {"commands": spec.next_commands(rows["actions"], boat, rows["previous"])},
             {"actions": actions, "previous": previous},
         )["commands"]
-        assert commands.shape == (BOATS, 2), f"{what}: next_commands of shape {commands.shape}"
+        require("shape", commands.shape == (BOATS, 2), f"next_commands of shape {commands.shape}")
     every = _all_actions(space)
     for side in (-1, 0, 1):
         commands = spec.next_commands(every, boat, np.tile(side * limit, (len(every), 1)))
-        assert (np.abs(commands) <= limit + 1e-9).all(), f"{what}: a command exceeds the vessel's limits"
+        require("in_range", (np.abs(commands) <= limit + 1e-9).all(), "a command exceeds the vessel's limits")
     check_environment(_scenario(actions=spec), [open_water()], steps=20)
 
 
 def check_condition(kind: str, **keys: Any) -> None:
     """Check the condition `kind` with these keys: draws, row by row, and hooks without effects."""
     spec: Condition = _spec(CONDITIONS, Condition, kind, keys)
-    what, scenario = f"condition '{kind}'", _scenario(conditions={kind: spec})
+    require, scenario = contract_of(f"condition '{kind}'"), _scenario(conditions={kind: spec})
     group = CONDITIONS.get(kind).kind
-    assert group in GROUPS, f"{what}: unknown group '{group}' (known: {', '.join(GROUPS)})"
+    require("valid", group in GROUPS, f"unknown group '{group}' (known: {', '.join(GROUPS)})")
     many, few, other = (_simulate(scenario, boats) for boats in (BOATS, 2, BOATS))
-    assert all(np.isfinite(state).all() for state in many), f"{what}: a boat's state is not finite"
-    assert np.array_equal(many, other), f"{what}: the same generators give different episodes"
-    assert np.array_equal(many[:, :2], few), f"{what}: a boat depends on the number of boats"
+    require("finite", all(np.isfinite(state).all() for state in many), "a boat's state is not finite")
+    require("deterministic", np.array_equal(many, other), "the same generators give different episodes")
+    require("independent_rows", np.array_equal(many[:, :2], few), "a boat depends on the number of boats")
     reset = _simulate(scenario, BOATS, reset_at=10)
     others = np.arange(BOATS) != 1
-    assert np.array_equal(many[:, others], reset[:, others]), f"{what}: a reset changes other boats"
+    require(
+        "independent_rows", np.array_equal(many[:, others], reset[:, others]), "a reset changes other boats"
+    )
     check_environment(scenario, [open_water()], steps=20)
 
 
 def check_range_sensor(kind: str, **keys: Any) -> None:
     """Check the range sensor `kind` with these keys: shape, range, points by sector, noise, row by row."""
     spec: RangeSensorSpec = _spec(RANGE_SENSORS, RangeSensorSpec, kind, keys)
-    what, sensor = f"range sensor '{kind}'", spec.build(_basin())
+    require, sensor = contract_of(f"range sensor '{kind}'"), spec.build(_basin())
     rng = np.random.default_rng(0)
     poses = np.column_stack([rng.uniform(-8, 8, (BOATS, 2)), rng.uniform(-4, 4, BOATS)])
-    scanned = _check_rows(what, lambda rows: {"ranges": sensor.sector_ranges(rows["eta"])}, {"eta": poses})
+    scanned = _check_rows(require, lambda rows: {"ranges": sensor.sector_ranges(rows["eta"])}, {"eta": poses})
     ranges, expected = scanned["ranges"], (BOATS, spec.sectors)
-    assert ranges.shape == expected, f"{what}: ranges of shape {ranges.shape}, expected {expected}"
-    assert (ranges >= 0).all() and (ranges <= spec.range_m).all(), f"{what}: not in 0 to {spec.range_m:g} m"
+    require("shape", ranges.shape == expected, f"ranges of shape {ranges.shape}, expected {expected}")
+    require(
+        "in_range", (ranges >= 0).all() and (ranges <= spec.range_m).all(), f"not in 0 to {spec.range_m:g} m"
+    )
     for pose, row in zip(poses, ranges, strict=True):
         points = sensor.points(pose)
-        assert points.ndim == 2 and points.shape[1] == 3, f"{what}: points of shape {points.shape}"
+        require("shape", points.ndim == 2 and points.shape[1] == 3, f"points of shape {points.shape}")
         nearest = [  # a point on the edge of two sectors may belong to either
             nearest_in_sectors(
                 np.column_stack(rotate(points[:, 0], points[:, 1], turn)), spec.sectors, spec.range_m
@@ -153,17 +161,21 @@ def check_range_sensor(kind: str, **keys: Any) -> None:
             for turn in (-1e-6, 1e-6)
         ]
         low, high = np.min(nearest, axis=0) - 1e-3, np.max(nearest, axis=0) + 1e-3
-        assert ((low <= row) & (row <= high)).all(), (
-            f"{what}: ranges {row}, but the nearest points of the sectors are at {nearest[0]}"
+        require(
+            "consistent",
+            ((low <= row) & (row <= high)).all(),
+            f"ranges {row}, but the nearest points of the sectors are at {nearest[0]}",
         )
     if isinstance(sensor, NoisyRangeSensor):
-        _check_noise(what, sensor, poses, ranges)
-    assert sensor.table_bytes >= 0, f"{what}: negative table_bytes"
+        _check_noise(require, sensor, poses, ranges)
+    require("valid", sensor.table_bytes >= 0, "negative table_bytes")
     empty = spec.build(np.empty((0, 3, 3))).sector_ranges(poses)
-    assert (empty == spec.range_m).all(), f"{what}: nothing returns, but a range is not {spec.range_m:g} m"
+    require(
+        "consistent", (empty == spec.range_m).all(), f"nothing returns, but a range is not {spec.range_m:g} m"
+    )
 
 
-def _check_noise(what: str, sensor: NoisyRangeSensor, poses: Floats, ranges: Floats) -> None:
+def _check_noise(require: Require, sensor: NoisyRangeSensor, poses: Floats, ranges: Floats) -> None:
     """Check the noisy ranges: those without noise where all errors are zero, and each row from its seed."""
 
     def noisy(rows: Rows, error: float) -> Rows:
@@ -172,9 +184,9 @@ def _check_noise(what: str, sensor: NoisyRangeSensor, poses: Floats, ranges: Flo
         return {"noisy ranges": sensor.noisy_sector_ranges(rows["eta"], noise)}
 
     rows = {"eta": poses, "seeds": np.arange(len(poses), dtype=np.uint64)}
-    _check_rows(what, lambda some: noisy(some, 0.05), rows)
+    _check_rows(require, lambda some: noisy(some, 0.05), rows)
     exact = noisy(rows, 0.0)["noisy ranges"]
-    assert np.allclose(exact, ranges, rtol=0, atol=1e-6), f"{what}: noisy ranges without noise differ"
+    require("consistent", np.allclose(exact, ranges, rtol=0, atol=1e-6), "noisy ranges without noise differ")
 
 
 def check_algorithm(kind: str, action_space: Space[Any], **keys: Any) -> None:
@@ -200,31 +212,31 @@ def check_algorithm(kind: str, action_space: Space[Any], **keys: Any) -> None:
         _learned(spec.build(spaces, training, "cpu"), spec, spaces, training, range(SAVED_AT))
         for _ in range(2)
     )
-    what = f"algorithm '{kind}'"
-    assert first.updates > 0, f"{what} makes no updates"
-    _require_equal(first.policy_tensors(), second.policy_tensors(), f"{what}: the same seed gives another")
+    require = contract_of(f"algorithm '{kind}'")
+    require("valid", first.updates > 0, "makes no updates")
+    _require_equal(require, "deterministic", first.policy_tensors(), second.policy_tensors())
 
     observation = np.random.default_rng(1).uniform(-1, 1, (BOATS, 5)).astype(np.float32)
     actions = first.policy.act(observation, {})
-    assert np.array_equal(actions, first.policy.act(observation, {})), f"{what}: the policy is random"
+    require(
+        "deterministic", np.array_equal(actions, first.policy.act(observation, {})), "the policy is random"
+    )
     rebuilt = spec.load_policy(first.policy_tensors(), spaces, training.hidden_sizes)
-    assert np.allclose(actions, rebuilt.act(observation, {})), f"{what}: the rebuilt policy differs"
+    require("consistent", np.allclose(actions, rebuilt.act(observation, {})), "the rebuilt policy differs")
 
     (tensors, facts), policy, updates = copy.deepcopy((first.state(), first.policy_tensors(), first.updates))
     _learned(first, spec, spaces, training, range(SAVED_AT, LEARNING_STEPS))
     restored = spec.build(spaces, training, "cpu")
     restored.restore(policy, tensors, json.loads(json.dumps(facts)))
-    assert restored.updates == updates, f"{what}: restore changes the number of updates"
-    _require_equal(policy, restored.policy_tensors(), f"{what}: restore gives another")
+    require("resumable", restored.updates == updates, "restore changes the number of updates")
+    _require_equal(require, "resumable", policy, restored.policy_tensors())
     _learned(restored, spec, spaces, training, range(SAVED_AT, LEARNING_STEPS))
-    _require_equal(
-        first.policy_tensors(), restored.policy_tensors(), f"{what}: learning after restore gives another"
-    )
+    _require_equal(require, "resumable", first.policy_tensors(), restored.policy_tensors())
 
 
 def check_vessel(source: str | Path) -> None:
     """Check that a vessel loads, moves, stays finite, and that the fast step agrees with the matrices."""
-    vessel, what = load_vessel(source), f"vessel '{source}'"
+    vessel, require = load_vessel(source), contract_of(f"vessel '{source}'")
     model, reference = VesselModel(vessel), ReferenceVesselModel(vessel)
     rng = np.random.default_rng(0)
     eta, nu = np.zeros((BOATS, 3)), np.zeros((BOATS, 3))
@@ -234,21 +246,27 @@ def check_vessel(source: str | Path) -> None:
         alone = np.hstack(model.step(eta[:1], nu[:1], command[:1]))
         eta, nu = model.step(eta, nu, command)
         fast = np.hstack([eta, nu])
-        assert np.isfinite(fast).all(), f"{what}: the state is not finite"
-        assert np.array_equal(fast[:1], alone), f"{what}: a boat depends on the number of boats"
-        assert np.allclose(fast, slow, rtol=1e-9, atol=1e-9), f"{what}: the step differs from the matrices"
-    assert np.abs(eta).max() > 0, f"{what}: does not move"
+        require("finite", np.isfinite(fast).all(), "the state is not finite")
+        require("independent_rows", np.array_equal(fast[:1], alone), "a boat depends on the number of boats")
+        require(
+            "consistent", np.allclose(fast, slow, rtol=1e-9, atol=1e-9), "the step differs from the matrices"
+        )
+    require("valid", np.abs(eta).max() > 0, "does not move")
 
 
 def check_harbor(source: str | Path) -> None:
     """Check that a harbor loads and builds the same surface twice, finite, with a plan view."""
-    what, spec = f"harbor '{source}'", load_harbor(source)
+    require, spec = contract_of(f"harbor '{source}'"), load_harbor(source)
     harbor, again = (build_harbor(load_harbor(source), Path()) for _ in range(2))
-    assert harbor.triangles.shape[1:] == (3, 3), f"{what}: no triangles"
-    assert len(harbor.triangles) and np.isfinite(harbor.triangles).all(), f"{what}: empty or not finite"
-    assert np.array_equal(harbor.triangles, again.triangles), f"{what}: built differently the second time"
-    assert spec == load_harbor(source), f"{what}: loads differently the second time"
-    assert build_scene(harbor, load_vessel("eilbrecht").hull).polygons, f"{what}: nothing to draw"
+    require("shape", harbor.triangles.shape[1:] == (3, 3), "no triangles")
+    require("finite", len(harbor.triangles) and np.isfinite(harbor.triangles).all(), "empty or not finite")
+    require(
+        "deterministic",
+        np.array_equal(harbor.triangles, again.triangles),
+        "built differently the second time",
+    )
+    require("deterministic", spec == load_harbor(source), "loads differently the second time")
+    require("valid", build_scene(harbor, load_vessel("eilbrecht").hull).polygons, "nothing to draw")
 
 
 def _all_actions(space: Space[Any]) -> NDArray[Any]:
@@ -264,34 +282,42 @@ def _spec(registry: Registry[type[Any]], base: type[Any], kind: str, keys: dict[
     """Return the registered spec with these keys, after checks that hold for all of them."""
     catalog.fill()
     model = registry.get(kind).value
-    what = f"{registry.noun} '{kind}'"
-    assert isinstance(model, type) and issubclass(model, base), f"{what}: not a subclass of {base.__name__}"
+    require = contract_of(f"{registry.noun} '{kind}'")
+    require(
+        "valid", isinstance(model, type) and issubclass(model, base), f"not a subclass of {base.__name__}"
+    )
     spec = model.model_validate({**keys, "kind": kind})
     again = model.model_validate(spec.model_dump(mode="json"))
-    assert again == spec, f"{what}: a dump loads as {again}, not as {spec}"
+    require("valid", again == spec, f"a dump loads as {again}, not as {spec}")
     if base is not AlgorithmSpec:  # whose options may be a dictionary
-        assert hash(again) == hash(spec), f"{what}: equal specs have different hashes"
+        require("valid", hash(again) == hash(spec), "equal specs have different hashes")
     return spec
 
 
-def _check_rows(what: str, function: Callable[[Rows], Rows], rows: Rows) -> Rows:
+def _check_rows(require: Require, function: Callable[[Rows], Rows], rows: Rows) -> Rows:
     """Check a pure function of n rows and return its result."""
     before = {key: value.copy() for key, value in rows.items()}
     result = function(rows)
     for key, value in result.items():
-        assert len(value) == BOATS, f"{what}: {key} of shape {np.shape(value)} for {BOATS} boats"
-        assert np.isfinite(value).all(), f"{what}: {key} is not finite"
+        require("shape", len(value) == BOATS, f"{key} of shape {np.shape(value)} for {BOATS} boats")
+        require("finite", np.isfinite(value).all(), f"{key} is not finite")
     for key, value in before.items():
-        assert np.array_equal(value, rows[key]), f"{what}: changes its argument {key}"
+        require("pure", np.array_equal(value, rows[key]), f"changes its argument {key}")
     for some in (slice(0, 1), slice(2, 5)):
         part = function({key: value[some] for key, value in rows.items()})
         for key, value in part.items():
-            assert np.array_equal(value, result[key][some]), f"{what}: a row of {key} depends on other rows"
+            require(
+                "independent_rows",
+                np.array_equal(value, result[key][some]),
+                f"a row of {key} depends on other rows",
+            )
     copies = {key: value.copy() for key, value in result.items()}
     for key, value in result.items():
         if value.flags.writeable and not any(np.shares_memory(value, given) for given in rows.values()):
             value[:] = -7.0
-        assert np.array_equal(function(rows)[key], copies[key]), f"{what}: {key} is shared with later calls"
+        require(
+            "unshared", np.array_equal(function(rows)[key], copies[key]), f"{key} is shared with later calls"
+        )
     return copies
 
 
@@ -357,7 +383,9 @@ def _simulate(scenario: Scenario, boats: int, reset_at: int | None = None) -> Fl
             simulator.reset(np.array([1]), [replace(start, seed=99)])
         before, again = _hooks(simulator), _hooks(simulator)
         for name, value in before.items():
-            assert np.array_equal(value, again[name]), f"{name} changes without a reset or advance"
+            contract_of(name)(
+                "pure", np.array_equal(value, again[name]), "changes without a reset or advance"
+            )
         simulator.step(command[:boats])
         states.append(np.hstack([simulator.eta, simulator.nu]))
     return np.array(states)
@@ -384,18 +412,20 @@ def _learned(
     algorithm: Algorithm, spec: AlgorithmSpec, spaces: Spaces, training: Training, steps: range
 ) -> Algorithm:
     """Return the algorithm after learning from random observations and rewards, the same for equal steps."""
-    what, space = f"algorithm '{spec.kind}'", batch_space(spaces.action, BOATS)
+    require, space = contract_of(f"algorithm '{spec.kind}'"), batch_space(spaces.action, BOATS)
     rng = np.random.default_rng(steps.start)
     observation = rng.uniform(-1, 1, (BOATS, 5)).astype(np.float32)
     for step in steps:
         env_steps = step * BOATS
         before = observation.copy()
         action = np.asarray(algorithm.act(observation, env_steps))
-        assert np.array_equal(before, observation), f"{what}: act changes the observation"
-        assert space.contains(action.astype(space.dtype)), f"{what}: actions {action} are not in {space}"
+        require("pure", np.array_equal(before, observation), "act changes the observation")
+        require(
+            "in_range", space.contains(action.astype(space.dtype)), f"actions {action} are not in {space}"
+        )
         for metrics in algorithm.learn(env_steps):
-            assert env_steps >= training.warmup_steps, f"{what} learns in the warm-up"
-            assert math.isfinite(metrics["loss"]), f"{what}: loss {metrics['loss']}"
+            require("valid", env_steps >= training.warmup_steps, "learns in the warm-up")
+            require("finite", math.isfinite(metrics["loss"]), f"loss {metrics['loss']}")
         following = rng.uniform(-1, 1, observation.shape).astype(np.float32)
         terminated, truncated = rng.random((2, BOATS)) < 0.1
         algorithm.store(Step(observation, action, rng.normal(size=BOATS), following, terminated, truncated))
@@ -403,10 +433,10 @@ def _learned(
     return algorithm
 
 
-def _require_equal(first: Tensors, second: Tensors, what: str) -> None:
-    assert first.keys() == second.keys(), f"{what} set of tensors"
+def _require_equal(require: Require, rule: Rule, first: Tensors, second: Tensors) -> None:
+    require(rule, first.keys() == second.keys(), "another set of tensors")
     for name, tensor in first.items():
-        assert np.array_equal(tensor, second[name]), f"{what} {name}"
+        require(rule, np.array_equal(tensor, second[name]), f"tensor {name} differs")
 
 
 def _basin() -> Floats:

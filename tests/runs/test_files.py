@@ -35,8 +35,9 @@ def full(*_: object, **__: object) -> None:
 def test_a_failed_write_leaves_the_old_file_intact(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     path = write_atomically(tmp_path / "a.txt", b"old")
     monkeypatch.setattr(Path, "replace", full)
-    with pytest.raises(DockctlError, match=r"a\.txt"):
+    with pytest.raises(DockctlError, match=r"a\.txt") as caught:
         write_atomically(path, b"new")
+    assert caught.value.code == "not_writable"
     assert path.read_bytes() == b"old"
     assert names(tmp_path) == ["a.txt"]
 
@@ -58,15 +59,17 @@ def test_the_old_folder_stays_when_the_new_one_fails(tmp_path: Path) -> None:
             (new / "half").touch()
             full()
 
-    with pytest.raises(DockctlError, match="best"):
+    with pytest.raises(DockctlError, match="best") as caught:
         fail()
+    assert caught.value.code == "not_writable"
     assert names(tmp_path / "best") == ["one"]
 
 
 def test_a_table_on_a_full_disk(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(Path, "open", full)
-    with pytest.raises(DockctlError, match=r"t\.csv"):
+    with pytest.raises(DockctlError, match=r"t\.csv") as caught:
         Table(tmp_path / "t.csv", ["a"]).append([{"a": 1}])
+    assert caught.value.code == "not_writable"
 
 
 def test_the_previous_folder_is_read_and_restored_if_the_replacement_was_killed(tmp_path: Path) -> None:
