@@ -264,8 +264,8 @@ def test_a_condition_whose_state_is_incomplete_is_rejected() -> None:
 
 def test_a_sensor_whose_points_do_not_agree_is_rejected() -> None:
     class Long(PlanarSensor):
-        def points(self, pose: Any) -> Any:
-            return 2 * super().points(pose)
+        def points(self, pose: Any, every: int = 1) -> Any:
+            return 2 * super().points(pose, every)
 
     class Clockwise(PlanarSensor):
         def sector_ranges(self, eta: Any) -> Any:

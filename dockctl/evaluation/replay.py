@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -22,6 +23,7 @@ from dockctl.evaluation.rollout import Episode, Rollout
 from dockctl.evaluation.starts import checked_starts, trajectory_starts
 from dockctl.geometry import Floats, pose_label
 from dockctl.scenarios.base import Pose
+from dockctl.scenarios.extensions import RangeSensor
 from dockctl.scenarios.layouts import layouts
 from dockctl.scenarios.loader import LoadedScenario
 from dockctl.scenarios.schema import Scenario, Task
@@ -30,7 +32,9 @@ from dockctl.sim.harbor.solids import hull_mesh, hull_outline
 from dockctl.sim.starts import Start
 
 MAX_SCANS, MAX_POINTS = 240, 360_000
-"""LiDAR scans and points of all episodes together, at most, so that a page stays small."""
+"""LiDAR scans at most, and points about, of all episodes together, so that a page stays small."""
+SPARSE = 16
+"""Every so many rays tell about how many of a scan return."""
 FARTHEST_M = 327.0
 """Maximum coordinate of the points in the page, which are 16-bit centimeters."""
 MAX_TRIANGLES = 200_000
@@ -139,9 +143,9 @@ def _replay(loaded: LoadedScenario, runs: Sequence[_Run]) -> Replay:
     for run in runs:
         measured = range(0, run.episode.steps + 1, stride)
         lidar = run.rollout.worlds[run.start.harbor].lidar
-        clouds = workers().map(lidar.points, run.episode.trajectory["pose"][measured])
-        thinned = (_thinned(cloud, MAX_POINTS * stride // rows) for cloud in clouds)
-        scans = dict(zip(measured, thinned, strict=True))
+        cloud = partial(_cloud, lidar, MAX_POINTS * stride // rows)
+        clouds = workers().map(cloud, run.episode.trajectory["pose"][measured])
+        scans = dict(zip(measured, clouds, strict=True))
         tracks.append(
             Track(run.name, run.caption, run.start, run.episode, scans, _q_values(run.policy, run.episode))
         )
@@ -149,10 +153,11 @@ def _replay(loaded: LoadedScenario, runs: Sequence[_Run]) -> Replay:
     return Replay(scenario, build_harbor(layout.harbor, loaded.base_dir), tracks)
 
 
-def _thinned(points: Floats, count: int) -> Floats:
-    """Return about `count` points, evenly spaced in the order in which they were measured."""
-    points = points[(np.abs(points) < FARTHEST_M).all(axis=1)]
-    return points[:: max(1, -(-len(points) // max(count, 1)))]
+def _cloud(lidar: RangeSensor, count: int, pose: Floats) -> Floats:
+    """Return about `count` points of a scan from one pose (3,), those of evenly spaced rays."""
+    returns = SPARSE * len(lidar.points(pose, SPARSE))
+    points = lidar.points(pose, max(1, -(-returns // max(count, 1))))
+    return points[(np.abs(points) < FARTHEST_M).all(axis=1)]
 
 
 def _q_values(policy: Policy | None, episode: Episode) -> NDArray[np.float32] | None:

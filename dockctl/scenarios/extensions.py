@@ -142,8 +142,8 @@ class RangeSensor(Protocol):
         """
         ...
 
-    def points(self, pose: Floats) -> Floats:
-        """Return all returns (k, 3) [m] in the body frame from one pose (3,), for drawings."""
+    def points(self, pose: Floats, every: int = 1) -> Floats:
+        """Return the returns (k, 3) [m] of every n-th ray in the body frame, from one pose (3,)."""
         ...
 
 

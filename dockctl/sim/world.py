@@ -194,7 +194,7 @@ class NothingInRange:
     def noisy_sector_ranges(self, eta: Floats, noise: RangeNoise) -> Floats:
         return self.sector_ranges(eta)
 
-    def points(self, pose: Floats) -> Floats:
+    def points(self, pose: Floats, every: int = 1) -> Floats:
         return np.empty((0, 3))
 
 

@@ -154,6 +154,8 @@ def check_range_sensor(kind: str, **keys: Any) -> None:
     for pose, row in zip(poses, ranges, strict=True):
         points = sensor.points(pose)
         require("shape", points.ndim == 2 and points.shape[1] == 3, f"points of shape {points.shape}")
+        some = set(map(tuple, sensor.points(pose, 2)))
+        require("consistent", some <= set(map(tuple, points)), "every second ray has points that no ray has")
         nearest = [  # a point on the edge of two sectors may belong to either
             nearest_in_sectors(
                 np.column_stack(rotate(points[:, 0], points[:, 1], turn)), spec.sectors, spec.range_m

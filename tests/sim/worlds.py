@@ -41,7 +41,7 @@ class Rings:
     def __init__(self, sectors: int = 8) -> None:
         self.sectors, self.scanned, self.table_bytes = sectors, 0, 0
 
-    def points(self, pose: Floats) -> Floats:
+    def points(self, pose: Floats, every: int = 1) -> Floats:
         return np.empty((0, 3))
 
     def sector_ranges(self, eta: Floats) -> Floats:

@@ -92,9 +92,9 @@ class PlanarSensor:
             np.minimum.at(row, self._sectors, hits)
         return nearest
 
-    def points(self, pose: Floats) -> Floats:
-        """Return the returns (k, 3) [m] in the body frame from one pose (3,)."""
-        hits = self._volumes.trace(pose, *self._rays)
+    def points(self, pose: Floats, every: int = 1) -> Floats:
+        """Return the returns (k, 3) [m] of every n-th ray in the body frame from one pose (3,)."""
+        origins, directions, reach = (array[::every] for array in self._rays)
+        hits = self._volumes.trace(pose, origins, directions, reach)
         seen = np.isfinite(hits)
-        origins, directions, _ = self._rays
         return origins[seen] + hits[seen, None] * directions[seen]

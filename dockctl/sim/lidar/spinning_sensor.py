@@ -182,18 +182,25 @@ class SpinningSensor:
         """
         sectors, range_m = self.spec.sectors, self.spec.range_m
         scans = (
-            self.points(pose, None if noise is None else noise.of(np.array([row])))
+            self.points(pose, noise=None if noise is None else noise.of(np.array([row])))
             for row, pose in enumerate(eta)
         )
         return np.array([nearest_in_sectors(points, sectors, range_m) for points in scans])
 
-    def points(self, pose: Floats, noise: RangeNoise | None = None) -> Floats:
-        """Return the points (k, 3) of a scan from one pose (3,), in the body frame [m]; noise of one row."""
-        hits = self._volumes.trace(pose, self.rays.origins, self.rays.directions, self.rays.reach)
+    def points(self, pose: Floats, every: int = 1, *, noise: RangeNoise | None = None) -> Floats:
+        """Return the points (k, 3) of a scan from one pose (3,), in the body frame [m].
+
+        Args:
+            every: trace every n-th ray.
+            noise: of one row, for a scan of all rays.
+        """
+        rays = self.rays
+        origins, directions = rays.origins[::every], rays.directions[::every]
+        hits = self._volumes.trace(pose, origins, directions, rays.reach[::every])
         if noise is not None:
             hits = noisy_hits(hits, noise.seeds[0], noise.sigma_m[0], noise.lost_returns[0])
         seen = np.isfinite(hits)
-        return self.rays.origins[seen] + hits[seen, None] * self.rays.directions[seen]
+        return origins[seen] + hits[seen, None] * directions[seen]
 
 
 @lru_cache(maxsize=4)

@@ -97,6 +97,14 @@ def test_a_near_wall_hides_a_far_one() -> None:
     assert points[points[:, 0] > 8.01, 2].min() > 40.0
 
 
+def test_every_third_ray_gives_its_points() -> None:
+    triangles, pose, rays = clutter(0), np.array([1.0, -2.0, 0.3]), Rays.from_spec(COARSE)
+    sensor = SpinningSensor(COARSE, triangles)
+    hits = BoundingVolumes.build(triangles).trace(pose, rays.origins, rays.directions, rays.reach)
+    seen = np.flatnonzero(np.isfinite(hits))
+    np.testing.assert_array_equal(sensor.points(pose, 3), sensor.points(pose)[seen % 3 == 0])
+
+
 @pytest.mark.parametrize("heading", [0.0, 45.0, 90.0, 180.0, 270.0])
 def test_sectors_rotate_with_the_boat(heading: float) -> None:
     """A mast due east of the boat is in the sector of the body-frame azimuth -heading."""
