@@ -35,6 +35,8 @@ from dockctl.sim.vessel import ReferenceVesselModel
 from dockctl.sim.world import NothingInRange, in_open_water
 
 BOATS, STEPS = 4, 3
+DRAWS, PERIODS, SUBSTEPS = 64, 20, 1000
+"""Episodes with conditions, their control periods, and the limit of all their substeps."""
 WALL = np.array([[[10, -9, -1], [10, 9, -1], [10, 9, 6]], [[10, -9, -1], [10, 9, 6], [10, -9, 6]]], float)
 """What the range sensor sees."""
 
@@ -52,19 +54,27 @@ def dry_run(loaded: LoadedScenario) -> None:
     """
     with _located(loaded):
         _step(loaded)
+        _integrate(loaded)
 
 
-def _step(loaded: LoadedScenario) -> None:
+def _in_open_water(loaded: LoadedScenario, boats: int) -> DockingVectorEnv:
+    """Return an environment at the starts of its first episodes."""
     scenario = loaded.scenario
     lidar = scenario.sensors.lidar
     with Guard(RANGE_SENSORS, lidar.kind):
         is_own = RANGE_SENSORS.origin(lidar.kind) == PACKAGE_ORIGIN
         world = in_open_water(NothingInRange(lidar) if is_own else lidar.build(WALL))
     worlds = [world] * len(layouts(scenario.harbor, scenario.task.berths))
-    env = DockingVectorEnv(loaded, BOATS, exploring=True, worlds=worlds)
+    env = DockingVectorEnv(loaded, boats, exploring=True, worlds=worlds)
     env.simulator.vessel = ReferenceVesselModel(scenario.vessel)
     env.action_space.seed(0)
     env.reset(seed=0)
+    return env
+
+
+def _step(loaded: LoadedScenario) -> None:
+    scenario = loaded.scenario
+    lidar, env = scenario.sensors.lidar, _in_open_water(loaded, BOATS)
     for _ in range(STEPS):
         actions = env.action_space.sample()
         with Guard(ACTIONS, scenario.actions.kind):
@@ -103,6 +113,20 @@ def _step(loaded: LoadedScenario) -> None:
         algorithm = build_algorithm(loaded, Spaces.from_env(env), BOATS, "cpu")
         with Guard(ALGORITHMS, scenario.training.algorithm.kind):
             algorithm.act(observation, 0)
+
+
+def _integrate(loaded: LoadedScenario) -> None:
+    """Give many boats full thrust under their conditions: a current may exceed the speeds of the vessel.
+
+    Raises:
+        IntegrationError: the integration diverged.
+    """
+    vessel = loaded.scenario.vessel
+    if not loaded.scenario.conditions:  # in calm water it is stable by the validator of the vessel
+        return
+    simulator, rng = _in_open_water(loaded, DRAWS).simulator, np.random.default_rng(0)
+    for _ in range(min(PERIODS, max(1, SUBSTEPS // vessel.substeps))):
+        simulator.step(rng.choice([-1, 1], (DRAWS, 2)) * simulator.vessel.command_limit)
 
 
 def build_algorithm(loaded: LoadedScenario, spaces: Spaces, boats: int, device: str) -> Algorithm:

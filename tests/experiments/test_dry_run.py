@@ -166,6 +166,17 @@ def test_conditions_in_which_the_integration_diverges_are_located(tmp_path: Path
     assert (problem.line, problem.field, problem.code) == (3, "conditions", "out_of_range")
 
 
+def test_draws_of_a_condition_in_which_the_integration_diverges_are_located(tmp_path: Path) -> None:
+    """Hardly one boat in ten meets a current with which it diverges."""
+    scenario = tmp_path / "stream.yaml"
+    current = "{speed_mps: [0, 10], direction_deg: [0, 360], variation_mps: 3}"
+    scenario.write_text(f"extends: s1\nconditions:\n  current: {current}\n")
+    with pytest.raises(InputError) as caught:
+        dry_run(load(str(scenario)))
+    (problem,) = caught.value.problems
+    assert (problem.line, problem.field, problem.code) == (3, "conditions", "out_of_range")
+
+
 def test_validate_and_train_report_the_fault_and_leave_no_run_folder(tmp_path: Path) -> None:
     path, runs = tmp_path / "mine.py", tmp_path / "runs"
     plugin(path, "term", value="1 / 0")
