@@ -20,7 +20,7 @@ from rich.console import Console
 from typer.core import TyperCommand, TyperGroup
 
 from dockctl import __version__
-from dockctl.console import SafeStream, print_text
+from dockctl.console import SafeStream, print_text, printable
 from dockctl.errors import DockctlError
 from dockctl.experiments.interrupt import INTERRUPTED
 
@@ -123,7 +123,7 @@ class _Notes(logging.Handler):
     """
 
     def emit(self, record: logging.LogRecord) -> None:
-        print(self.format(record), file=sys.stderr)
+        print(printable(self.format(record)), file=sys.stderr)
 
 
 def _known_error(error: Exception) -> DockctlError | None:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import io
 import os
+import re
 import shlex
 import textwrap
 from collections.abc import Sequence
@@ -19,6 +20,8 @@ from rich.text import Text
 
 WIDE = Console(width=10_000)
 """For measurements."""
+CONTROLS = re.compile(r"[\x00-\x08\x0b-\x1f\x7f-\x9f\u202a-\u202e\u2066-\u2069]")
+"""Characters of texts from others that command a terminal or reverse what it shows."""
 
 
 class SafeStream(io.TextIOWrapper):
@@ -65,19 +68,30 @@ def command_line(*words: object) -> str:
     return shlex.join(["dockctl", *map(str, words)])
 
 
+def printable(text: str) -> str:
+    """Return the text with control characters shown as their codes."""
+    return CONTROLS.sub(lambda found: f"\\x{ord(found[0]):02x}", text)
+
+
 def print_text(console: Console, text: str, style: str = "") -> None:
     """Print `text` literally, without markup or highlighting; lines break on a terminal, between words.
 
-    Words longer than a line, such as paths, and indented lines, which are commands, stay whole.
+    Words longer than a line, such as paths, and indented lines, which are commands, stay whole. Control
+    characters are shown as their codes.
     """
     for line in text.splitlines():
         if console.is_terminal and not line.startswith(" "):
             line = textwrap.fill(line, console.width, break_long_words=False, break_on_hyphens=False)
-        console.print(Text(line, style=style), soft_wrap=True)
+        console.print(Text(printable(line), style=style), soft_wrap=True)
 
 
 def print_table(console: Console, table: Table) -> None:
-    """Print a table; one that is too wide is printed in parts, each with the first column."""
+    """Print a table; one that is too wide is printed in parts, each with the first column.
+
+    Cells of type `str` are markup; texts from others are of type `Text`, with control characters as codes.
+    """
+    for cell in (cell for column in table.columns for cell in column.cells if isinstance(cell, Text)):
+        cell.plain = printable(cell.plain)
     first, *others = table.columns
     parts: list[list[Column]] = [[]]
     for column in others:

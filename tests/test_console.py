@@ -9,6 +9,7 @@ from contextlib import redirect_stderr
 import pytest
 from rich.console import Console
 from rich.table import Column
+from rich.text import Text
 
 from dockctl import cli
 from dockctl.console import make_table, numeric, print_table, print_text
@@ -65,3 +66,15 @@ def test_lines_break_between_words_on_a_terminal_only(width: int) -> None:
     assert all(len(line) <= width for line in lines if path not in line)
     assert " ".join(line.rstrip() for line in lines).split() == text.split()
     assert lines[-1] == f"  dockctl {path}"
+
+
+def test_texts_of_others_send_no_commands_to_the_terminal() -> None:
+    hostile, stream = "\x1b]0;title\x1b[2J\x9b2J\u202eb [/red]", io.StringIO()
+    console = Console(file=stream, width=200)
+    table = make_table("name")
+    table.add_row(Text(hostile))
+    print_text(console, hostile)
+    print_table(console, table)
+    shown = stream.getvalue()
+    assert shown.count(r"\x1b]0;title\x1b[2J\x9b2J\x202eb [/red]") == 2
+    assert all(character.isprintable() for character in shown.replace("\n", ""))

@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 from rich.console import Console
 from rich.table import Column, Table
+from rich.text import Text
 
 from dockctl.commands.options import (
     Ckpt,
@@ -151,7 +152,7 @@ def _episode_table(result: Evaluation) -> Table:
         row = episode.row()
         table.add_row(
             pose_label(x, y, math.degrees(heading)),
-            f"[{'green' if episode.docked else 'red'}]{describe_outcome(row)}[/]",
+            Text(describe_outcome(row), "green" if episode.docked else "red"),
             f"{episode.steps * result.control_period_s:g}",
             f"{row['distance_m']:.2f}",
             f"{row['heading_error_deg']:+.1f}",

@@ -8,6 +8,7 @@ from typing import Annotated
 
 import typer
 from rich.console import Console
+from rich.text import Text
 
 from dockctl.commands.options import Json, Plugins, Trust, latest_run
 from dockctl.console import make_table, numeric, print_table, print_text
@@ -44,13 +45,13 @@ def verify(
     console = Console()
     table = make_table("table", *numeric("rows", "SHA-256"), "", title=f"The first {result.steps:,} steps")
     for check in result.tables:
-        verdict = f"[red]{check.difference}[/]" if check.difference else "[green]equal[/]"
+        verdict = Text(check.difference, "red") if check.difference else Text("equal", "green")
         table.add_row(check.name, f"{check.rows:,}", check.here[:16], verdict)
     print_table(console, table)
     if result.conditions:
         table = make_table("differs here", "in the run", "here")
         for row in result.conditions:
-            table.add_row(*row)
+            table.add_row(*map(Text, row))
         print_table(console, table)
     else:
         print_text(console, "Software, processor and plugins are those of the run.")

@@ -81,6 +81,17 @@ def test_what_differs_on_this_machine(run: Path) -> None:
     }
 
 
+def test_texts_of_the_run_are_no_markup(run: Path) -> None:
+    facts = json.loads((run / "provenance.json").read_text())
+    facts["python"] = "[/red]"
+    (run / "provenance.json").write_text(json.dumps(facts))
+    table = run / "evaluations.csv"
+    table.write_text(table.read_text().replace("timeout", "[/red]"))
+    outcome = dockctl("verify", run, "--steps", 120)
+    assert outcome.code == 1
+    assert outcome.out.count("[/red]") == 2
+
+
 def test_a_folder_without_rows(run: Path) -> None:
     for name in ("episodes.csv", "updates.csv", "evaluations.csv"):
         (run / name).unlink()
