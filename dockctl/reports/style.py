@@ -19,7 +19,7 @@ from matplotlib.figure import Figure, FigureBase
 from matplotlib.layout_engine import ConstrainedLayoutEngine
 from matplotlib.lines import Line2D
 from matplotlib.patheffects import withStroke
-from matplotlib.ticker import FuncFormatter, PercentFormatter
+from matplotlib.ticker import FuncFormatter, LogFormatter, PercentFormatter
 
 from dockctl.analysis.statistics import wilson_interval
 from dockctl.drawing import palette
@@ -35,6 +35,7 @@ STYLE: dict[Any, Any] = {
     "font.family": "DejaVu Sans",  # comes with matplotlib, so figures are the same on every machine
     "font.size": 9.5,
     "text.color": palette.INK,
+    "text.parse_math": False,  # names of others may contain dollar signs
     "axes.edgecolor": palette.RULE,
     "axes.labelcolor": palette.INK_SOFT,
     "axes.labelsize": 9.5,
@@ -183,6 +184,13 @@ def label(
     """
     style = {"fontsize": 8, "path_effects": HALO, **style}
     ax.annotate(text, xy, xytext=offset, textcoords="offset points", **style)
+
+
+class PlainLogFormatter(LogFormatter):
+    """Labels the ticks that matplotlib chooses with numbers without markup."""
+
+    def __call__(self, x: float, pos: int | None = None) -> str:
+        return f"{x:g}" if super().__call__(x, pos) else ""
 
 
 def thousands(ax: Axes, which: str = "x") -> None:

@@ -31,6 +31,13 @@ def test_files_are_reproducible(tmp_path: Path) -> None:
         assert one.read_bytes() == other.read_bytes()
 
 
+def test_names_with_dollar_signs_are_no_formulas(tmp_path: Path) -> None:
+    with figure_style():
+        figure, ax = make_axes("$\\frac{a}{$", "$x_{$")
+        ax.plot([1, 2], [1, 2], label="_a$\\b$")
+        save({"figure": figure}, tmp_path)
+
+
 def test_noise_of_the_layout_solver_is_rounded_away(monkeypatch: pytest.MonkeyPatch) -> None:
     """Its results differ by about 1e-15 from run to run."""
 
