@@ -13,10 +13,10 @@ from collections.abc import Iterator
 from importlib.util import find_spec
 from itertools import pairwise
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Literal
+from typing import TYPE_CHECKING, Any, Literal, NamedTuple
 
 from dockctl.compute import limit_blas_threads
-from dockctl.dueling import shapes, split
+from dockctl.dueling import network_size, shapes, split
 from dockctl.errors import DockctlError
 from dockctl.plugins import ALGORITHMS
 from dockctl.scenarios.base import FieldError, NonNegative
@@ -29,12 +29,37 @@ if TYPE_CHECKING:
     from dockctl.scenarios.training import Training
 
 
+COPIES_IN_SAVING = 3
+"""Copies of a checkpoint's tensors while it is written: arrays, serialized, and the content of the file."""
+
+
+class MemoryUse(NamedTuple):
+    """One use of memory: its name, size [bytes], and the field of the scenario that decides it."""
+
+    name: str
+    size: int
+    field: str
+
+
 class AlgorithmSpec(Kind):
     """A learning algorithm as data. A subclass adds its keys as fields."""
 
     @property
     def imports(self) -> tuple[str, ...]:
         """Modules that a value of this section names, whose code runs when the algorithm is built."""
+        return ()
+
+    def describe(self) -> str:
+        """Return what it learns with, in a few words for model cards; by default its kind."""
+        return self.kind
+
+    def memory(self, spaces: Spaces, training: Training) -> tuple[MemoryUse, ...]:
+        """Estimate what `build` and the training allocate; by default nothing that counts.
+
+        Args:
+            spaces: of one boat.
+            training: the hyperparameters that all algorithms share.
+        """
         return ()
 
     @abstractmethod
@@ -62,10 +87,16 @@ class AlgorithmSpec(Kind):
         """
 
 
+def algorithm_of(training: Training) -> AlgorithmSpec:
+    """Return ``training.algorithm``, whose type the scenarios do not know."""
+    spec = training.algorithm
+    assert isinstance(spec, AlgorithmSpec)
+    return spec
+
+
 def remember_code(scenario: Scenario) -> None:
     """Trust the local code of a user's own scenario: its runs need no ``--trust`` on this machine."""
-    spec = scenario.training.algorithm
-    assert isinstance(spec, AlgorithmSpec)
+    spec = algorithm_of(scenario.training)
     remember([*map(file_digest, map(Path, scenario.plugins)), *map(text_digest, spec.imports)])
 
 
@@ -74,6 +105,12 @@ class Dqn(AlgorithmSpec):
     """Dueling double DQN with n-step returns; its hyperparameters are the keys of ``training``."""
 
     kind: Literal["dqn"] = "dqn"
+
+    def describe(self) -> str:
+        return "dueling"
+
+    def memory(self, spaces: Spaces, training: Training) -> tuple[MemoryUse, ...]:
+        return _replay_and_networks(spaces, training)
 
     def build(self, spaces: Spaces, training: Training, device: str) -> Algorithm:
         from dockctl.agents.dqn.algorithm import DQN
@@ -91,6 +128,27 @@ class Dqn(AlgorithmSpec):
                 raise ValueError(f"weights of shapes {given}, expected {expected}")
         limit_blas_threads()
         return GreedyPolicy(tensors)
+
+
+def _replay_and_networks(spaces: Spaces, training: Training) -> tuple[MemoryUse, ...]:
+    """Estimate the memory of a replay and of dueling networks."""
+    from gymnasium.spaces import flatdim
+
+    from dockctl.agents.dqn.replay import Replay
+
+    size, actions = flatdim(spaces.observation), flatdim(spaces.action)
+    parameters, outputs = network_size(size, actions, training.hidden_sizes)
+    replay = Replay.bytes_needed(min(training.replay_capacity, training.total_steps), size)
+    # Online and target network, gradient, two moments, and the optimizer's temporaries; four are saved.
+    networks = 4 * (6 + 4 * COPIES_IN_SAVING) * parameters
+    # Outputs of both networks for two observations, their gradients, and temporaries.
+    batches = 4 * 6 * training.batch_size * (outputs + size)
+    return (
+        MemoryUse("replay", replay, "training.replay_capacity"),
+        MemoryUse("copy of the replay when resuming", replay, "training.replay_capacity"),
+        MemoryUse("networks", networks, "training.hidden_sizes"),
+        MemoryUse("batches", batches, "training.batch_size"),
+    )
 
 
 def _discrete(spaces: Spaces) -> tuple[int, int]:
@@ -136,6 +194,12 @@ class StableBaselines3(AlgorithmSpec):
     def imports(self) -> tuple[str, ...]:
         module, colon, _ = self.model.rpartition(":")
         return (module,) if colon else ()
+
+    def describe(self) -> str:
+        return f"{self.model} of Stable-Baselines3, {self.policy}"
+
+    def memory(self, spaces: Spaces, training: Training) -> tuple[MemoryUse, ...]:
+        return _replay_and_networks(spaces, training)  # its replay takes about as many bytes per transition
 
     def build(self, spaces: Spaces, training: Training, device: str) -> Algorithm:
         _require_stable_baselines()

@@ -53,6 +53,15 @@ class Policy(Protocol):
         ...
 
 
+@runtime_checkable
+class QPolicy(Protocol):
+    """A policy that chooses among discrete actions by their values."""
+
+    def q_values(self, observation: NDArray[Any]) -> NDArray[np.float32]:
+        """Return the values (n, actions) of the actions for observations (n, observation_size)."""
+        ...
+
+
 @dataclass(frozen=True, eq=False)
 class Step:
     """One step of n boats.

@@ -35,6 +35,10 @@ class GridActions(ActionType):
     propeller_n: tuple[Number, ...] = Field(default=tuple(range(-50, 51, 10)), min_length=1, max_length=1000)
     rudder_deg: tuple[Number, ...] = Field(default=tuple(range(-30, 31, 10)), min_length=1, max_length=1000)
 
+    @property
+    def grid(self) -> dict[str, tuple[float, ...]]:
+        return {"propeller_n": self.propeller_n, "rudder_deg": self.rudder_deg}
+
     def fitted(self, vessel: Vessel) -> ActionType:
         """Scale the default forces and angles to the limits of the vessel."""
         limits = {"propeller_n": vessel.max_propeller_n, "rudder_deg": vessel.max_rudder_deg}

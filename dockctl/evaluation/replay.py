@@ -12,8 +12,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from dockctl.agents.dqn.policy import GreedyPolicy
-from dockctl.agents.interface import Policy
+from dockctl.agents.interface import Policy, QPolicy
 from dockctl.analysis.episodes import describe_outcome
 from dockctl.compute import workers
 from dockctl.drawing import palette
@@ -161,7 +160,7 @@ def _cloud(lidar: RangeSensor, count: int, pose: Floats) -> Floats:
 
 
 def _q_values(policy: Policy | None, episode: Episode) -> NDArray[np.float32] | None:
-    return policy.q_values(episode.trajectory["observation"]) if isinstance(policy, GreedyPolicy) else None
+    return policy.q_values(episode.trajectory["observation"]) if isinstance(policy, QPolicy) else None
 
 
 def page_data(replay: Replay) -> dict[str, Any]:
@@ -176,7 +175,7 @@ def page_data(replay: Replay) -> dict[str, Any]:
         "harbor": _harbor(replay.harbor),
         "boat": _boat(scenario),
         "limits": {name: getattr(scenario.vessel, f"max_{name}") for name in ("propeller_n", "rudder_deg")},
-        "grid": _grid(scenario),
+        "grid": scenario.actions.grid,
         "range_m": scenario.sensors.lidar.range_m,
         "period_s": scenario.vessel.control_period_s,
         "terms": _terms(replay.tracks[0]),
@@ -236,14 +235,6 @@ def _bounds(harbor: Harbor) -> list[float]:
         return [-2 * OPEN_WATER_M, -2 * OPEN_WATER_M, 2 * OPEN_WATER_M, 2 * OPEN_WATER_M]
     low, high = harbor.triangles.min((0, 1)), harbor.triangles.max((0, 1))
     return [*(low[:2] - OPEN_WATER_M).tolist(), *(high[:2] + OPEN_WATER_M).tolist()]
-
-
-def _grid(scenario: Scenario) -> dict[str, list[float]] | None:
-    """Return forces and angles of the discrete actions, or None if there are none."""
-    actions = scenario.actions
-    if actions.kind != "grid":
-        return None
-    return {name: list(getattr(actions, name)) for name in ("propeller_n", "rudder_deg")}
 
 
 def _terms(track: Track) -> list[str]:

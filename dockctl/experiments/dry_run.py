@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike
 
-from dockctl.agents.algorithms import AlgorithmSpec
+from dockctl.agents.algorithms import algorithm_of
 from dockctl.agents.interface import Algorithm, Mirrorable, Spaces
 from dockctl.dueling import Mirror
 from dockctl.envs.mirror import mirror_images
@@ -137,8 +137,7 @@ def build_algorithm(loaded: LoadedScenario, spaces: Spaces, boats: int, device: 
         DockctlError: it failed, or the device or a library is not available.
     """
     training = loaded.scenario.training.model_copy(update={"boats": boats})
-    spec = training.algorithm
-    assert isinstance(spec, AlgorithmSpec)
+    spec = algorithm_of(training)
     with Guard(ALGORITHMS, spec.kind), _located(loaded):
         try:
             algorithm = spec.build(spaces, training, device)

@@ -6,13 +6,11 @@ from collections.abc import Iterator, Sequence
 from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
-from typing import NamedTuple
 
 import psutil
-from gymnasium.spaces import flatdim
 
-from dockctl.agents.dqn.replay import Replay
-from dockctl.dueling import network_size
+from dockctl.agents.algorithms import MemoryUse, algorithm_of
+from dockctl.agents.interface import Spaces
 from dockctl.envs.observation import ObservationEncoder
 from dockctl.errors import DockctlError
 from dockctl.scenarios.schema import Scenario
@@ -21,17 +19,8 @@ from dockctl.sim.world import World
 # Measured on the reference marina with full LiDARs.
 BOAT_BYTES = 20_000  # state, observation, info and reward sums, per boat
 WORKING_BYTES = 80_000_000  # compiled kernels, thread stacks, buffers of validations and tables
-COPIES_IN_SAVING = 3  # of the tensors of a checkpoint: arrays, serialized, and the content of the file
 
 GB = 1e9
-
-
-class Part(NamedTuple):
-    """One use of memory: its name, size [bytes], and the field of the scenario that decides it."""
-
-    name: str
-    size: int
-    field: str
 
 
 @dataclass(frozen=True)
@@ -39,7 +28,7 @@ class Estimate:
     """Peak memory of a training [bytes]: resident size of the process now, and the parts to be allocated."""
 
     resident: int
-    parts: tuple[Part, ...]
+    parts: tuple[MemoryUse, ...]
 
     @property
     def needed(self) -> int:
@@ -57,31 +46,20 @@ class Estimate:
 
 
 def estimate(scenario: Scenario, worlds: Sequence[World]) -> Estimate:
-    """Estimate the peak memory of a training, with the replay and networks of dqn for every algorithm.
-
-    The replay of Stable-Baselines3 takes about as many bytes per transition.
+    """Estimate the peak memory of a training.
 
     Args:
         worlds: built, with range sensors whose tables are not.
     """
     training = scenario.training
-    size = len(ObservationEncoder(scenario.observation, scenario.sensors.lidar.sectors).names)
-    actions = flatdim(scenario.actions.space(scenario.vessel))
-    parameters, outputs = network_size(size, actions, training.hidden_sizes)
-    replay = Replay.bytes_needed(min(training.replay_capacity, training.total_steps), size)
-    # Online and target network, gradient, two moments, and the optimizer's temporaries; four are saved.
-    networks = 4 * (6 + 4 * COPIES_IN_SAVING) * parameters
-    # Outputs of both networks for two observations, their gradients, and temporaries.
-    batches = 4 * 6 * training.batch_size * (outputs + size)
-    boats = training.boats * (BOAT_BYTES + 4 * training.n_step * size)
+    observation = ObservationEncoder(scenario.observation, scenario.sensors.lidar.sectors).space
+    spaces = Spaces(observation, scenario.actions.space(scenario.vessel))
+    boats = training.boats * (BOAT_BYTES + 4 * training.n_step * observation.shape[0])
     parts = (
-        Part("LiDAR tables", sum(world.lidar.table_bytes for world in worlds), "sensors.lidar"),
-        Part("replay", replay, "training.replay_capacity"),
-        Part("copy of the replay when resuming", replay, "training.replay_capacity"),
-        Part("networks", networks, "training.hidden_sizes"),
-        Part("batches", batches, "training.batch_size"),
-        Part("boats", boats, "training.boats"),
-        Part("work", WORKING_BYTES, ""),
+        MemoryUse("LiDAR tables", sum(world.lidar.table_bytes for world in worlds), "sensors.lidar"),
+        *algorithm_of(training).memory(spaces, training),
+        MemoryUse("boats", boats, "training.boats"),
+        MemoryUse("work", WORKING_BYTES, ""),
     )
     return Estimate(psutil.Process().memory_info().rss, parts)
 

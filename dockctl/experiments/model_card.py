@@ -12,6 +12,7 @@ import pandas as pd
 from jinja2 import Environment, StrictUndefined
 
 import dockctl
+from dockctl.agents.algorithms import algorithm_of
 from dockctl.agents.checkpoint import PolicyCard
 from dockctl.analysis.episodes import count_by_kind, describe_outcome
 from dockctl.analysis.statistics import describe_share
@@ -132,9 +133,8 @@ def _facts(
             f" {OWN_KINDS.get(kind, kind)} docked: {rates}",
         )
     yield "steps", f"{card.env_steps:,} environment steps to the best greedy evaluation of the training"
-    algorithm = dict(card.algorithm)
-    name = "dueling" if algorithm["kind"] == "dqn" else " ".join(str(value) for value in algorithm.values())
-    layers = f"{name}, layers of {', '.join(map(str, card.hidden_sizes))}"
+    learner = algorithm_of(scenario.training).describe()
+    layers = f"{learner}, layers of {', '.join(map(str, card.hidden_sizes))}"
     if ensemble := scenario.training.ensemble:
         layers += f"; an ensemble of {ensemble.networks}, {ensemble.every_steps:,} steps apart"
         layers += ", and of their mirror images" if scenario.training.mirrored else ""

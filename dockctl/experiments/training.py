@@ -11,7 +11,7 @@ from typing import Any
 
 from rich.console import Console
 
-from dockctl.agents.algorithms import AlgorithmSpec, remember_code
+from dockctl.agents.algorithms import AlgorithmSpec, algorithm_of, remember_code
 from dockctl.agents.checkpoint import PolicyCard, load_policy, require_imports
 from dockctl.agents.divergence import DivergenceError
 from dockctl.agents.interface import Algorithm, Policy, Spaces
@@ -106,8 +106,7 @@ def train(
     given = [f"{key}={value}" for key, value in changes.items() if value is not None]
     loaded = load_checked(scenario, overrides=[*overrides, *given], plugin_files=plugin_files, trust=trust)
     if loaded.is_given_by_others("training.algorithm.model"):
-        assert isinstance(loaded.scenario.training.algorithm, AlgorithmSpec)
-        require_imports(loaded.scenario.training.algorithm, trust=trust)
+        require_imports(algorithm_of(loaded.scenario.training), trust=trust)
     initial = None if start_from is None else InitialPolicy.load(start_from, trust=trust)
     require_writable(out)
     session = _prepare(loaded, device, initial)
@@ -167,8 +166,7 @@ def resume(
         if on_divergence is not None:
             overrides.append(f"training.on_divergence={on_divergence}")
         loaded = load_checked(run.path / SCENARIO, overrides=overrides, received=True, trust=trust)
-        assert isinstance(loaded.scenario.training.algorithm, AlgorithmSpec)
-        require_imports(loaded.scenario.training.algorithm, trust=trust)
+        require_imports(algorithm_of(loaded.scenario.training), trust=trust)
         session = _prepare(loaded, device)
         if overrides:
             plugins = map(run.inside, loaded.scenario.plugins)
@@ -192,8 +190,7 @@ def replay(
         DockctlError: the scenario of the run is damaged, or its plugins may not run.
     """
     loaded = load_checked(run.path / SCENARIO, plugin_files=plugin_files, received=True, trust=trust)
-    if isinstance(loaded.scenario.training.algorithm, AlgorithmSpec):
-        require_imports(loaded.scenario.training.algorithm, trust=trust)
+    require_imports(algorithm_of(loaded.scenario.training), trust=trust)
     session = _prepare(loaded, "cpu", InitialPolicy.of_run(run))
     repeated = RunDirectory.create(out, loaded.scenario.name, loaded.scenario.training.seed)
     repeated.write_json(PROVENANCE, provenance.collect(loaded.scenario.training.seed, sys.argv))
@@ -270,8 +267,7 @@ def _prepare(loaded: LoadedScenario, device: str, initial: InitialPolicy | None 
     algorithm = build_algorithm(loaded, Spaces.from_env(environment), training.boats, device)
     if initial is not None:
         initial.start(algorithm, loaded.scenario)
-    assert isinstance(training.algorithm, AlgorithmSpec)
-    return _Session(loaded, worlds, memory, environment, training.algorithm, algorithm)
+    return _Session(loaded, worlds, memory, environment, algorithm_of(training), algorithm)
 
 
 def _run(

@@ -89,6 +89,14 @@ class ActionType(Kind, ABC):
         return self.commands(actions, vessel)
 
     @property
+    def grid(self) -> dict[str, tuple[float, ...]] | None:
+        """``propeller_n`` and ``rudder_deg`` of which the actions are all pairs, the angle runs fastest.
+
+        Replays draw Q-values over them. None, the default, if the actions are something else.
+        """
+        return None
+
+    @property
     def has_memory(self) -> bool:
         """Whether the commands of an action depend on the commands before it."""
         return type(self).next_commands is not ActionType.next_commands

@@ -215,6 +215,7 @@ def check_algorithm(kind: str, action_space: Space[Any], **keys: Any) -> None:
         for _ in range(2)
     )
     require = contract_of(f"algorithm '{kind}'")
+    require("valid", spec.describe(), "no description")
     require("valid", first.updates > 0, "makes no updates")
     _require_equal(require, "deterministic", first.policy_tensors(), second.policy_tensors())
 
