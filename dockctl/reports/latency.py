@@ -57,4 +57,5 @@ def _draw_part(
 
 
 def label_line(ax: Axes, value: float, text: str, color: str) -> None:
+    """Write text to the left of a vertical line at `value`, in the units of the x axis."""
     label(ax, text, (value, 0.62), (-5, 0), xycoords=ax.get_xaxis_transform(), ha="right", color=color)

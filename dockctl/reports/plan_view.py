@@ -119,7 +119,12 @@ def draw_boat(
 
 
 def draw_heading(ax: Axes, hull: Floats, pose: Floats, color: str) -> None:
-    """Draw an arrow from the reference point of the boat to a point just ahead of the bow."""
+    """Draw an arrow from the reference point of the boat to a point just ahead of the bow.
+
+    Args:
+        hull: outline (k, 2) in the body frame [m].
+        pose: x, y [m] and heading [rad], (3,).
+    """
     reach = hull[:, 0].max() + 0.9
     head = (pose[0] + reach * math.cos(pose[2]), pose[1] + reach * math.sin(pose[2]))
     ax.add_patch(_arrow((pose[0], pose[1]), head, color, size=8.0, zorder=6))
@@ -133,7 +138,12 @@ def _arrow(
 
 
 def draw_goals(ax: Axes, hull: Floats, task: Task, *, named: bool = True) -> None:
-    """Draw the final pose and the intermediate pose, if any, with their tolerance circles."""
+    """Draw the final pose and the intermediate pose, if any, with their tolerance circles.
+
+    Args:
+        hull: outline (k, 2) in the body frame [m].
+        named: write the name of each.
+    """
     goals = [("berth", task.final, task.final_tolerance)]
     if task.intermediate is not None:
         goals.append(("intermediate pose", task.intermediate, task.intermediate_tolerance))
@@ -158,7 +168,12 @@ def draw_label(
     below: bool = False,
     apart_m: float = 0.0,
 ) -> None:
-    """Write text above or below a boat, at least `apart_m` from its reference point."""
+    """Write text above or below a boat, at least `apart_m` from its reference point.
+
+    Args:
+        hull: outline (k, 2) in the body frame [m].
+        pose: x, y [m] and heading [rad], (3,).
+    """
     ys = np.array([*to_world(hull, pose)[:, 1], pose[1] - apart_m, pose[1] + apart_m])
     y, shift, side = (ys.min(), -5, "top") if below else (ys.max(), 5, "bottom")
     label(

@@ -159,6 +159,7 @@ def run_page(run: Run, state: str) -> Page:
 
 
 def add_section(page: Page, title: str, text: str = "") -> Section:
+    """Append an empty section to the page, and return it."""
     page.sections.append(Section(title, text))
     return page.sections[-1]
 
@@ -254,6 +255,11 @@ SUMMARY_COLUMNS = (
 
 
 def summary_cells(summary: Mapping[str, Any]) -> list[str]:
+    """Return a group of an evaluation as text, for the columns `SUMMARY_COLUMNS` after the first two.
+
+    Args:
+        summary: see `dockctl.analysis.episodes.summarize`.
+    """
     docked, rate, interval = describe_share(summary["docked"], summary["episodes"])
     means = summary["mean_of_docked"] or {}
     clearance = summary["least_clearance_m"]
@@ -270,6 +276,11 @@ def summary_cells(summary: Mapping[str, Any]) -> list[str]:
 
 
 def success_row(label: str, summary: Mapping[str, Any]) -> Chart:
+    """Return the success rate with its 95 % interval, as a row of a chart of intervals.
+
+    Args:
+        summary: see `dockctl.analysis.episodes.summarize`.
+    """
     docked, rate, interval = describe_share(summary["docked"], summary["episodes"])
     low, high = summary["success_interval_95"]
     details = [["docked", docked], ["success", rate], ["95 % interval", interval]]

@@ -92,7 +92,11 @@ def figures(
 
 
 def harbor_figure(plan: Scene, scenario: Scenario, berths: Mapping[str, Floats]) -> Figure:
-    """The whole harbor with the berths of the task, and a close-up of its poses (Figs. 3.13-3.15)."""
+    """The whole harbor with the berths of the task, and a close-up of its poses (Figs. 3.13-3.15).
+
+    Args:
+        berths: see `figures`.
+    """
     task, tests = scenario.task, scenario.evaluation.poses
     whole = plan_view.whole_view(plan)
     close = plan_view.close_view(plan, plan_view.task_points(task, tests), aspect=(1.0, 1.0))
@@ -223,7 +227,11 @@ def draw_cloud(ax: Axes, camera: Camera, points: Floats, highest_m: float) -> Pa
 
 
 def draw_ground(ax: Axes, camera: Camera, scene: Scene, center: Floats, radii_m: Sequence[float]) -> None:
-    """Draw the plan of the harbor in dark colors at z = 0, and labeled circles around the boat."""
+    """Draw the plan of the harbor in dark colors at z = 0, and labeled circles around the boat.
+
+    Args:
+        center: of the circles, x and y [m].
+    """
     plan = [polygon.xy for polygon in scene.polygons if polygon.kind in ("quay", "finger", "hull", "mesh")]
     on_water = [camera.project(np.insert(xy, 2, 0.0, axis=1))[0] for xy in plan]
     view3d.draw_water(ax, camera, water(scene), palette.NIGHT_WATER)
@@ -308,7 +316,11 @@ def on_page(points: Floats) -> tuple[Floats, Floats]:
 
 
 def view_radius(ranges_m: Floats, range_m: float) -> float:
-    """Half-width of the sector drawing [m]: around all nearest points, at most `LARGEST_VIEW_M`."""
+    """Half-width of the sector drawing [m]: around all nearest points, at most `LARGEST_VIEW_M`.
+
+    Args:
+        ranges_m: of the sectors, (sectors,); `range_m` where nothing returned.
+    """
     hits = ranges_m[ranges_m < range_m]
     return float(np.clip(1.35 * hits.max(), 6.0, LARGEST_VIEW_M)) if len(hits) else LARGEST_VIEW_M
 

@@ -91,7 +91,13 @@ def map_figure(table: pd.DataFrame, plan: Scene, task: Task, caption: str) -> Fi
 
 
 def draw_cells(ax: Axes, part: pd.DataFrame, hull: Floats, limit_m: float) -> None:
-    """Draw the starts with one heading offset as cells colored by outcome, and the boat at the center."""
+    """Draw the starts with one heading offset as cells colored by outcome, and the boat at the center.
+
+    Args:
+        part: their rows, columns `dockctl.analysis.success_map.COLUMNS`.
+        hull: outline (k, 2) in the body frame [m].
+        limit_m: half-width of the map.
+    """
     side = 0.9 * spacing(part)
     blocked = part["blocked"].to_numpy(bool)
     for name, color in palette.OUTCOMES.items():

@@ -137,7 +137,7 @@ def extent(camera: Camera, points: Floats, ratio: float | None = None) -> Floats
 
 
 def frame(ax: Axes, extent: Floats, background: str) -> None:
-    """Show a rectangle of the image without axes."""
+    """Show a rectangle of the image, its lower left and upper right corner (2, 2), without axes."""
     (left, bottom), (right, top) = extent
     ax.set(xlim=(left, right), ylim=(bottom, top), aspect="equal", facecolor=background)
     ax.set(xticks=[], yticks=[])

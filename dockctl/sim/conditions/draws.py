@@ -13,14 +13,14 @@ def draw_seed(rng: np.random.Generator) -> np.uint64:
 
 
 def normals(seeds: np.ndarray, index: Ints, count: int) -> Floats:
-    """Return `dockctl.noise.normals`."""
+    """See `dockctl.noise.normals`."""
     from dockctl import noise
 
     return noise.normals(seeds, index, count)
 
 
 def derived_seeds(seeds: np.ndarray, index: Ints) -> np.ndarray:
-    """Return `dockctl.noise.derived_seeds`."""
+    """See `dockctl.noise.derived_seeds`."""
     from dockctl import noise
 
     return noise.derived_seeds(seeds, index)

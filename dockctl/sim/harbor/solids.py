@@ -118,7 +118,12 @@ def loft(rings: ArrayLike) -> Mesh:
 
 
 def outward(vertices: Floats, faces: NDArray[np.int64]) -> Mesh:
-    """Return the mesh of closed, consistently wound triangles, flipped if its volume is negative."""
+    """Return the mesh of closed, consistently wound triangles, flipped if its volume is negative.
+
+    Args:
+        vertices: (k, 3) [m].
+        faces: (m, 3).
+    """
     a, b, c = np.moveaxis(vertices[faces] - vertices[0], 1, 0)
     volume = np.einsum("ij,ij->", a, np.cross(b, c))
     return Mesh(vertices, np.ascontiguousarray(faces if volume > 0 else faces[:, ::-1]))

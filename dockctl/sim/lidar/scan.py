@@ -45,7 +45,7 @@ sector_of = compiled()(sector_index)
 
 
 def work_arrays(table: ShellTable) -> tuple[Ints, Ints, Bools]:
-    """Return the work arrays of `sector_ranges`; every thread needs its own."""
+    """Return the work arrays of `sector_ranges`: (shells,), (bins,), (rays,). Every thread needs its own."""
     shells, bins, rays = len(table.radii) - 1, len(table.bins), len(table.rays)
     return np.empty(shells, np.int32), np.empty(bins, np.int32), np.empty(rays, np.bool_)
 

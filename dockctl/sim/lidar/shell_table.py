@@ -209,7 +209,13 @@ def _add(
 
 @compiled(inline="always")
 def exit_parameter(origin: Floats, ray: Floats, radius: float) -> float:
-    """Return the ray parameter at which a ray leaves the circle of `radius`; NaN if it does not enter it."""
+    """Return the ray parameter at which a ray leaves the circle of `radius`; NaN if it does not enter it.
+
+    Args:
+        origin: x and y of a point of the ray [m]; further components are ignored.
+        ray: its direction, the same components.
+        radius: of the circle around the origin of the frame [m].
+    """
     h2 = ray[0] * ray[0] + ray[1] * ray[1]
     if h2 < 1e-12:
         return MISS
