@@ -15,7 +15,7 @@ from rich.console import Console
 from dockctl.console import print_text
 from dockctl.errors import DockctlError
 from dockctl.run_files import RUNS
-from dockctl.runs.directory import RunDirectory, shipped
+from dockctl.runs.directory import RunDirectory, default_policy
 from dockctl.runs.files import json_text, require_writable_file, write_json
 
 if TYPE_CHECKING:
@@ -23,7 +23,6 @@ if TYPE_CHECKING:
     from dockctl.reports.style import Draw
     from dockctl.scenarios.base import Pose
 
-DEFAULT_SCENARIO = "s3"
 MAX_COORDINATE = 10_000
 """Meters or degrees; a larger number is a mistake."""
 
@@ -141,18 +140,21 @@ def latest_run(*, unsaved: bool = False) -> Path:
     Raises:
         DockctlError: there is none.
     """
-    run = RunDirectory.latest(RUNS, unsaved=unsaved).path
-    print_text(Console(stderr=True), f"note: using the latest run, {run}")
-    return run
+    return _noted(RunDirectory.latest(RUNS, unsaved=unsaved))
+
+
+def _noted(run: RunDirectory) -> Path:
+    print_text(Console(stderr=True), f"note: using the latest run, {run.path}")
+    return run.path
 
 
 def choose_policy(policy: str | None, ckpt: Sequence[str] | None, scenario: str | None = None) -> str:
-    """Return the policy that the command line names: by default the latest run, else a shipped policy.
+    """Return the policy that the command line names; without one `default_policy`, and print which that is.
 
     Args:
         policy: argument of the command.
         ckpt: values of its option of the same meaning.
-        scenario: that it will run in; its shipped policy comes before that of `DEFAULT_SCENARIO`.
+        scenario: that it will run in.
 
     Raises:
         DockctlError: several are given.
@@ -163,13 +165,12 @@ def choose_policy(policy: str | None, ckpt: Sequence[str] | None, scenario: str 
         raise DockctlError(message)
     if given:
         return given[0]
-    try:
-        return str(latest_run())
-    except DockctlError:
-        name = scenario if scenario in shipped() else DEFAULT_SCENARIO
-        note = f"note: no run with a checkpoint in ./{RUNS} yet; using the shipped policy {name}"
-        print_text(Console(stderr=True), note)
-        return str(name)
+    chosen = default_policy(scenario)
+    if isinstance(chosen, RunDirectory):
+        return str(_noted(chosen))
+    note = f"note: no run with a checkpoint in ./{RUNS} yet; using the shipped policy {chosen}"
+    print_text(Console(stderr=True), note)
+    return chosen
 
 
 def select_policy(

@@ -10,7 +10,6 @@ from rich.console import Console
 from rich.table import Table
 
 from dockctl.commands.options import (
-    DEFAULT_SCENARIO,
     Json,
     Overrides,
     Plugins,
@@ -20,6 +19,7 @@ from dockctl.commands.options import (
 )
 from dockctl.console import make_table, numeric, print_table, print_text
 from dockctl.run_files import FIGURES
+from dockctl.scenarios.catalog import DEFAULT_SCENARIO
 
 if TYPE_CHECKING:
     from dockctl.reports.show import Scan

@@ -3,15 +3,16 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Any
 
 import typer
 
-from dockctl.commands.options import DEFAULT_SCENARIO, Json, Plugins, Trust
+from dockctl.commands.options import Json, Plugins, Trust
 from dockctl.errors import DockctlError
 from dockctl.experiments.interrupt import INTERRUPTED
 from dockctl.run_files import RUNS
 from dockctl.runs.directory import RunDirectory
+from dockctl.scenarios.catalog import DEFAULT_SCENARIO
 
 SWEEPS = RUNS / "sweep"
 FAILED = 1
@@ -94,62 +95,36 @@ def train(
     Example: dockctl train s3 --seed 1 --set training.boats=8
     """
     from dockctl import experiments
-    from dockctl.experiments.sweep import SEEDS, is_list, sweep
+    from dockctl.experiments.sweep import is_sweep, sweep
 
     start = {
         "SCENARIO": scenario, "--seed": seed, "--seeds": seeds, "--jobs": jobs, "--out": out, "--set": set_,
         "--from": from_, "--plugin": plugin, "--name": name, "--tag": tag,
     }  # fmt: skip
-    several = seeds is not None or any(map(is_list, set_ or ()))
+    several = is_sweep(set_ or (), seeds)
     if json_ and not several:
         raise DockctlError("--json: only a sweep has a summary; give --seeds, or several values")
     if resume is not None:
         if extra := [option for option, value in start.items() if value not in (None, [])]:
             raise DockctlError(f"--resume continues the run with its own settings: omit {', '.join(extra)}")
         path = Path(resume) if resume else RunDirectory.latest_interrupted(RUNS).path
-        run = experiments.resume(
+        ending = experiments.resume(
             path, steps=steps, on_divergence=on_divergence, device=device, trust=trust, log=log or ()
-        )
-    elif several:
-        if seed is not None:
-            raise DockctlError(f"--seed: {SEEDS}")
-        if from_ is not None:
-            raise DockctlError("--from: a sweep trains from the beginning; omit it, or train one policy")
-        ending, rows = sweep(
-            DEFAULT_SCENARIO if scenario is None else scenario,
-            set_ or (),
-            seeds or 1,
-            out or SWEEPS,
-            jobs,
-            steps=steps,
-            on_divergence=on_divergence,
-            plugin_files=plugin or (),
-            device=device,
-            trust=trust,
-            name=name,
-            tags=tag or (),
-            log=log or (),
-        )
-        if json_:
-            json_.write(rows)
-        if ending != "done":
-            raise typer.Exit(INTERRUPTED if ending == "interrupted" else FAILED)
-        return
+        ).reason
     else:
-        run = experiments.train(
-            DEFAULT_SCENARIO if scenario is None else scenario,
-            seed=seed,
-            steps=steps,
-            start_from=from_,
-            on_divergence=on_divergence,
-            overrides=set_ or (),
-            plugin_files=plugin or (),
-            out=out or RUNS,
-            device=device,
-            trust=trust,
-            name=name,
-            tags=tag or (),
-            log=log or (),
-        )
-    if run.reason == "interrupted":
+        source, settings = DEFAULT_SCENARIO if scenario is None else scenario, set_ or []
+        options: dict[str, Any] = {
+            "seed": seed, "steps": steps, "start_from": from_, "on_divergence": on_divergence,
+            "plugin_files": plugin or (), "device": device, "trust": trust, "name": name, "tags": tag or (),
+            "log": log or (),
+        }  # fmt: skip
+        if several:
+            ending, rows = sweep(source, settings, seeds or 1, out or SWEEPS, jobs, **options)
+            if json_:
+                json_.write(rows)
+        else:
+            ending = experiments.train(source, overrides=settings, out=out or RUNS, **options).reason
+    if ending == "interrupted":
         raise typer.Exit(INTERRUPTED)
+    if ending == "failed":
+        raise typer.Exit(FAILED)

@@ -48,9 +48,9 @@ def values(setting: str) -> list[str]:
     return [f"{key}{equals}{value.strip()}" for value in found] if len(found) > 1 else [setting]
 
 
-def is_list(setting: str) -> bool:
-    """Return whether a setting has several values."""
-    return len(values(setting)) > 1
+def is_sweep(settings: Sequence[str], seeds: int | None) -> bool:
+    """Return whether several trainings are asked for: a number of seeds, or several values of a setting."""
+    return seeds is not None or any(len(values(setting)) > 1 for setting in settings)
 
 
 def experiments(scenario: str, settings: Sequence[str], seeds: int) -> list[Experiment]:
@@ -105,6 +105,8 @@ def sweep(
     name: str | None = None,
     tags: Sequence[str] = (),
     log: Sequence[str] = (),
+    seed: int | None = None,
+    start_from: str | None = None,
 ) -> tuple[Ending, list[Row]]:
     """Train and evaluate every combination with the seeds 0 to `seeds` - 1, print and return a summary.
 
@@ -117,10 +119,16 @@ def sweep(
         workers: number of parallel runs; one per core by default.
         steps, on_divergence, plugin_files, device, trust, name, tags, log: see
             `dockctl.experiments.training.train`.
+        seed, start_from: a sweep has neither.
 
     Raises:
-        DockctlError: a combination is invalid, or the folder cannot be written.
+        DockctlError: a combination is invalid, `seed` or `start_from` is given, or the folder cannot be
+            written.
     """
+    if seed is not None:
+        raise DockctlError(f"--seed: {SEEDS}")
+    if start_from is not None:
+        raise DockctlError("--from: a sweep trains from the beginning; omit it, or train one policy")
     limits = {"training.total_steps": steps, "training.on_divergence": on_divergence}
     given = [f"{key}={value}" for key, value in limits.items() if value is not None]
     chosen = experiments(scenario, [*settings, *given], seeds)

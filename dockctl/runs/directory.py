@@ -18,6 +18,7 @@ from dockctl.reading import read_json
 from dockctl.run_files import BEST, CHECKPOINTS, LAST, POLICY_JSON, PROVENANCE, RUNS, SCENARIO, generations
 from dockctl.runs.files import exclusive_lock, make_folder, new_folder, sync, write_atomically, write_json
 from dockctl.runs.tables import Table, TableObserver
+from dockctl.scenarios.catalog import DEFAULT_SCENARIO
 
 SHIPPED = Path(dockctl.__file__).parent / "checkpoints"
 """Folder of the checkpoints that come with the package."""
@@ -26,6 +27,18 @@ SHIPPED = Path(dockctl.__file__).parent / "checkpoints"
 def shipped() -> dict[str, Path]:
     """Return the folder of each checkpoint that comes with the package, by name."""
     return {file.parent.name: file.parent for file in sorted(SHIPPED.glob(f"*/{POLICY_JSON}"))}
+
+
+def default_policy(scenario: str | None = None) -> RunDirectory | str:
+    """Return the latest run in ./runs, or without any the name of a shipped policy.
+
+    Args:
+        scenario: that it will run in; its shipped policy comes before that of `DEFAULT_SCENARIO`.
+    """
+    try:
+        return RunDirectory.latest(RUNS)
+    except DockctlError:
+        return scenario if scenario in shipped() else DEFAULT_SCENARIO
 
 
 def named_checkpoints() -> dict[str, Path]:

@@ -11,6 +11,8 @@ from dockctl.errors import DockctlError
 from dockctl.plugins import HARBORS, SCENARIOS, VESSELS, Registry
 
 SUFFIXES = (".yaml", ".yml")
+DEFAULT_SCENARIO = "s3"
+"""What the commands take if they are given no scenario."""
 PACKAGE = Path(__file__).resolve().parent
 FOLDERS: dict[str, Registry[Path]] = {".": SCENARIOS, "vessels": VESSELS, "harbors": HARBORS}
 
