@@ -216,14 +216,13 @@ def _harbor(harbor: Harbor) -> dict[str, Any]:
 
 def _boat(scenario: Scenario) -> dict[str, Any]:
     hull = scenario.vessel.hull
-    mounts = getattr(scenario.sensors.lidar, "mounts", ())
     return {
         "corners": np.asarray(hull_mesh(hull).triangles, "<f4").reshape(-1, 3),
         "outline": np.round(hull_outline(hull), 3).tolist(),
         "length": hull.length_m,
         "stern": -hull.length_m / 2,
         "freeboard": hull.freeboard_m,
-        "lidars": [(mount.x_m, mount.y_m, mount.z_m) for mount in mounts],
+        "lidars": scenario.sensors.lidar.origins,
     }
 
 

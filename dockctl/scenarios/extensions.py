@@ -181,6 +181,11 @@ class RangeSensorSpec(Kind, ABC):
         """Whether the sensor is its own mirror image, port and starboard; ``training.mirrored`` needs it."""
         return False
 
+    @property
+    def origins(self) -> tuple[tuple[float, float, float], ...]:
+        """Where its rays begin, x, y, z in the body frame [m], for drawings; nothing is drawn by default."""
+        return ()
+
     @abstractmethod
     def build(self, triangles: Floats) -> RangeSensor:
         """Return the sensor in a harbor with this surface (m, 3, 3) [m], in the world frame."""

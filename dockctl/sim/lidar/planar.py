@@ -34,6 +34,10 @@ class PlanarScanner(RangeSensorSpec):
     def is_symmetric(self) -> bool:
         return True
 
+    @property
+    def origins(self) -> tuple[tuple[float, float, float], ...]:
+        return ((0.0, 0.0, self.z_m),)
+
     def build(self, triangles: Floats) -> RangeSensor:
         return PlanarSensor(self, triangles)
 

@@ -65,6 +65,10 @@ class SpinningLidars(RangeSensorSpec):
         return {_key(m, 1) for m in self.mounts} == {_key(m, -1) for m in self.mounts}
 
     @property
+    def origins(self) -> tuple[tuple[float, float, float], ...]:
+        return tuple((mount.x_m, mount.y_m, mount.z_m) for mount in self.mounts)
+
+    @property
     def rays(self) -> int:
         """Rays of a scan."""
         return len(self.mounts) * self.channels * self.azimuth_steps

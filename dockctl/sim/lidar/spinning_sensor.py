@@ -71,9 +71,8 @@ class Rays:
         azimuth = np.arange(spec.azimuth_steps) * (2 * np.pi / spec.azimuth_steps)
         e, a = (grid.ravel() for grid in np.meshgrid(elevation, azimuth, indexing="ij"))
         beams = np.stack([np.cos(e) * np.cos(a), np.cos(e) * np.sin(a), np.sin(e)], axis=1)
-        mounts = spec.mounts
-        origins = np.repeat([[m.x_m, m.y_m, m.z_m] for m in mounts], len(beams), axis=0)
-        directions = np.concatenate([beams @ rotation(m).T for m in mounts])
+        origins = np.repeat(spec.origins, len(beams), axis=0)
+        directions = np.concatenate([beams @ rotation(m).T for m in spec.mounts])
         falling = directions[:, 2] < 0
         to_water = np.divide(
             origins[:, 2], -directions[:, 2], out=np.full(len(falling), np.inf), where=falling
