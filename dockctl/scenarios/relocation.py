@@ -42,8 +42,11 @@ def at_berth(tree: Node, scenario: Scenario, given: Node) -> Node:
     final, to = pose_array(scenario.task.final), np.array(berth_pose(scenario.harbor, place))
     for keys, pose in _poses(scenario):
         x, y, heading = relocate_poses(pose_array(pose)[None], final, to, mirrored=False)[0].tolist()
-        for key, value in (("x_m", x), ("y_m", y), ("heading_deg", math.degrees(heading))):
-            tree = _replaced(tree, (*keys, key), Node(round(value, DECIMALS) + 0.0, given.location))
+        moved = {"x_m": x, "y_m": y, "heading_deg": math.degrees(heading)}
+        moved = {key: round(value, DECIMALS) + 0.0 for key, value in moved.items()}
+        moved["heading_deg"] %= 360
+        for key, value in moved.items():
+            tree = _replaced(tree, (*keys, key), Node(value, given.location))
     return tree
 
 
