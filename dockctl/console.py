@@ -88,7 +88,8 @@ def print_text(console: Console, text: str, style: str = "") -> None:
 def print_table(console: Console, table: Table) -> None:
     """Print a table; one that is too wide is printed in parts, each with the first column.
 
-    Cells of type `str` are markup; texts from others are of type `Text`, with control characters as codes.
+    Words longer than a line, such as paths, stay whole, as in `print_text`: the terminal breaks them. Cells of
+    type `str` are markup; texts from others are of type `Text`, with control characters as codes.
     """
     for cell in (cell for column in table.columns for cell in column.cells if isinstance(cell, Text)):
         cell.plain = printable(cell.plain)
@@ -102,7 +103,7 @@ def print_table(console: Console, table: Table) -> None:
         part = _part(table, [first, *columns])
         if number:
             part.title = None
-        console.print(_fitted(part, console.width))
+        console.print(_fitted(part, console.width), crop=False)
 
 
 def _part(table: Table, columns: Sequence[Column]) -> Table:
@@ -117,7 +118,7 @@ def _least_width(table: Table) -> int:
 
 
 def _fitted(table: Table, width: int) -> Table:
-    """Return the table with the widest columns narrowed to `width`, none below its longest word if possible.
+    """Return the table with the widest columns narrowed to `width`, but none below its longest word.
 
     Rich narrows columns without regard to their words, and breaks them.
     """
@@ -125,8 +126,10 @@ def _fitted(table: Table, width: int) -> Table:
     for limit in range(width, 0, -1):
         chosen = [max(low, min(high, limit)) for low, high in spans]
         if _width(table, chosen) <= width:
-            return _with_widths(table, chosen)
-    return table
+            break
+    fitted = _with_widths(table, chosen)
+    fitted.width = _width(table, chosen)
+    return fitted
 
 
 def _widths(table: Table) -> list[tuple[int, int]]:

@@ -43,6 +43,17 @@ def test_narrow_columns_break_between_words() -> None:
     assert max(map(len, text.splitlines())) <= 40
 
 
+def test_paths_stay_whole() -> None:
+    path = "/home/somebody/a-long-folder/scenarios/marina.yaml"
+    table = make_table("name", Column("source", overflow="fold"), "kind")
+    table.add_row("marina", path, "two phases")
+    stream = io.StringIO()
+    print_table(Console(file=stream, width=40), table)
+    lines = stream.getvalue().splitlines()
+    assert any(path in line for line in lines)
+    assert all(len(line) <= 40 for line in lines if "marina" in line and path not in line)
+
+
 def test_notes_go_through_what_replaces_standard_error() -> None:
     handler = cli._Notes()
     with redirect_stderr(io.StringIO()) as stream:  # as a spinner does as long as it turns

@@ -85,7 +85,7 @@ def _print(result: Envelope) -> None:
     from dockctl.analysis.statistics import describe_share
 
     print_text(Console(), f"Policy {result.policy.description} on scenario '{result.scenario.name}'")
-    table = make_table("\nfactor", *numeric("\ndocked", "", "95 %\ninterval", "\ncollision", "\ntimeout"))
+    table = make_table("factor", *numeric("docked", "success", "95 %\ninterval", "collision", "timeout"))
     for row in result.rows:
         share = describe_share(int(row["docked"] or 0), int(row["episodes"] or 0))
         factor = f"{row['factor']} {row['value']:g}"

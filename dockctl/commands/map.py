@@ -98,7 +98,7 @@ def _print(result: SuccessMap) -> None:
         f"Policy {result.policy.description} on scenario '{result.scenario.name}':"
         f" {count(len(free), 'free start')} within ±{reach_m:g} m, {len(rows) - len(free):,} blocked",
     )
-    names = ("\ndocked", "", "95 %\ninterval", "\ncollision", "\ntimeout", "success\nradius")
+    names = ("docked", "success", "95 %\ninterval", "collision", "timeout", "success\nradius")
     table = make_table(*numeric("heading\noffset", *names))
     offsets = rows["dheading_deg"].unique()
     groups = [(f"{offset:+g}°", free[free["dheading_deg"] == offset]) for offset in offsets]
