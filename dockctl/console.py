@@ -86,13 +86,15 @@ def print_text(console: Console, text: str, style: str = "") -> None:
 
 
 def print_table(console: Console, table: Table) -> None:
-    """Print a table; one that is too wide is printed in parts, each with the first column.
+    """Print a table if it has rows; one that is too wide is printed in parts, each with the first column.
 
-    Words longer than a line, such as paths, stay whole, as in `print_text`: the terminal breaks them. Cells of
-    type `str` are markup; texts from others are of type `Text`, with control characters as codes.
+    Words longer than a line, such as paths, stay whole, as in `print_text`: the terminal breaks them.
+    Cells of type `str` are markup; texts from others are of type `Text`, with control characters as codes.
     """
     for cell in (cell for column in table.columns for cell in column.cells if isinstance(cell, Text)):
         cell.plain = printable(cell.plain)
+    if not table.rows:
+        return
     first, *others = table.columns
     parts: list[list[Column]] = [[]]
     for column in others:

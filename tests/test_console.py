@@ -54,6 +54,12 @@ def test_paths_stay_whole() -> None:
     assert all(len(line) <= 40 for line in lines if "marina" in line and path not in line)
 
 
+def test_a_table_without_rows_is_not_printed() -> None:
+    stream = io.StringIO()
+    print_table(Console(file=stream), make_table(title="policies"))
+    assert stream.getvalue() == ""
+
+
 def test_notes_go_through_what_replaces_standard_error() -> None:
     handler = cli._Notes()
     with redirect_stderr(io.StringIO()) as stream:  # as a spinner does as long as it turns

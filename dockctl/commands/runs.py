@@ -95,8 +95,7 @@ def _clean(root: Path, yes: bool, json_: Json) -> None:
             str(len(garbage.paths)),
             _mb(garbage.size),
         )
-    if found:
-        print_table(Console(), table)
+    print_table(Console(), table)
     total = f"{_mb(sum(garbage.size for garbage in found))} MB"
     print_text(Console(), f"Deleted: {total}." if yes else f"{total}; nothing is deleted without --yes.")
 
