@@ -42,7 +42,7 @@ WALL = np.array([[[10, -9, -1], [10, 9, -1], [10, 9, 6]], [[10, -9, -1], [10, 9,
 
 
 def dry_run(loaded: LoadedScenario) -> None:
-    """Step a few boats in open water: through starts, steps, each event, the end of an episode, and a save.
+    """Step a few boats in open water: starts, steps, each event, the end of an episode, a save and a restore.
 
     The range sensor and the algorithm of a plugin are built and used; those of dockctl take longer to load
     than everything else here, and so does the compiled vessel.
@@ -100,7 +100,7 @@ def _step(loaded: LoadedScenario) -> None:
             _require_finite(OBSERVATION_PARTS, part, values)
         _require_finite_terms(info["reward_terms"])
         env.simulator.max_steps[:] = 1  # the next step ends all episodes
-    env.state()
+    env.restore(*env.state())
     status = env.simulator.step(np.zeros((BOATS, 2)))
     collided, intermediate, final = np.eye(3, BOATS, dtype=bool)
     _, by_term = env.reward(

@@ -3,12 +3,12 @@
 from __future__ import annotations
 
 import math
-from typing import Annotated, Any, Self
+from typing import Annotated, Any, Self, TypeVar
 
 from pydantic import Field, ValidationError, field_validator, model_validator
 
 from dockctl.errors import DockctlError
-from dockctl.plugins import ACTIONS, CONDITIONS, RANGE_SENSORS
+from dockctl.plugins import ACTIONS, CONDITIONS, RANGE_SENSORS, Guard, Registry
 from dockctl.scenarios.base import (
     MAX_COORDINATE_M,
     Count,
@@ -28,6 +28,7 @@ from dockctl.scenarios.kinds import Kinds
 from dockctl.scenarios.training import Evaluation, Training
 from dockctl.scenarios.vessel import Vessel
 
+Part = TypeVar("Part", ActionType, Condition)
 BERTH_MARGIN_M = 1.0
 """Water on both sides of the boat together in the narrowest generated berth, and around it when it turns."""
 
@@ -173,7 +174,7 @@ class Scenario(Model):
 
     @model_validator(mode="after")
     def _commands_within_limits(self) -> Self:
-        self.__dict__["actions"] = self.actions.fitted(self.vessel)  # the model is frozen only after this
+        self.__dict__["actions"] = _fitted(self.actions, ACTIONS, self.vessel)  # frozen only after this
         self.actions.require_within_limits(self.vessel)
         return self
 
@@ -182,7 +183,7 @@ class Scenario(Model):
         fitted = {}
         for name, condition in self.conditions.items():
             try:
-                fitted[name] = condition.fitted(self.vessel)
+                fitted[name] = _fitted(condition, CONDITIONS, self.vessel)
             except FieldError as error:
                 field = f"conditions.{name}.{error.field}"
                 raise FieldError(field, error.message, error.code, error.suggestion) from None
@@ -229,6 +230,21 @@ class Scenario(Model):
                     message = f"{least:g} is too narrow for the vessel, which needs {needed:.4g} m"
                     raise FieldError(f"harbor.{field}", message, "out_of_range")
         return self
+
+
+def _fitted(part: Part, registry: Registry[type[Any]], vessel: Vessel) -> Part:
+    """Return a part of a scenario with its open keys chosen for the vessel.
+
+    Raises:
+        FieldError: the part does not fit.
+        PluginError: it failed; pydantic would take some exceptions for errors of the user.
+    """
+    try:
+        return part.fitted(vessel)
+    except FieldError:
+        raise
+    except Exception as error:
+        raise Guard(registry, part.kind).locate(error) from error
 
 
 class PolicyInterface(Model):

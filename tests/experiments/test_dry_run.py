@@ -40,6 +40,7 @@ class Mine(ActionType):
 class Water(Disturbance):
     def reset(self, rows, rngs): {reset}
     def water_velocity(self): return {velocity}
+    def restore(self, state): {restore}
 @register(CONDITIONS, group='water')
 class Mine(Condition):
     kind: Literal['mine'] = 'mine'
@@ -71,7 +72,7 @@ GOOD = {
     "term": {"kind": "dense", "value": "np.zeros(len(status.phase))"},
     "part": {"value": "np.zeros((len(view.phase), 1))"},
     "actions": {"space": "Discrete(3)", "commands": "np.zeros((len(actions), 2))"},
-    "condition": {"reset": "pass", "velocity": "0.0", "build": "Water()"},
+    "condition": {"reset": "pass", "velocity": "0.0", "restore": "pass", "build": "Water()"},
     "sensor": {"ranges": "np.ones((len(eta), 8))", "build": "Sensor()"},
     "algorithm": {"act": "np.zeros(len(observation), int)", "build": "Learner()"},
 }
@@ -111,6 +112,7 @@ FAULTS = [
     ("condition", {"build": "1 / 0"}, "1 / 0"),
     ("condition", {"reset": "1 / 0"}, "1 / 0"),
     ("condition", {"velocity": "1 / 0"}, "1 / 0"),
+    ("condition", {"restore": "1 / 0"}, "1 / 0"),
     ("condition", {"velocity": "float('nan')"}, None),
     ("condition", {"velocity": "np.zeros((1, 1))"}, None),
     ("sensor", {"build": "1 / 0"}, "1 / 0"),
@@ -145,6 +147,22 @@ def test_a_fault_is_located(part: str, changes: dict[str, str], fault: str | Non
     with pytest.raises(PluginError) as caught:
         dry_run(loaded)
     assert f"({path}:{number})" in str(caught.value)
+
+
+@pytest.mark.parametrize("error", ["ValueError", "AssertionError"])
+@pytest.mark.parametrize(
+    ("part", "after"), [("condition", "= 'mine'\n"), ("actions", "def describe(self): return ''\n")]
+)
+def test_an_exception_while_a_part_is_fitted_is_not_one_of_the_user(
+    part: str, after: str, error: str, tmp_path: Path
+) -> None:
+    path = tmp_path / "mine.py"
+    plugin(path, part)
+    text = path.read_text()
+    path.write_text(text.replace(after, f"{after}    def fitted(self, vessel): raise {error}\n"))
+    number = 1 + path.read_text().splitlines().index(f"    def fitted(self, vessel): raise {error}")
+    with pytest.raises(PluginError, match=rf"mine\.py:{number}\)"):
+        load("s1", overrides=[SELECTED[part]], plugin_files=[path])
 
 
 def test_an_exception_of_several_lines_is_one_error(tmp_path: Path) -> None:
