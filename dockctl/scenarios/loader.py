@@ -71,8 +71,9 @@ class LoadedScenario:
         source: path or name that was loaded.
         tree: the merged YAML tree, for the location of later problems.
         received: the file is in a checkpoint or a run.
-        rejected_starts: shares of the random starts that are drawn again, by the field with their offsets;
-            `dockctl.sim.world.load_checked` finds them.
+        rejected_starts: shares of the random starts that are drawn again, by the field with their offsets.
+        blocked_berths: names of the berths that are left out, because a pose of the task is blocked there, by
+            the field that lists them. `dockctl.sim.world.load_checked` finds both.
     """
 
     scenario: Scenario
@@ -82,6 +83,7 @@ class LoadedScenario:
     tree: Node | None = field(default=None, compare=False, repr=False)
     received: bool = False
     rejected_starts: Mapping[str, float] = field(default_factory=dict, compare=False, repr=False)
+    blocked_berths: Mapping[str, Sequence[str]] = field(default_factory=dict, compare=False, repr=False)
 
     def is_given_by_others(self, path: str) -> bool:
         """Return whether the field `path` is from a file of a checkpoint or a run."""

@@ -311,14 +311,22 @@ def _first_reachable(draw: Callable[[], Start], unreachable: Unreachable, field:
     raise DockctlError(f"{field}: all of {MAX_DRAWS} poses drawn{where} {UNREACHABLE}; reduce the offsets")
 
 
-def rejected_shares(scenario: Scenario, unreachable: Sequence[Unreachable]) -> dict[str, float]:
-    """Return the shares of trial draws that are unreachable, by the field that gives their offsets.
+def blocked_berths(scenario: Scenario, free: Sequence[Site]) -> dict[str, list[str]]:
+    """Return the names of the berths without a site among `free`, by the field that lists them."""
+    names: dict[str, list[str]] = {}
+    with_site = {(site.harbor, *site.goals[1]) for site in free}
+    for site in sites(scenario):
+        if (berth := (site.harbor, *site.goals[1])) not in with_site:
+            with_site.add(berth)  # each is named once, not once for each side
+            names.setdefault(f"task.berths.{site.kind}", []).append(site.berth)
+    return names
 
-    Raises:
-        InputError: see `free_sites`.
-    """
+
+def rejected_shares(
+    scenario: Scenario, unreachable: Sequence[Unreachable], every: Sequence[Site]
+) -> dict[str, float]:
+    """Return the shares of trial draws at these sites that are unreachable, by the field of the offsets."""
     task, random, rng = scenario.task, scenario.evaluation.random_starts, np.random.default_rng(0)
-    every = free_sites(scenario, unreachable)
     draws: dict[str, Callable[[Site], Start]] = {}
 
     def add(field: str, poses: slice, position_m: float, heading_deg: float) -> None:

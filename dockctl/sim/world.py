@@ -3,11 +3,11 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cache, partial
 from pathlib import Path
-from typing import Any, Protocol, SupportsIndex, overload
+from typing import Any, NamedTuple, Protocol, SupportsIndex, overload
 
 import numpy as np
 
@@ -26,7 +26,14 @@ from dockctl.scenarios.vessel import Hull
 from dockctl.sim.collision import CollisionChecker, collision_checker
 from dockctl.sim.harbor.build import Harbor, build_harbor, build_scene, open_bodies
 from dockctl.sim.harbor.solids import hull_outline
-from dockctl.sim.starts import UNREACHABLE, Unreachable, own_site, rejected_shares
+from dockctl.sim.starts import (
+    UNREACHABLE,
+    Unreachable,
+    blocked_berths,
+    free_sites,
+    own_site,
+    rejected_shares,
+)
 
 MAX_REJECTED, NOTED_REJECTED = 0.95, 0.3
 """Shares of random starts: more are an error, or are noted."""
@@ -222,25 +229,34 @@ def load_checked(
         DockctlError: the scenario or a plugin does not exist.
     """
     loaded = load(source, overrides=overrides, plugin_files=plugin_files, received=received, trust=trust)
-    shares: dict[str, float] = {}
     try:
-        found, shares = check_poses(loaded.scenario, loaded.base_dir)
-        problems = [loaded.problem(*each) for each in found]
+        found = check_poses(loaded.scenario, loaded.base_dir)
     except InputError as error:  # of a mesh file: the field is known, but not its line
-        problems = [loaded.problem(p.field, str(replace(p, field="")), p.code) for p in error.problems]
-    if problems:
-        raise InputError(problems)
-    return replace(loaded, rejected_starts=shares)
+        of_file = (loaded.problem(p.field, str(replace(p, field="")), p.code) for p in error.problems)
+        raise InputError(list(of_file)) from None
+    if found.problems:
+        raise InputError([loaded.problem(*each) for each in found.problems])
+    return replace(loaded, rejected_starts=found.rejected_starts, blocked_berths=found.blocked_berths)
 
 
-def check_poses(scenario: Scenario, base_dir: Path) -> tuple[list[tuple[str, str]], dict[str, float]]:
+class PoseFindings(NamedTuple):
+    """What `check_poses` found.
+
+    Attributes:
+        problems: field path and message of each.
+        rejected_starts, blocked_berths: see `LoadedScenario`.
+    """
+
+    problems: list[tuple[str, str]]
+    rejected_starts: Mapping[str, float] = {}
+    blocked_berths: Mapping[str, Sequence[str]] = {}
+
+
+def check_poses(scenario: Scenario, base_dir: Path) -> PoseFindings:
     """Check every start, goal and test pose, and try random starts.
 
     The final pose of a task that is relocated to berths must be the pose of one of them, some berths of each
     kind must be free, and so must a share of the random starts.
-
-    Returns:
-        (field path, message) of each problem, and the shares of random starts that are rejected.
 
     Raises:
         InputError: a mesh file of the harbor is missing or damaged.
@@ -252,14 +268,18 @@ def check_poses(scenario: Scenario, base_dir: Path) -> tuple[list[tuple[str, str
     try:
         check = PoseCheck.build(scenario, harbors[own_site(scenario).harbor])
         if found := [(field, reason) for field, pose in _poses(scenario) if (reason := check.problem(pose))]:
-            return found, {}
+            return PoseFindings(found)
         unreachable = [collision_checker(harbor, scenario.vessel.hull).unreachable for harbor in harbors]
-        shares = rejected_shares(scenario, unreachable)
+        free = free_sites(scenario, unreachable)
     except InputError as error:  # the task does not match its berths
-        return [(problem.field, problem.message) for problem in error.problems], {}
+        return PoseFindings([(problem.field, problem.message) for problem in error.problems])
+    shares = rejected_shares(scenario, unreachable, free)
     advice = f"{UNREACHABLE}; reduce the offsets, or move the pose"
     excessive = ((field, share) for field, share in shares.items() if share > MAX_REJECTED)
-    return [(field, f"{share:.0%} of the poses drawn here {advice}") for field, share in excessive], shares
+    problems = [(field, f"{share:.0%} of the poses drawn here {advice}") for field, share in excessive]
+    # Of generated layouts, only a few were checked, in which some berths are always blocked.
+    blocked = {} if isinstance(scenario.harbor, Generated) else blocked_berths(scenario, free)
+    return PoseFindings(problems, shares, blocked)
 
 
 def with_few_layouts(scenario: Scenario) -> Scenario:
@@ -273,7 +293,8 @@ def with_few_layouts(scenario: Scenario) -> Scenario:
 def notes(loaded: LoadedScenario) -> list[str]:
     """Return what a user should know about a scenario that `load_checked` returned.
 
-    Starts that are drawn again, open meshes, and conditions beyond the vessel's control authority.
+    Starts that are drawn again, berths that are left out, open meshes, and conditions beyond the vessel's
+    control authority.
     """
     scenario = loaded.scenario
     return (
@@ -281,6 +302,10 @@ def notes(loaded: LoadedScenario) -> list[str]:
             f"{field}: {share:.0%} of the poses drawn here {UNREACHABLE}, and are drawn again"
             for field, share in loaded.rejected_starts.items()
             if share > NOTED_REJECTED
+        ]
+        + [
+            str(loaded.problem(field, f"left out, a pose of the task is blocked there: {', '.join(names)}"))
+            for field, names in loaded.blocked_berths.items()
         ]
         + [
             str(

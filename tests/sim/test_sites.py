@@ -91,7 +91,7 @@ def test_blocked_berths_are_a_problem_of_the_scenario() -> None:
             "task.berths.mirrored=false",
         ],
     )
-    problems, _ = check_poses(crowded.scenario, crowded.base_dir)
+    problems = check_poses(crowded.scenario, crowded.base_dir).problems
     assert [field for field, _ in problems] == ["task.berths.held_out"]
 
 
@@ -105,7 +105,7 @@ def test_the_own_berth_is_found_for_equivalent_headings(heading_deg: float) -> N
 
 def test_a_final_pose_must_be_the_pose_of_a_berth() -> None:
     off = load("marina", overrides=["task.final.x_m=35.9"])
-    ((field, message),), _ = check_poses(off.scenario, off.base_dir)
+    ((field, message),) = check_poses(off.scenario, off.base_dir).problems
     assert field == "task.final"
     assert "(36, 0, 180°)" in message  # the nearest berth
     with pytest.raises(InputError, match=r"task\.final"):

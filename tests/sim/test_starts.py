@@ -101,7 +101,7 @@ def test_starts_with_a_wide_spread_are_all_in_the_basin(name: str) -> None:
         assert basin.x_min_m < start.eta[0] < basin.x_max_m
         assert basin.y_min_m < start.eta[1] < basin.y_max_m
     share = sum(start.rejected for start in starts) / (60 + sum(start.rejected for start in starts))
-    assert rejected_shares(scenario, unreachable)["task.initial.0"] == pytest.approx(share, abs=0.12)
+    assert rejected_shares(scenario, unreachable, every)["task.initial.0"] == pytest.approx(share, abs=0.12)
     assert share > 0.5
 
 
@@ -179,6 +179,18 @@ def test_a_wide_spread_is_noted(tmp_path: Path) -> None:
     (note,) = notes(load_checked(tmp_path / "wide.yaml"))
     assert note.startswith("evaluation.random_starts")
     assert not notes(load_checked("marina"))
+
+
+def test_berths_with_a_blocked_pose_on_both_sides_are_noted(tmp_path: Path) -> None:
+    """18 m south of the berths below the T-head, at y = -19 m, is the quay, at -34 m."""
+    far = "  intermediate: {x_m: 18, y_m: 4, heading_deg: 150}"
+    (tmp_path / "far.yaml").write_text(f"extends: marina-t-head\ntask:\n{far}\n")
+    trained, held_out = notes(load_checked(tmp_path / "far.yaml"))
+    assert "task.berths.trained" in trained
+    assert "north 7.4" in trained
+    assert "task.berths.held_out" in held_out
+    assert all(f"north {at}" in held_out for at in ("-5", "11.3", "-12.8"))
+    assert not notes(load_checked("marina-t-head"))
 
 
 @given(seed=seeds)
