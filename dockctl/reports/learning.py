@@ -13,7 +13,7 @@ from matplotlib.ticker import MaxNLocator
 
 from dockctl.analysis.episodes import from_initial_poses, moving_average, smoothing_window, term_columns
 from dockctl.drawing import palette
-from dockctl.reports.style import PlainLogFormatter, legend_above, panel_title, percent, thousands
+from dockctl.reports.style import legend_above, log_scale, panel_title, percent, thousands
 
 TERM_COLORS = {
     "collision": palette.COLLISION,
@@ -171,9 +171,7 @@ def draw_updates(axes: Iterable[Axes], updates: pd.DataFrame, columns: Sequence[
         mean = moving_average(updates[column], window)
         ax.plot(updates["env_steps"], mean, color=palette.MEAN, lw=1.5, label=f"{column}, mean of {window}")
         if column != "q_mean" and (updates[column].dropna() > 0).all():
-            ax.set_yscale("log")
-            ax.yaxis.set_major_formatter(PlainLogFormatter())
-            ax.yaxis.set_minor_formatter(PlainLogFormatter())
+            log_scale(ax)
         ax.set_xlim(0, max(updates["env_steps"].max(), 1))
         panel_title(ax, UPDATE_COLUMNS[column])
         ax.xaxis.set_major_locator(MaxNLocator(5))

@@ -186,7 +186,14 @@ def label(
     ax.annotate(text, xy, xytext=offset, textcoords="offset points", **style)
 
 
-class PlainLogFormatter(LogFormatter):
+def log_scale(ax: Axes) -> None:
+    """Give the y axis a logarithmic scale, labeled with plain numbers: formulas are not parsed."""
+    ax.set_yscale("log")
+    ax.yaxis.set_major_formatter(_PlainLogFormatter())
+    ax.yaxis.set_minor_formatter(_PlainLogFormatter())
+
+
+class _PlainLogFormatter(LogFormatter):
     """Labels the ticks that matplotlib chooses with numbers without markup."""
 
     def __call__(self, x: float, pos: int | None = None) -> str:

@@ -13,7 +13,15 @@ from matplotlib.ticker import MaxNLocator
 from dockctl.analysis.episodes import from_initial_poses, moving_average
 from dockctl.drawing import palette
 from dockctl.reports import learning
-from dockctl.reports.style import legend_above, make_figure, panel_title, panels, percent, thousands
+from dockctl.reports.style import (
+    legend_above,
+    log_scale,
+    make_figure,
+    panel_title,
+    panels,
+    percent,
+    thousands,
+)
 from dockctl.runs.tables import RECENT
 from studies.thesis.data import ArchivedRun
 from studies.thesis.text import POINTS, interquartile_mean, interval, on_common_grid
@@ -143,7 +151,7 @@ def losses_figure(title: str, runs: Sequence[tuple[str, ArchivedRun]]) -> Figure
         scale = float(run.training["reward_scale"])
         left.plot(table["env_steps"], moving_average(table["td_error"].abs(), 5) / scale, color=color, lw=1.4)
         right.plot(table["env_steps"], moving_average(table["q_mean"], 5) / scale, color=color, lw=1.4)
-    left.set_yscale("log")
+    log_scale(left)
     for ax, name in ((left, "Mean |TD error|"), (right, "Mean Q")):
         ax.set_xlabel("Environment steps")
         ax.set_ylabel(name)

@@ -12,7 +12,15 @@ from matplotlib.figure import Figure
 from matplotlib.layout_engine import ConstrainedLayoutEngine
 
 from dockctl.errors import DockctlError
-from dockctl.reports.style import figure_style, legend_above, make_axes, make_figure, save, thousands
+from dockctl.reports.style import (
+    figure_style,
+    legend_above,
+    log_scale,
+    make_axes,
+    make_figure,
+    save,
+    thousands,
+)
 
 
 def draw(folder: Path) -> list[Path]:
@@ -36,6 +44,17 @@ def test_names_with_dollar_signs_are_no_formulas(tmp_path: Path) -> None:
         figure, ax = make_axes("$\\frac{a}{$", "$x_{$")
         ax.plot([1, 2], [1, 2], label="_a$\\b$")
         save({"figure": figure}, tmp_path)
+
+
+def test_a_logarithmic_axis_has_plain_labels() -> None:
+    with figure_style():
+        figure, ax = make_axes("Title", "subtitle")
+        log_scale(ax)
+        ax.set_ylim(5, 2000)
+        figure.canvas.draw()
+        labels = {label.get_text() for label in ax.get_yticklabels()}
+    assert {"10", "100", "1000"} <= labels
+    assert not any("$" in label for label in labels)
 
 
 def test_noise_of_the_layout_solver_is_rounded_away(monkeypatch: pytest.MonkeyPatch) -> None:
