@@ -101,5 +101,4 @@ def test_a_folder_without_rows(run: Path) -> None:
 
 def test_steps_without_rows_are_no_success(run: Path) -> None:
     outcome = dockctl("verify", run, "--steps", 1)
-    assert outcome.code == 2
-    assert "no rows of the first 1 steps" in outcome.err
+    assert (outcome.code, outcome.error_code) == (2, "not_found")

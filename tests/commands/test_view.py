@@ -18,7 +18,7 @@ def test_options_of_a_policy_do_not_fit_a_scenario_file(tmp_path: Path, option: 
     page = tmp_path / "page.html"
     outcome = dockctl("view", file, option, "s2", "--out", page)
     assert outcome.code == 2, outcome.out
-    assert "--also and --scenario" in outcome.err
+    assert option in outcome.err
     assert not page.exists()
 
 
@@ -41,5 +41,5 @@ def test_without_a_run_a_shipped_policy_is_shown(tmp_path: Path, monkeypatch: py
     monkeypatch.chdir(tmp_path)
     outcome = dockctl("view", "--scenario", "s1", "--pose", "0,0,0")  # blocked: no episode runs
     assert outcome.code == 2
-    assert "shipped policy s1" in outcome.err
+    assert "s1" in outcome.err
     assert not list(tmp_path.iterdir())

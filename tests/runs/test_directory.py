@@ -15,7 +15,7 @@ import pytest
 from dockctl.errors import DockctlError
 from dockctl.run_files import RUNS
 from dockctl.runs import directory
-from dockctl.runs.directory import RunDirectory
+from dockctl.runs.directory import RunDirectory, default_policy
 from dockctl.runs.files import require_replaceable, require_writable
 
 
@@ -74,6 +74,22 @@ def test_the_runs_of_a_sweep_count_among_the_others(tmp_path: Path, monkeypatch:
     for root, seed in ((RUNS, 0), (sweep, 1), (sweep, 0), (RUNS, 1), (sweep, 2)):
         last = start(root, f"s1/20250101-000000-seed{seed}")
         assert RunDirectory.latest(RUNS).path == last
+
+
+def test_the_default_policy_is_the_latest_run_or_a_shipped_one(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    assert [default_policy(name) for name in (None, "s1", "marina", "s3-direct")] == [
+        "s3",
+        "s1",
+        "marina",
+        "s3",
+    ]
+    run = start(RUNS, "s2/20250101-000000-seed0")
+    for name in (None, "s1"):
+        chosen = default_policy(name)
+        assert isinstance(chosen, RunDirectory) and chosen.path == run
 
 
 def test_a_start_that_failed_is_not_the_latest_run(tmp_path: Path) -> None:
