@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import os
 from pathlib import Path
 from typing import Annotated
 
@@ -26,15 +25,14 @@ def plot(
     from dockctl.reports.figures import figures
     from dockctl.run_files import DRAWN, FIGURES
     from dockctl.runs.reader import SOURCES, read_run
-    from dockctl.runs.results import sha256_of, write_results
+    from dockctl.runs.results import hashes_of, write_results
 
     folder = latest_run() if run is None else run
-    sources = {folder / name: sha256_of(folder / name) for name in SOURCES if os.path.isfile(folder / name)}
+    sources = hashes_of(folder / name for name in SOURCES)
     data = read_run(folder)
     if data.missing:
         note = f"note: {folder} has no rows in {', '.join(data.missing)}; their figures are left out"
         print_text(Console(stderr=True), note, "yellow")
     figure_folder = out or folder / FIGURES
     drawn = save_figures(lambda: dict(figures(data)), figure_folder)
-    hashes = sources | {path: sha256_of(path) for path in drawn}
-    print_paths([write_results(figure_folder / Path(DRAWN).name, {}, hashes)])
+    print_paths([write_results(figure_folder / Path(DRAWN).name, {}, sources | hashes_of(drawn))])

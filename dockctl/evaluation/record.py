@@ -11,7 +11,7 @@ from dockctl.evaluation.policies import LoadedPolicy
 from dockctl.evaluation.rollout import Episode, trajectories_csv
 from dockctl.run_files import RECORDING, SCENARIO, SCENE, TRAJECTORIES_CSV
 from dockctl.runs.files import new_folder
-from dockctl.runs.results import sha256_of, write_results
+from dockctl.runs.results import hashes_of, write_results
 from dockctl.scenarios.loader import dump
 from dockctl.scenarios.schema import Scenario
 
@@ -38,5 +38,5 @@ class Recording:
             (new / SCENARIO).write_text(dump(self.scenario), encoding="utf-8")
             (new / SCENE).write_text(json.dumps(self.scene.to_json()), encoding="utf-8")
             (new / TRAJECTORIES_CSV).write_text(text, encoding="utf-8")
-            hashes = {new / name: sha256_of(new / name) for name in FILES}
+            hashes = hashes_of(new / name for name in FILES)
             write_results(new / RECORDING, {"policy": self.policy.facts()}, hashes)

@@ -8,7 +8,7 @@ from __future__ import annotations
 import hashlib
 import os
 import re
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -28,6 +28,15 @@ def sha256_of(path: Path) -> str:
         DockctlError: it cannot be read.
     """
     return hashlib.sha256(read_bytes(path)).hexdigest()
+
+
+def hashes_of(paths: Iterable[Path]) -> dict[Path, str]:
+    """Return the SHA-256 of each of the files that exist.
+
+    Raises:
+        DockctlError: a file cannot be read.
+    """
+    return {path: sha256_of(path) for path in paths if os.path.isfile(path)}
 
 
 def write_results(path: Path, facts: Mapping[str, Any], hashes: Mapping[Path, str]) -> Path:
