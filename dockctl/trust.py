@@ -121,7 +121,11 @@ def allowed(files: Iterable[Path], own: Sequence[Path], *, trust: bool) -> list[
 
 
 def file_digest(file: Path) -> str:
-    """Return the SHA-256 of a file."""
+    """Return the SHA-256 of a file.
+
+    Raises:
+        DockctlError: it cannot be read.
+    """
     return hashlib.sha256(read_bytes(file)).hexdigest()
 
 

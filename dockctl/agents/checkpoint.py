@@ -118,7 +118,11 @@ class PolicyCard(Model):
 
 
 def save_pair(folder: Path, name: str, tensors: Tensors, facts: Mapping[str, Any]) -> None:
-    """Write ``<name>.safetensors``, and ``<name>.json`` with the facts and the hashes of both files."""
+    """Write ``<name>.safetensors``, and ``<name>.json`` with the facts and the hashes of both files.
+
+    Raises:
+        DockctlError: a file cannot be written.
+    """
     content = save_tensors({key: np.array(value, order="C") for key, value in tensors.items()})
     write_atomically(folder / f"{name}.safetensors", content)
     card = {

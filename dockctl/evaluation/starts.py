@@ -55,6 +55,9 @@ def evaluation_starts(scenario: Scenario, worlds: Sequence[World]) -> list[Start
     """Return the evaluation poses, or random starts at the trained berths of a task with berths.
 
     There, the intermediate poses are drawn as in training.
+
+    Raises:
+        DockctlError: no pose around an initial pose is reachable, or no berth is free.
     """
     if scenario.task.berths is None:
         return evaluation_poses(scenario)
@@ -87,6 +90,9 @@ def validation_starts(scenario: Scenario, worlds: Sequence[World]) -> list[Start
     """Return the random starts that select the best checkpoint, at the trained berths if the task has any.
 
     They are drawn like test starts, but from other random numbers, also for their conditions.
+
+    Raises:
+        DockctlError: no pose around an initial pose is reachable, or no berth is free.
     """
     seed, episodes = scenario.evaluation.random_starts.seed, scenario.training.validation.starts
     starts = random_starts(
@@ -102,7 +108,11 @@ def validation_starts(scenario: Scenario, worlds: Sequence[World]) -> list[Start
 
 
 def testing_starts(scenario: Scenario, worlds: Sequence[World], episodes: int, seed: int) -> list[Start]:
-    """Return random starts around the initial poses, at the held-out berths if the task has any."""
+    """Return random starts around the initial poses, at the held-out berths if the task has any.
+
+    Raises:
+        DockctlError: no pose around an initial pose is reachable, or no berth is free.
+    """
     if not episodes:
         return []
     held_out = not all(map(is_trained, sites(scenario)))
@@ -116,6 +126,9 @@ def trajectory_starts(scenario: Scenario, worlds: Sequence[World]) -> list[Start
 
     They are the evaluation poses. A task with berths has its initial poses at each free berth of the harbor
     that is drawn.
+
+    Raises:
+        DockctlError: no berth is free.
     """
     if scenario.task.berths is None:
         return evaluation_poses(scenario)
@@ -128,7 +141,11 @@ def trajectory_starts(scenario: Scenario, worlds: Sequence[World]) -> list[Start
 
 
 def training_starts(scenario: Scenario, worlds: Sequence[World]) -> list[Start]:
-    """Return the initial poses of the training, at each trained berth if the task has berths."""
+    """Return the initial poses of the training, at each trained berth if the task has berths.
+
+    Raises:
+        DockctlError: no berth is free.
+    """
     return [
         given_start(site, scenario.task, pose, index, TRAINING)
         for site in _trained(scenario, worlds)
@@ -137,7 +154,11 @@ def training_starts(scenario: Scenario, worlds: Sequence[World]) -> list[Start]:
 
 
 def pose_check(loaded: LoadedScenario) -> PoseCheck:
-    """Return the check of poses in the harbor in which the berth of the task is vacant."""
+    """Return the check of poses in the harbor in which the berth of the task is vacant.
+
+    Raises:
+        DockctlError: a mesh file cannot be read, or the final pose is not that of a berth.
+    """
     scenario = loaded.scenario
     layout = layouts(scenario.harbor, scenario.task.berths)[own_site(scenario).harbor]
     return PoseCheck.build(scenario, build_harbor(layout.harbor, loaded.base_dir))

@@ -45,12 +45,20 @@ class InitialPolicy:
 
     @classmethod
     def of_run(cls, run: RunDirectory) -> InitialPolicy | None:
-        """Return the policy that the training of `run` started from, or None if it started from none."""
+        """Return the policy that the training of `run` started from, or None if it started from none.
+
+        Raises:
+            DockctlError: it is damaged.
+        """
         folder = run.path / INITIAL
         return cls.load(folder) if folder.is_dir() else None
 
     def save(self, run: RunDirectory) -> None:
-        """Keep a copy in the run folder, so that the training can be repeated."""
+        """Keep a copy in the run folder, so that the training can be repeated.
+
+        Raises:
+            DockctlError: it cannot be written.
+        """
         folder = run.path / INITIAL
         make_folder(folder)
         save_policy(folder, self.tensors, self.card)

@@ -212,11 +212,19 @@ class RunDirectory:
         return Path(path).relative_to(home).as_posix() if Path(path).is_relative_to(home) else path
 
     def write_text(self, name: str, text: str) -> Path:
-        """Write a text file of the run."""
+        """Write a text file of the run.
+
+        Raises:
+            DockctlError: it cannot be written.
+        """
         return write_atomically(self.path / name, text.encode())
 
     def write_json(self, name: str, value: Any) -> Path:
-        """Write a JSON file of the run."""
+        """Write a JSON file of the run.
+
+        Raises:
+            DockctlError: it cannot be written.
+        """
         return write_json(self.path / name, value)
 
     def read_json(self, name: str) -> dict[str, Any]:
@@ -232,7 +240,11 @@ class RunDirectory:
         return value
 
     def copy_files(self, folder: str, files: Iterable[Path]) -> dict[str, str]:
-        """Copy files into a folder of the run and return the SHA-256 of each by its path in the run."""
+        """Copy files into a folder of the run and return the SHA-256 of each by its path in the run.
+
+        Raises:
+            DockctlError: a copy cannot be written.
+        """
         hashes = {}
         for number, file in enumerate(files):
             content = file.read_bytes()

@@ -146,6 +146,10 @@ class Simulator:
 
         Events exclude each other: a boat that collides reaches no pose in that step. For a boat that reaches
         the intermediate pose, the final pose is the goal from the next step on.
+
+        Raises:
+            IntegrationError: the integration of a boat diverged.
+            DockctlError: a condition failed, or returned another shape.
         """
         phase, distance, heading_error = self.phase.copy(), self.distance_m, self.heading_error_rad
         previous_command, self.command = self.command, command.astype(float)

@@ -181,7 +181,11 @@ def given_start(site: Site, task: Task, pose: Floats, index: int, kind: str = "p
 
 
 def initial_start(site: Site, task: Task, rng: np.random.Generator, unreachable: Unreachable) -> Start:
-    """Draw one of the initial poses and its offset; an unreachable one is drawn again."""
+    """Draw one of the initial poses and its offset; an unreachable one is drawn again.
+
+    Raises:
+        DockctlError: none is reachable.
+    """
     index = int(rng.integers(len(site.initial)))
     initial = task.initial[index]
     start = given_start(site, task, site.initial[index], index)
@@ -224,7 +228,11 @@ def _exploring_draw(site: Site, task: Task, exploring: ExploringStarts, rng: np.
 
 
 def draw_intermediate(site: Site, task: Task, rng: np.random.Generator, unreachable: Unreachable) -> Site:
-    """Return the site with its intermediate pose drawn within the offsets that the task gives it."""
+    """Return the site with its intermediate pose drawn within the offsets that the task gives it.
+
+    Raises:
+        DockctlError: none is reachable.
+    """
     pose = task.intermediate
     if pose is None or not (offsets := offset_limits(pose.position_offset_m, pose.heading_offset_deg)).any():
         return site

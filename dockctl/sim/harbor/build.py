@@ -81,7 +81,11 @@ def build_harbor(spec: HarborSpec, base_dir: Path) -> Harbor:
 
 
 def open_bodies(spec: HarborSpec, base_dir: Path) -> dict[str, int]:
-    """Return the number of bodies that are not closed, by the field of their mesh file; without zeros."""
+    """Return the number of bodies that are not closed, by the field of their mesh file; without zeros.
+
+    Raises:
+        DockctlError: a mesh file cannot be read.
+    """
     parts = [part for part in build_harbor(spec, base_dir).parts if part.kind == "mesh"]
     solids = {f"harbor.meshes.{index}.path": part.solids for index, part in enumerate(parts)}
     if isinstance(spec, Marina):
