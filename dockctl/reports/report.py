@@ -231,7 +231,7 @@ def _failure_section(page: Page, run: Run) -> None:
     table = read_table(run.folder / f"{EVALUATION}.csv", ("start_kind", "heading_deg", *EPISODE_RESULT))
     if table is None or not len(failed := table[table["outcome"] != "docked"]):
         return
-    listed = failed.head(MOST_ROWS).assign(heading_deg=failed["heading_deg"].map(shown_heading))
+    listed = failed.head(MOST_ROWS).round(2).assign(heading_deg=failed["heading_deg"].map(shown_heading))
     columns = [name for name in FAILURE_COLUMNS if name in listed and listed[name].notna().any()]
     numeric = [i for i, name in enumerate(columns) if pd.api.types.is_numeric_dtype(listed[name])]
     rows = [[_cell(value) for value in row] for row in listed[columns].itertuples(index=False)]
