@@ -190,3 +190,9 @@ def test_a_narrow_window_shows_start_and_goal(browser: Any, played: Replay) -> N
     points = [played.tracks[0].episode.trajectory["pose"][0][:2].tolist(), [goal.x_m, goal.y_m]]
     seen = browser.execute_script("return arguments[0].map(([x, y]) => replay.screen(x, y))", points)
     assert (np.abs(np.array(seen)) < 1).all()
+    browser.execute_script(
+        "document.body.classList.contains('wide') && document.getElementById('panel-toggle').click()"
+    )
+    edges = "const edge = (tag) => document.querySelector(tag).getBoundingClientRect();"
+    panel, controls = browser.execute_script(f"{edges} return [edge('aside').bottom, edge('footer').top]")
+    assert 0 < panel <= controls

@@ -632,6 +632,8 @@ function theme(name) {
 }
 
 function resize() {
+  const { top } = document.querySelector("footer").getBoundingClientRect();
+  document.body.style.setProperty("--controls", `${innerHeight - top}px`);
   renderer.setPixelRatio(Math.min(2, devicePixelRatio || 1));
   renderer.setSize(innerWidth, innerHeight, false);
   drawTiles();
