@@ -392,10 +392,12 @@ if (place) {
 // Theme
 function theme(name) {
   root.dataset.theme = name;
-  sessionStorage.setItem("theme", name);
   paintReplay();
 }
-$("theme").addEventListener("click", () => theme(root.dataset.theme === "dark" ? "light" : "dark"));
+$("theme").addEventListener("click", () => {
+  theme(root.dataset.theme === "dark" ? "light" : "dark");
+  sessionStorage.setItem("theme", root.dataset.theme); // the device's own changes count until then
+});
 theme(sessionStorage.getItem("theme") ?? (matchMedia("(prefers-color-scheme: dark)").matches ? "dark" : "light"));
 
 // A report that follows a training loads itself again, unless it is being read closely.
