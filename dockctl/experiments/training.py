@@ -122,7 +122,7 @@ def train(
         facts["meshes"] = run.copy_files(MESHES, mesh_files(loaded.scenario))
         run.write_text(SCENARIO, dump(with_paths(loaded.scenario, facts["plugins"], facts["meshes"])))
         run.write_json(SCENE, session.worlds[own_site(loaded.scenario).harbor].scene().to_json())
-        facts["log"] = [*log]
+        facts |= {"log": [*log], "total_steps": loaded.scenario.training.total_steps}
         run.write_json(PROVENANCE, facts)
         remember_code(session.loaded.scenario)
         with logged(run, log):
@@ -173,6 +173,8 @@ def resume(
             meshes = [run.inside(str(path)) for path in mesh_files(loaded.scenario)]
             run.write_text(SCENARIO, dump(with_paths(loaded.scenario, plugins, meshes)))
         again = {"at": provenance.now(), "env_steps": made, "command": sys.argv}
+        if steps is not None:
+            again["total_steps"] = steps
         facts |= {"finished": None, "stop_reason": None, "resumed": [*facts.get("resumed", []), again]}
         facts["log"] = logs
         run.write_json(PROVENANCE, facts)
@@ -189,7 +191,11 @@ def replay(
     Raises:
         DockctlError: the scenario of the run is damaged, or its plugins may not run.
     """
-    loaded = load_checked(run.path / SCENARIO, plugin_files=plugin_files, received=True, trust=trust)
+    first = run.read_json(PROVENANCE).get("total_steps")  # before the training was extended
+    overrides = [f"training.total_steps={first}"] if isinstance(first, int) else []
+    loaded = load_checked(
+        run.path / SCENARIO, overrides=overrides, plugin_files=plugin_files, received=True, trust=trust
+    )
     require_imports(algorithm_of(loaded.scenario.training), trust=trust)
     session = _prepare(loaded, "cpu", InitialPolicy.of_run(run))
     repeated = RunDirectory.create(out, loaded.scenario.name, loaded.scenario.training.seed)

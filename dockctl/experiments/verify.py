@@ -66,7 +66,7 @@ def verify(
     """Repeat the first steps of a training in a temporary folder.
 
     Args:
-        steps: environment steps; fewer if the run has fewer.
+        steps: environment steps; fewer if the run has fewer, or was extended after fewer.
         plugin_files, trust: see `dockctl.evaluation.load_policy`.
 
     Raises:
@@ -77,7 +77,7 @@ def verify(
     facts = run.read_json(PROVENANCE)
     recorded = {name: _rows(run.path / name) for name in TABLES}
     last = max((_env_steps(rows[-1]) for rows in recorded.values() if rows), default=0)
-    steps = min(steps, last - 1)  # of the last step itself, updates may be missing
+    steps = min(steps, *(made - 1 for made in (last, *_extensions(facts))))  # its updates may be missing
     if not any(_env_steps(row) <= steps for rows in recorded.values() for row in rows):
         message = f"{path}: {', '.join(TABLES)} have no rows of the first {max(steps, 0):,} steps to compare"
         raise DockctlError(message, code="not_found")
@@ -90,6 +90,14 @@ def verify(
         for name in _mapping(facts.get("plugins"))
     }
     return Verification(steps, tuple(checks), tuple(_conditions(facts, now)))
+
+
+def _extensions(facts: Mapping[str, Any]) -> Iterator[int]:
+    """Yield the steps after which the training got another total, on which its learning rate depends."""
+    resumed = facts.get("resumed")
+    for each in map(_mapping, resumed if isinstance(resumed, list) else ()):
+        if "total_steps" in each and isinstance(made := each.get("env_steps"), int):
+            yield made
 
 
 def _rows(path: Path) -> Rows:

@@ -81,6 +81,13 @@ def test_what_differs_on_this_machine(run: Path) -> None:
     }
 
 
+def test_an_extended_training_is_repeated_up_to_its_extension(run: Path) -> None:
+    assert dockctl("train", "--resume", run, "--steps", 400).code == 0
+    result = verify(run, 350)
+    assert result.is_equal
+    assert result.steps == 299
+
+
 def test_texts_of_the_run_are_no_markup(run: Path) -> None:
     facts = json.loads((run / "provenance.json").read_text())
     facts["python"] = "[/red]"
