@@ -85,6 +85,7 @@ def _step(loaded: LoadedScenario) -> None:
             scenario.conditions.values(), env.simulator.disturbances, strict=True
         ):
             with Guard(CONDITIONS, condition.kind):
+                condition.notes(scenario.vessel)
                 hooks = (
                     disturbance.water_velocity(),
                     disturbance.air_velocity(),

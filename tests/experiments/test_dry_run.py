@@ -45,6 +45,7 @@ class Water(Disturbance):
 class Mine(Condition):
     kind: Literal['mine'] = 'mine'
     def build(self, num_boats): return {build}
+    def notes(self, vessel): return {notes}
 """,
     "sensor": KIND
     + """
@@ -72,7 +73,7 @@ GOOD = {
     "term": {"kind": "dense", "value": "np.zeros(len(status.phase))"},
     "part": {"value": "np.zeros((len(view.phase), 1))"},
     "actions": {"space": "Discrete(3)", "commands": "np.zeros((len(actions), 2))"},
-    "condition": {"reset": "pass", "velocity": "0.0", "restore": "pass", "build": "Water()"},
+    "condition": {"reset": "pass", "velocity": "0.0", "restore": "pass", "build": "Water()", "notes": "[]"},
     "sensor": {"ranges": "np.ones((len(eta), 8))", "build": "Sensor()"},
     "algorithm": {"act": "np.zeros(len(observation), int)", "build": "Learner()"},
 }
@@ -113,6 +114,7 @@ FAULTS = [
     ("condition", {"reset": "1 / 0"}, "1 / 0"),
     ("condition", {"velocity": "1 / 0"}, "1 / 0"),
     ("condition", {"restore": "1 / 0"}, "1 / 0"),
+    ("condition", {"notes": "1 / 0"}, "1 / 0"),
     ("condition", {"velocity": "float('nan')"}, None),
     ("condition", {"velocity": "np.zeros((1, 1))"}, None),
     ("sensor", {"build": "1 / 0"}, "1 / 0"),
