@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import textwrap
 from collections.abc import Mapping, Sequence
 
 import numpy as np
@@ -18,8 +19,10 @@ from dockctl.console import count
 from dockctl.drawing import palette
 from dockctl.reports.style import label, make_figure, panel_title, percent
 
-ROW_IN = 0.46
-"""Height per policy [inches]."""
+ROW_IN, LINE_IN = 0.46, 0.17
+"""Height per policy, and per further line of the longest name [inches]."""
+NAME_CHARACTERS, TITLE_CHARACTERS = 36, 14
+"""Length of a line in the name of a policy, which `--vary` makes long, and in the title of a measure."""
 UNCLEAR_COLOR = "#8296A5"
 """Color of a difference whose interval contains zero."""
 
@@ -36,9 +39,11 @@ def compare_figure(table: pd.DataFrame, kinds: Mapping[str, str], caption: str) 
     present = list(table["start_kind"].unique())
     shown = [kind for kind in present if kind != "pose"] or present
     found = list(contrasts(table))
-    rows = len(shown) * (len(policies) * ROW_IN + 0.75)
-    title = f"{len(policies)} policies on the same episodes"
-    figure = make_figure(title, f"{caption}; Δ to {policies[0]}, paired", (12.4, 1.55 + rows))
+    lines = max(len(_name(policy).splitlines()) for policy in policies)
+    rows = len(shown) * (len(policies) * (ROW_IN + (lines - 1) * LINE_IN) + 0.95)
+    figure = make_figure(
+        "The same episodes compared", f"{caption}; Δ to {policies[0]}, paired", (12.4, 1.55 + rows)
+    )
     grid = figure.subplots(
         len(shown),
         2 + len(MEASURES),
@@ -79,7 +84,7 @@ def draw_outcomes(ax: Axes, table: pd.DataFrame, policies: Sequence[str], title:
             fontweight="bold",
             annotation_clip=False,
         )
-    ax.set_yticks(range(len(policies)), list(policies))
+    ax.set_yticks(range(len(policies)), list(map(_name, policies)))
     ax.tick_params(axis="y", labelcolor=palette.INK, labelsize=9)
     ax.set(ylim=(len(policies) - 0.5, -0.5), xlim=(0, 1))
     percent(ax.xaxis)
@@ -106,7 +111,7 @@ def draw_differences(ax: Axes, measure: Measure, found: Sequence[Contrast], poli
     margin = max(0.16 * np.ptp(ends), 5 * 10.0**-measure.decimals)
     ax.set_xlim(min(ends) - margin, max(ends) + margin)
     ax.xaxis.set_major_locator(MaxNLocator(3))
-    panel_title(ax, f"Δ {measure.name}", pad=6)
+    panel_title(ax, textwrap.fill(f"Δ {measure.name}", TITLE_CHARACTERS), pad=6)
     ax.set_xlabel(f"[{measure.unit}]", fontsize=8.5, labelpad=2)
     ax.spines["left"].set_visible(False)
     ax.tick_params(axis="y", labelleft=False)
@@ -116,6 +121,11 @@ def draw_differences(ax: Axes, measure: Measure, found: Sequence[Contrast], poli
         shift, side = (-4, "right") if right < -left else (4, "left")
         text = measure.quantity(compared.first)
         label(ax, text, (0, 0), (shift, 0), ha=side, va="center", color=palette.INK_SOFT)
+
+
+def _name(policy: str) -> str:
+    """Return the name of a policy in lines."""
+    return textwrap.fill(policy, NAME_CHARACTERS, break_on_hyphens=False)
 
 
 def _legend(figure: Figure, first: str) -> None:

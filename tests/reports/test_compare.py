@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
+import itertools
 from pathlib import Path
 
 import numpy as np
 import pytest
+from matplotlib.text import Text
 
 from dockctl.analysis.contrast import SUCCESS, contrasts
 from dockctl.reports.compare import compare_figure
@@ -36,6 +38,18 @@ def test_tables_without_pairs_or_without_random_starts_are_drawn() -> None:
     with figure_style():
         for other in (table.assign(outcome="timeout"), table[table["start_kind"] == "pose"]):
             compare_figure(other, KINDS, "caption").draw_without_rendering()
+
+
+def test_titles_do_not_overlap_however_long_the_names_are() -> None:
+    table = two_policies()
+    long = "a policy, conditions.lidar_faults={sectors: [1, 2, 3, 4, 5, 6, 7, 8], mode: frozen}"
+    with figure_style():
+        figure = compare_figure(table.replace({"policy": {"new": long}}), KINDS, "caption")
+        figure.draw_without_rendering()
+    titles = {ax.get_title(loc="left") for ax in figure.axes}
+    boxes = [text.get_window_extent() for text in figure.findobj(Text) if text.get_text() in titles]
+    assert len(boxes) == len(figure.axes)
+    assert all(box.x1 < after.x0 for box, after in itertools.pairwise(sorted(boxes, key=lambda box: box.x0)))
 
 
 def test_files_are_reproducible(tmp_path: Path) -> None:
