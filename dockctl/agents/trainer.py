@@ -58,6 +58,7 @@ class Trainer:
         evaluate: from the poses that the stop rule demands; by default the validation starts.
         on_progress: called after every step.
         interrupted: called after every step; True saves and stops the training.
+        until: environment steps; further steps stop the training as if it was interrupted.
         warn: called with each problem that does not end the training.
         step_limit: control steps after which the environment ends an episode, if it is known.
     """
@@ -74,13 +75,14 @@ class Trainer:
         *,
         on_progress: Callable[[Progress], None] = lambda progress: None,
         interrupted: Callable[[], bool] = lambda: False,
+        until: int | None = None,
         warn: Callable[[str], None] = lambda text: None,
         step_limit: int | None = None,
     ) -> None:
         self.algorithm, self.training, self.environment = algorithm, training, environment
         self.run_directory, self.card = run, card
         self.validate, self.evaluate = validate, evaluate
-        self.on_progress, self.interrupted, self.warn = on_progress, interrupted, warn
+        self.on_progress, self.interrupted, self.until, self.warn = on_progress, interrupted, until, warn
         self._step_limit, self._warned = step_limit, set[str]()
         self._monitor = self._new_monitor()
         self.progress = Progress()
@@ -174,7 +176,7 @@ class Trainer:
         self.warn(f"{error.message}; back to step {self.progress.env_steps:,}, attempt {attempt}")
 
     def _reason_to_stop(self) -> str | None:
-        if self.interrupted():
+        if self.interrupted() or (self.until is not None and self.progress.env_steps > self.until):
             return "interrupted"
         rule = self.training.stop
         if rule is not None and self.progress.mastered(rule) and self._confirmed(rule):

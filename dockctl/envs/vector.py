@@ -27,7 +27,7 @@ from dockctl.scenarios.schema import Scenario
 from dockctl.sim.retries import FailedStarts
 from dockctl.sim.simulator import Simulator
 from dockctl.sim.starts import Start, StartSampler, free_sites, given_start, is_trained, own_site
-from dockctl.sim.world import World, build_worlds, load_checked, unreachable_in
+from dockctl.sim.world import World, build_worlds, load_checked, near_in, unreachable_in
 
 Observations = NDArray[np.float32]
 OPTIONS = ("poses", "starts", "reset_mask")
@@ -116,10 +116,9 @@ class DockingVectorEnv(VectorEnv[Observations, NDArray[Any], NDArray[Any]]):
         """Draws the starts that are not given; built on first use, since it needs all trained harbors."""
         unreachable = unreachable_in(self.worlds)
         trained = free_sites(self.scenario, unreachable, among=is_trained)
-        return StartSampler(self.scenario, trained, unreachable, self._near, exploring=self._exploring)
-
-    def _near(self, start: Start, within_m: float) -> bool:
-        return bool(self.worlds[start.harbor].obstacles.near(start.eta[None], within_m)[0])
+        return StartSampler(
+            self.scenario, trained, unreachable, near_in(self.worlds), exploring=self._exploring
+        )
 
     def __getstate__(self) -> dict[str, Any]:
         return {name: value for name, value in vars(self).items() if name != "_sampler"}

@@ -309,9 +309,6 @@ def _run(
 
     with interruptible() as interrupted:
 
-        def stopped() -> bool:
-            return interrupted() or (until is not None and trainer.progress.env_steps > until)
-
         def warn(text: str) -> None:
             print_text(console, f"warning: {text}", "yellow")
 
@@ -319,7 +316,7 @@ def _run(
             trainer = Trainer(
                 session.algorithm, training, session.environment, run, card,
                 validate, evaluate if poses else None,
-                on_progress=display, interrupted=stopped, warn=warn,
+                on_progress=display, interrupted=interrupted, until=until, warn=warn,
                 step_limit=_step_limit(session.environment.scenario),
             )  # fmt: skip
             if resumed:

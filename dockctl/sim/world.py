@@ -28,6 +28,7 @@ from dockctl.sim.harbor.build import Harbor, build_harbor, build_scene, open_bod
 from dockctl.sim.harbor.solids import hull_outline
 from dockctl.sim.starts import (
     UNREACHABLE,
+    Near,
     Unreachable,
     blocked_berths,
     free_sites,
@@ -144,6 +145,11 @@ def unreachable_in(worlds: Sequence[World]) -> list[Unreachable]:
         return worlds[number].obstacles.unreachable(eta, goal)
 
     return [partial(ask, number) for number in range(len(worlds))]
+
+
+def near_in(worlds: Sequence[World]) -> Near:
+    """Return whether an obstacle of a start's harbor is within a distance of the hull, as a function."""
+    return lambda start, within_m: bool(worlds[start.harbor].obstacles.near(start.eta[None], within_m)[0])
 
 
 def _world(spec: HarborSpec, base_dir: Path, hull: Hull, lidar: RangeSensorSpec) -> World:

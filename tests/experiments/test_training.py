@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import gc
 import io
 import json
 import re
@@ -11,6 +12,8 @@ import pytest
 from rich.console import Console
 
 from dockctl.agents.algorithms import Dqn
+from dockctl.agents.dqn.replay import Replay
+from dockctl.envs.vector import DockingVectorEnv
 from dockctl.errors import DockctlError
 from dockctl.experiments import resume, train
 from dockctl.runs.directory import SHIPPED
@@ -27,6 +30,20 @@ def test_a_run_is_trained_and_extended(tmp_path: Path) -> None:
     assert (extended.path, extended.progress.env_steps) == (run.path, 80)
     with pytest.raises(DockctlError):
         resume(run.path, console=console)
+
+
+def test_a_finished_training_frees_its_memory_without_the_garbage_collector(tmp_path: Path) -> None:
+    """Reference cycles would keep replays, of which the collector knows only that they are few objects."""
+    console = Console(file=io.StringIO())
+    gc.collect()
+    gc.disable()
+    try:
+        run = train("s1", seed=2, steps=60, overrides=QUICK, out=tmp_path, console=console)
+        resume(run.path, steps=80, console=console)
+        kept = [held for held in gc.get_objects() if isinstance(held, Replay | DockingVectorEnv)]
+    finally:
+        gc.enable()
+    assert not kept
 
 
 @pytest.mark.parametrize("name", ["s1", "marina"])
