@@ -21,6 +21,8 @@ SIZE_BY_TRIANGLES = 8
 """Memory of a checker, relative to the array of the harbor's triangles; measured on the reference marina."""
 CONTACT_RESOLUTION_M = 0.002
 """Motion of the hull between the poses at which contact is tested."""
+MAX_BOXES = 128
+"""Boxes that are kept, of hulls with a margin."""
 SLACK_M = 1e-3
 """Greater than the rounding errors of fcl's distance between convex shapes."""
 
@@ -36,7 +38,7 @@ class CollisionChecker:
         self.harbor, self.hull = harbor, hull
         boat = hull_mesh(hull)
         self._size, self._middle = boat.extents, (hull.freeboard_m - hull.draft_m) / 2
-        self._hull = _bvh(boat.triangles)
+        self._hull = _Shape(_bvh(boat.triangles))
         low, high = (getattr(harbor.triangles[:, :, 2], end)(axis=1) for end in ("min", "max"))
         margin = 2 * SLACK_M
         touchable = (low <= hull.freeboard_m + margin) & (high >= -hull.draft_m - margin)
@@ -56,8 +58,8 @@ class CollisionChecker:
             eta: (n, 3) poses.
             within_m: maximum displacement of a point of the hull [m].
         """
-        length, beam, height = self._size + 2 * SLACK_M
-        box = fcl.Box(length + 2 * within_m, beam + 2 * within_m, height)
+        length, beam, height = (self._size + 2 * SLACK_M).tolist()
+        box = _box(length + 2 * within_m, beam + 2 * within_m, height)
         return self._touching(box, eta, within_m, self._middle)
 
     def collides(self, eta: Floats) -> Bools:
@@ -80,15 +82,19 @@ class CollisionChecker:
     def collided_part(self, eta: Floats) -> str | None:
         """Return the name of the part that blocks the pose (3,), or None."""
         pose = eta[None]
-        (hull,), (gaps,) = _placed(self._hull, pose), self._low.gaps(self._bounds(pose))
-        close = np.flatnonzero(gaps <= 0).tolist()
-        touched = {part for part in close if _touch(hull, self._low.of_part(part))}
-        if len(touched) > 1:  # the first one in the order of a tree of all triangles
-            result = fcl.CollisionResult()
-            fcl.collide(hull, _all_solids(self.harbor), fcl.CollisionRequest(1, True), result)
-            touched = {int(self.harbor.part_of_triangle[result.contacts[0].b2])}
-        part = touched.pop() if touched else int(self._contained(pose)[0])
+        touched = [part for hull in self._hull.placed(pose) for part in self._touched(hull, pose)]
+        part = touched[0] if touched else int(self._contained(pose)[0])
         return self.harbor.parts[part].name if part >= 0 else None
+
+    def _touched(self, hull: fcl.CollisionObject, pose: Floats) -> list[int]:
+        """Return the part that the hull touches at its pose (1, 3), or nothing."""
+        close = np.flatnonzero(self._low.gaps(self._bounds(pose))[0] <= 0).tolist()
+        touched = [part for part in close if _touch(hull, self._low.of_part(part))]
+        if len(touched) < 2:
+            return touched
+        result = fcl.CollisionResult()  # the first one in the order of a tree of all triangles
+        fcl.collide(hull, _all_solids(self.harbor), fcl.CollisionRequest(1, True), result)
+        return [int(self.harbor.part_of_triangle[result.contacts[0].b2])]
 
     def clearance(self, eta: Floats) -> Floats:
         """Return the distance between the hull and the harbor, 0 if it is blocked, (n, 3) to (n,) [m]."""
@@ -102,7 +108,7 @@ class CollisionChecker:
         request, bounds = fcl.DistanceRequest(), self._bounds(eta)
         low, high = self._low.gaps(bounds), self._high.gaps(bounds)
         result = np.full(len(eta), limit_m)
-        for row, hull in enumerate(_placed(self._hull, eta)):
+        for row, hull in enumerate(self._hull.placed(eta)):
             gaps = np.concatenate([low[row], high[row]])
             for number in np.argsort(gaps).tolist():
                 if gaps[number] - SLACK_M >= result[row]:
@@ -125,11 +131,11 @@ class CollisionChecker:
         reach = np.column_stack([length * cosine + beam * sine, length * sine + beam * cosine])
         return np.hstack([eta[:, :2] - reach, eta[:, :2] + reach])
 
-    def _touching(self, shape: Any, eta: Floats, margin_m: float = 0.0, z: float = 0.0) -> Bools:
+    def _touching(self, shape: _Shape, eta: Floats, margin_m: float = 0.0, z: float = 0.0) -> Bools:
         """Return whether the hull, or its box with a margin, touches what is between keel and deck."""
         close = self._low.gaps(self._bounds(eta, margin_m)) <= 0
         rows, touching = np.flatnonzero(close.any(axis=1)), np.zeros(len(eta), bool)
-        for row, boat in zip(rows, _placed(shape, eta[rows], z), strict=True):
+        for row, boat in zip(rows, shape.placed(eta[rows], z), strict=True):
             parts = np.flatnonzero(close[row]).tolist()
             touching[row] = any(_touch(boat, self._low.of_part(part)) for part in parts)
         return touching
@@ -173,15 +179,32 @@ def _touch(one: fcl.CollisionObject, other: fcl.CollisionObject) -> bool:
     return bool(fcl.collide(one, other, fcl.CollisionRequest(), fcl.CollisionResult()))
 
 
-def _placed(shape: Any, eta: Floats, z: float = 0.0) -> Iterator[fcl.CollisionObject]:
-    """Yield the shape at each pose; each call has its own object, so that threads can share a checker."""
-    boat = fcl.CollisionObject(shape)
-    rotation = np.eye(3)
-    for x, y, heading in eta.tolist():
-        cosine, sine = math.cos(heading), math.sin(heading)
-        rotation[0, 0], rotation[0, 1], rotation[1, 0], rotation[1, 1] = cosine, -sine, sine, cosine
-        boat.setTransform(fcl.Transform(rotation, (x, y, z)))
-        yield boat
+class _Shape:
+    """A shape and its objects, which are used again: python-fcl does not free 32 bytes of each."""
+
+    def __init__(self, geometry: Any) -> None:
+        self._geometry, self._idle = geometry, list[fcl.CollisionObject]()
+
+    def placed(self, eta: Floats, z: float = 0.0) -> Iterator[fcl.CollisionObject]:
+        """Yield the shape at each pose; each call has its own object, so that threads can share a checker."""
+        try:
+            boat = self._idle.pop()
+        except IndexError:
+            boat = fcl.CollisionObject(self._geometry)
+        try:
+            rotation = np.eye(3)
+            for x, y, heading in eta.tolist():
+                cosine, sine = math.cos(heading), math.sin(heading)
+                rotation[0, 0], rotation[0, 1], rotation[1, 0], rotation[1, 1] = cosine, -sine, sine, cosine
+                boat.setTransform(fcl.Transform(rotation, (x, y, z)))
+                yield boat
+        finally:
+            self._idle.append(boat)
+
+
+@lru_cache(maxsize=MAX_BOXES)
+def _box(length: float, beam: float, height: float) -> _Shape:
+    return _Shape(fcl.Box(length, beam, height))
 
 
 @shared(lambda checker: SIZE_BY_TRIANGLES * checker.harbor.triangles.nbytes)
@@ -217,9 +240,14 @@ def first_contact(
         if end - begin <= resolution:
             if blocked(at[None, :3])[0]:
                 return at
-        elif near(at[None, :3], end - middle)[0]:
+        elif near(at[None, :3], rounded_up(end - middle))[0]:
             sections += [(middle, end), (begin, middle)]
     return None
+
+
+def rounded_up(distance_m: float) -> float:
+    """Return the next of few numbers, four per power of 2: `near` keeps a box for each."""
+    return float(2.0 ** (math.ceil(4 * math.log2(distance_m)) / 4)) if distance_m > 0 else 0.0
 
 
 def least_clearance(eta: Floats, clearance: Callable[[Floats], Floats], reach_m: float) -> float:

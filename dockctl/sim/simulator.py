@@ -13,7 +13,7 @@ from dockctl.geometry import Bools, Floats, Ints, rotate
 from dockctl.plugins import CONDITIONS, RANGE_SENSORS, Guard
 from dockctl.scenarios.extensions import Disturbance, NoisyRangeSensor, RangeNoise
 from dockctl.scenarios.schema import Scenario
-from dockctl.sim.collision import first_contact
+from dockctl.sim.collision import first_contact, rounded_up
 from dockctl.sim.goal import TO_FINAL, StepStatus, measure, reached
 from dockctl.sim.starts import Start
 from dockctl.sim.vessel import VesselModel, coefficients
@@ -317,7 +317,7 @@ class Simulator:
         self._check(eta, nu)
         eta[self.resting], nu[self.resting] = before[self.resting], self.nu[self.resting]
         self.eta, self.nu = eta, nu
-        farthest = float(travel.max())
+        farthest = rounded_up(float(travel.max()))
         collided = self.in_harbors(lambda world, rows: world.obstacles.near(eta[rows], farthest))
         collided |= self.steps == 0  # a start may be inside something; later, nothing gets there unless near
         collided &= ~self.resting
