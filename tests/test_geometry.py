@@ -9,7 +9,15 @@ import pytest
 from hypothesis import example, given
 from hypothesis import strategies as st
 
-from dockctl.geometry import pose_label, relocate_poses, sector_edges_deg, sector_index, to_world, wrap
+from dockctl.geometry import (
+    nearest_in_sectors,
+    pose_label,
+    relocate_poses,
+    sector_edges_deg,
+    sector_index,
+    to_world,
+    wrap,
+)
 
 PI = math.pi
 coordinate, angle = st.floats(-50, 50), st.floats(-math.pi, math.pi)
@@ -77,6 +85,20 @@ def test_sectors_are_equal_and_begin_astern(theta: float, count: int) -> None:
     edges = np.linspace(-PI, PI, count + 1)
     assert edges[sector] - 1e-12 <= theta <= edges[sector + 1] + 1e-12
     np.testing.assert_allclose(np.radians(sector_edges_deg(count)), edges, rtol=0, atol=1e-12)
+
+
+@given(
+    st.lists(st.tuples(st.floats(-50, 50), st.floats(-50, 50)), min_size=1, max_size=20),
+    st.integers(1, 36),
+)
+def test_all_points_at_once_are_in_the_sectors_of_each(points: list[tuple[float, float]], count: int) -> None:
+    nearest = np.full(count, 60.0)
+    for x, y in points:
+        sector = sector_index(x, y, count)
+        nearest[sector] = min(nearest[sector], math.hypot(x, y))
+    np.testing.assert_allclose(
+        nearest_in_sectors(np.array(points), count, 60.0), nearest, rtol=1e-15, atol=1e-12
+    )
 
 
 def test_the_point_right_astern_belongs_to_the_last_sector() -> None:

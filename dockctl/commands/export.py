@@ -45,7 +45,7 @@ def export(
     An ONNX model takes observations in SI units and includes their scaling and the choice of the command. A
     file for `dockctl.pilot` needs only NumPy on the boat. Both describe themselves: docs/deployment.md.
 
-    Example: dockctl export s3 --pilot s3.npz --onnx s3.onnx
+    Example: dockctl export s3 --pilot s3.npz
     """
     from dockctl.experiments import export, portable
 

@@ -169,16 +169,12 @@ def _run_facts(run: Run) -> Iterator[tuple[str, str, str]]:
         docked, rate, interval = describe_share(summary["docked"], summary["episodes"])
         yield (START_KINDS.get(kind, kind).capitalize(), rate, f"{docked}, 95 %: {interval}")
     if run.episodes is not None:
-        steps = (
-            f"{int(run.episodes['env_steps'].max()):,} environment steps"
-            if "env_steps" in run.episodes
-            else ""
-        )
-        yield "Training episodes", f"{len(run.episodes):,}", steps
+        yield "Training episodes", f"{len(run.episodes):,}", ""
     timing = read_table(run.folder / TIMING_CSV, TIMING)
     if timing is not None:
         minutes = float(timing["wall_s"].max()) / 60
-        yield "Training time", f"{minutes:,.0f} min" if minutes >= 10 else f"{minutes:.1f} min", ""
+        steps = f"{int(timing['env_steps'].max()):,} environment steps"
+        yield "Training time", f"{minutes:,.0f} min" if minutes >= 10 else f"{minutes:.1f} min", steps
 
 
 def summaries(run: Run, stem: str) -> dict[str, dict[str, Any]]:

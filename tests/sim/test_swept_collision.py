@@ -7,6 +7,7 @@ import os
 from dataclasses import replace
 
 import numpy as np
+import psutil
 import pytest
 import trimesh
 from hypothesis import assume, given, settings
@@ -120,6 +121,21 @@ def test_clearance_is_zero_inside() -> None:
     land, buoy = box((-20, -20, -5), (20, 20, 5)), box((30.4, -0.1, -0.1), (30.6, 0.1, 0.2))
     eta = np.array([[0.0, 0, 0], [7, -3, 1.3], [30, 0, 0], [24, 0, 0]])
     assert checker(land, buoy).clearance(eta) == pytest.approx([0, 0, 0, 2.5])
+
+
+def test_checks_leave_no_memory_behind() -> None:
+    """python-fcl never frees 32 bytes of an object that is made for each check."""
+    block = checker(box((10, -50, -1), (30, 50, 1)))
+    path = np.array([[5.0, 0, 0], [9.0, 0, 0.3]])
+
+    def check(times: int) -> None:
+        for _ in range(times):
+            assert first_contact(path, block.near, block.blocked, THESIS.hull) is not None
+
+    check(10)
+    before = psutil.heap_info().heap_used
+    check(1000)
+    assert psutil.heap_info().heap_used - before < 1000 * 32
 
 
 def test_a_small_open_mesh_inside_the_hull_blocks() -> None:

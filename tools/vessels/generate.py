@@ -9,12 +9,12 @@ last bits differently.
 
 from __future__ import annotations
 
+import argparse
 import os
-import sys
 from collections.abc import Callable, Iterator
 from pathlib import Path
 
-if "avx512vl" in Path("/proc/cpuinfo").read_text():
+if (processor := Path("/proc/cpuinfo")).exists() and "avx512vl" in processor.read_text():
     # OpenBLAS chooses a kernel when it loads. Those for such processors differ in the last bits.
     os.environ["OPENBLAS_CORETYPE"] = "SkylakeX"
 
@@ -64,7 +64,9 @@ def _objects(solids: Iterator[Solid]) -> Iterator[str]:
 
 
 if __name__ == "__main__":
-    folder = Path(sys.argv[1]) if len(sys.argv) > 1 else VESSEL_MODELS
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser.add_argument("folder", type=Path, nargs="?", default=VESSEL_MODELS)
+    folder = parser.parse_args().folder
     folder.mkdir(parents=True, exist_ok=True)
     for name, (vessel_class, build) in MODELS.items():
         (folder / f"{name}.obj").write_text(obj_text(vessel_class, build()), encoding="utf-8")

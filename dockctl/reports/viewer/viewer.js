@@ -572,7 +572,7 @@ function drawTiles() {
 function update() {
   const episode = episodes[now.selected], i = rowOf(episode);
   $("time").value = String(Math.round(now.step));
-  $("clock").textContent = `${fixed(now.step * header.period_s, 1)} of ${fixed(episode.last * header.period_s, 1)} s`;
+  $("clock").textContent = `${fixed(Math.min(now.step, episode.last) * header.period_s, 1)} of ${fixed(episode.last * header.period_s, 1)} s`;
   drawState(episode, i);
   drawCommand(episode, i);
   drawSectors(episode, i);
