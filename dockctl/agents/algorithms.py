@@ -122,6 +122,8 @@ class Dqn(AlgorithmSpec):
     def load_policy(self, tensors: Tensors, spaces: Spaces, hidden_sizes: tuple[int, ...]) -> Policy:
         from dockctl.agents.dqn.policy import GreedyPolicy
 
+        if not hidden_sizes:
+            raise ValueError("hidden_sizes is empty")
         expected = shapes(*_discrete(spaces), hidden_sizes)
         for network in split(tensors)[0]:
             if (given := {name: array.shape for name, array in network.items()}) != expected:

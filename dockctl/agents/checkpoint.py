@@ -180,7 +180,9 @@ def load_tensors(file: Path) -> tuple[dict[str, NDArray[Any]], str]:
         return parse_tensors(content), hashlib.sha256(content).hexdigest()
     except DockctlError as error:
         raise CheckpointError(error.message, code=error.code) from None
-    except (SafetensorError, *FOREIGN) as error:  # others for types that NumPy lacks
+    except KeyError as error:
+        raise CheckpointError(f"{file}: has numbers of the type {error}, which NumPy lacks") from None
+    except (SafetensorError, *FOREIGN) as error:
         message = f"{file}: damaged or incomplete: {type(error).__name__}: {error}"
         raise CheckpointError(message) from None
 

@@ -30,7 +30,7 @@ from dockctl.experiments.interrupt import interruptible
 from dockctl.experiments.live import TrainingDisplay, best, clock
 from dockctl.experiments.logs import logged, require_logs
 from dockctl.experiments.memory import Estimate, require_memory
-from dockctl.run_files import BEST, MESHES, PLUGINS, PROVENANCE, RUNS, SCENARIO, SCENE, TRAJECTORIES_CSV
+from dockctl.run_files import BEST, LAST, MESHES, PLUGINS, PROVENANCE, RUNS, SCENARIO, SCENE, TRAJECTORIES_CSV
 from dockctl.runs import provenance
 from dockctl.runs.directory import RunDirectory
 from dockctl.runs.files import exclusive_lock, require_writable
@@ -359,6 +359,9 @@ def _report(console: Console, run: TrainedRun) -> None:
     if run.reason == "interrupted":
         lines += ["Saved. To continue:", f"  {command_line('train', '--resume', run.path)}"]
     else:
-        following = (("evaluate", run.path), ("plot", run.path))
-        lines += ["Next:", *(f"  {command_line(*words)}" for words in following)]
+        saved = any(
+            map(RunDirectory(run.path).checkpoints, (BEST, LAST))
+        )  # not if it diverged before the first
+        following = ("evaluate", "plot") if saved else ("plot",)
+        lines += ["Next:", *(f"  {command_line(name, run.path)}" for name in following)]
     print_text(console, "\n".join(lines))

@@ -43,6 +43,16 @@ def test_a_training_may_continue(tmp_path: Path) -> None:
     assert "'late'" in outcome.out
 
 
+def test_a_training_without_a_finite_policy_does_not_suggest_to_evaluate_it(tmp_path: Path) -> None:
+    changed = ("learning_rate=1000", "huber_delta=null", "gradient_clip=null")
+    overrides = [text for change in changed for text in ("--set", f"training.{change}")]
+    outcome = quick_train(tmp_path / "runs", "s1", "--steps", 400, *overrides, "--on-divergence", "continue")
+    assert outcome.code == 0
+    assert not [*only_run(tmp_path / "runs").glob("checkpoints/*")]
+    assert "dockctl plot" in outcome.out
+    assert "dockctl evaluate" not in outcome.out
+
+
 def test_an_unknown_reaction_is_an_error(tmp_path: Path) -> None:
     outcome = quick_train(tmp_path / "runs", "s1", "--on-divergence", "explode")
     assert outcome.code == 2
