@@ -288,7 +288,7 @@ def _moved(path: Floats, reach_m: float) -> Floats:
     return np.concatenate([[0.0], np.cumsum(np.hypot(x, y) + reach_m * np.abs(heading))])
 
 
-@lru_cache(maxsize=4)
+@lru_cache(maxsize=1)  # some ten megabytes, and few trainings need it more than once
 def _all_solids(harbor: Harbor) -> fcl.CollisionObject:
     return fcl.CollisionObject(_bvh(harbor.triangles))
 
