@@ -17,6 +17,7 @@ from weakref import WeakValueDictionary
 
 import numpy as np
 import platformdirs
+import psutil
 from numpy.typing import NDArray
 from threadpoolctl import threadpool_limits
 
@@ -34,9 +35,10 @@ UNUSED_BYTES = 512_000_000
 log = logging.getLogger(__name__)
 
 
+@cache
 def usable_cores() -> int:
-    """Return the number of cores that this process may use."""
-    return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
+    """Return the number of cores that this process may use, read once because every scan asks."""
+    return len(psutil.Process().cpu_affinity())
 
 
 _WORKERS: list[ThreadPoolExecutor] = []

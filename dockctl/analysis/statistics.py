@@ -9,8 +9,6 @@ import numpy as np
 
 from dockctl.geometry import Bools, Floats
 
-Z = 1.959963984540054
-"""97.5 % quantile of the standard normal distribution."""
 RESAMPLES = 10_000
 BATCH = 100
 """Resamples drawn at a time; this bounds the memory for many episodes."""
@@ -33,14 +31,12 @@ class Difference:
 
 def wilson_interval(successes: int, trials: int) -> tuple[float, float]:
     """95 % confidence interval of a success probability (Wilson 1927); (0, 1) without trials."""
-    # Not by scipy.stats, which takes most of a second to import: only tests and bootstraps need it.
     if trials == 0:
         return 0.0, 1.0
-    share = successes / trials
-    scale = 2 * (trials + Z**2)
-    center = (2 * trials * share + Z**2) / scale
-    half = Z / scale * math.sqrt(4 * trials * share * (1 - share) + Z**2)
-    return (center - half if successes > 0 else 0.0), (center + half if successes < trials else 1.0)
+    from scipy.stats import binomtest  # slow to import
+
+    interval = binomtest(successes, trials).proportion_ci(method="wilson")
+    return float(interval.low), float(interval.high)
 
 
 def describe_share(successes: int, trials: int) -> tuple[str, str, str]:
@@ -92,7 +88,7 @@ def mcnemar_p(first: Bools, second: Bools) -> float:
     """
     only_first, only_second = int((first & ~second).sum()), int((~first & second).sum())
     discordant = only_first + only_second
-    from scipy.stats import binomtest  # slow to import
+    from scipy.stats import binomtest
 
     return float(binomtest(only_first, discordant, 0.5).pvalue) if discordant else 1.0
 

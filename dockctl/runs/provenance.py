@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import hashlib
-import os
 import platform
 import subprocess
 import sys
@@ -14,6 +13,8 @@ from importlib.metadata import entry_points
 from importlib.util import find_spec
 from pathlib import Path
 from typing import Any
+
+import psutil
 
 import dockctl
 from dockctl.compute import usable_cores
@@ -95,7 +96,7 @@ def hardware() -> dict[str, Any]:
     return {
         "platform": platform.platform(),
         "processor": _processor(),
-        "cores": os.cpu_count(),
+        "cores": psutil.cpu_count(),
         "usable_cores": usable_cores(),
         "byte_order": sys.byteorder,
     }
