@@ -3,11 +3,17 @@
 from __future__ import annotations
 
 import ast
+import json
+import os
 import re
 import shlex
 import shutil
+import subprocess
+import sys
+import tomllib
 from collections.abc import Sequence
 from pathlib import Path
+from urllib.request import urlopen
 
 import pytest
 
@@ -36,15 +42,36 @@ SHORTER = {
 INSTALLED = "s1-smooth"  # of an installed package, which tests/test_plugins.py tests
 
 
+CHECKOUT = (
+    "make dock",
+    "python3 -m venv .venv",
+    ".venv/bin/pip install --constraint constraints.txt --editable .",
+    "source .venv/bin/activate",
+    "pip install examples/dockctl-smooth",
+    "pip install pytest examples/dockctl-smooth",
+    "pytest examples/dockctl-smooth/tests",
+)
+"""Lines of the documents that run in a fresh checkout, in this order."""
+BOAT = "pip install numpy && pip install --no-deps path/to/dockctl"
+TENSORBOARD = "tensorboard --logdir runs"
+PARITY = "python benchmarks/pilot.py"
+WHOLE = {"make test", "make check"}
+"""Run all tests, this one among them."""
+
+
 def blocks(document: Path, language: str) -> list[str]:
     return re.findall(rf"^```{language}\n(.*?)^```", document.read_text(encoding="utf-8"), re.M | re.S)
 
 
+def lines(document: Path) -> list[list[str]]:
+    """Return the words of each line in the shell blocks of a document."""
+    shell = [line for block in blocks(document, "sh") for line in block.replace("\\\n", " ").splitlines()]
+    return [words for line in shell if (words := shlex.split(line, comments=True))]
+
+
 def commands(document: Path) -> list[list[str]]:
     """Return the commands of dockctl in the blocks of a document."""
-    lines = [line for block in blocks(document, "sh") for line in block.replace("\\\n", " ").splitlines()]
-    words = [shlex.split(line, comments=True) for line in lines]
-    return [line[1:] for line in words if line[:1] == ["dockctl"] and INSTALLED not in line]
+    return [words[1:] for words in lines(document) if words[0] == "dockctl" and INSTALLED not in words]
 
 
 def examples(document: Path) -> list[str]:
@@ -138,6 +165,116 @@ def test_the_examples_run(
     shorter = shorter.replace("overrides = [", small)
     exec(compile(shorter, "<example>", "exec"), {})
     assert ("print(" in example) <= bool(capsys.readouterr().out.strip())
+
+
+def test_every_block_has_a_language_that_is_tested() -> None:
+    """Scenario files are tested in tests/test_packaging.py, the blocks with a layout of files are text."""
+    for document in DOCUMENTS:
+        fences = re.findall(r"^ *```(\w*)$", document.read_text(encoding="utf-8"), re.M)
+        assert {*fences[::2]} <= {"sh", "python", "yaml", "json", "toml", "text"}, document
+        assert {*fences[1::2]} <= {""}, document
+
+
+def test_every_shell_line_is_run() -> None:
+    others = {
+        shlex.join(words) for document in DOCUMENTS for words in lines(document) if words[0] != "dockctl"
+    }
+    node = {line for line in others if "docking_node.py" in line}  # tests/test_ros2.py
+    run = {shlex.join(shlex.split(line)) for line in (*CHECKOUT, *WHOLE, BOAT, TENSORBOARD, PARITY)}
+    assert others - node == run
+
+
+def shell(script: str, folder: Path, **environment: str | Path) -> str:
+    """Run a script as in a new shell of a user and return what it prints."""
+    clean = {name: value for name, value in os.environ.items() if not name.startswith(("PYTHON", "VIRTUAL"))}
+    settings = {name: str(value) for name, value in environment.items()}
+    done = subprocess.run(
+        ["bash", "-euc", script],
+        cwd=folder,
+        env=clean | {"PIP_DISABLE_PIP_VERSION_CHECK": "1", "PIP_QUIET": "1"} | settings,
+        capture_output=True,
+        text=True,
+        check=False,
+    )
+    assert done.returncode == 0, done.stdout + done.stderr
+    return done.stdout
+
+
+@pytest.mark.slow
+@pytest.mark.thorough  # installs dockctl and its dependencies
+def test_the_installation_works_in_a_fresh_checkout(tmp_path: Path) -> None:
+    (checkout := tmp_path / "dockctl").mkdir()
+    for name in ("Makefile", "constraints.txt", "pyproject.toml", "README.md", "LICENSE"):
+        shutil.copy(ROOT / name, checkout)
+    for name in ("dockctl", "examples", "scenarios", "studies"):
+        shutil.copytree(ROOT / name, checkout / name, ignore=shutil.ignore_patterns("__pycache__"))
+    last = shlex.join(["dockctl", "train", INSTALLED, *SHORTER["train"]])
+    shell(
+        "\n".join([*CHECKOUT, last]),
+        checkout,
+        SCENARIO=shlex.join(["scenarios/s3.yaml", *SHORTER["train"]]),
+        PIP_CONSTRAINT=checkout / "constraints.txt",
+    )
+    for scenario, files in (("s3", {"evaluation.json", "figures"}), (INSTALLED, {"checkpoints"})):
+        (run,) = (checkout / "runs" / scenario).iterdir()
+        assert files <= {file.name for file in run.iterdir()}
+
+
+@pytest.mark.slow
+@pytest.mark.thorough  # installs NumPy
+def test_the_installation_on_a_boat(prepared: Path, tmp_path: Path) -> None:
+    alone = "from dockctl.pilot import Pilot; print(Pilot.load('s3.npz').description['scenario'])"
+    shutil.copy(prepared / "s3.npz", tmp_path)
+    script = ["python3 -m venv boat", "source boat/bin/activate", BOAT.replace("path/to/dockctl", str(ROOT))]
+    shell("\n".join([*script, f'python -c "{alone}"', "! python -c 'import torch'"]), tmp_path)
+
+
+@pytest.mark.slow
+@pytest.mark.thorough  # starts a server
+def test_tensorboard_shows_the_runs(tmp_path: Path) -> None:
+    pytest.importorskip("tensorboard")
+    assert (
+        dockctl("train", "s1", "--log", "tensorboard", "--out", tmp_path / "runs", *SHORTER["train"]).code
+        == 0
+    )
+    command = [*shlex.split(TENSORBOARD), "--port", "0"]
+    with subprocess.Popen(
+        [sys.executable, "-m", "tensorboard.main", *command[1:]],
+        cwd=tmp_path,
+        stderr=subprocess.PIPE,
+        text=True,
+    ) as server:
+        assert server.stderr is not None
+        try:
+            addresses = (re.search(r" at (http://\S+)/ ", line) for line in server.stderr)
+            address = next(found[1] for found in addresses if found)
+            with urlopen(f"{address}/data/runs") as answer:
+                assert [Path(name).parts[0] for name in json.load(answer)] == ["s1"]
+        finally:
+            server.terminate()
+
+
+@pytest.mark.slow
+@pytest.mark.thorough
+def test_the_parity_of_the_pilot_is_measured() -> None:
+    printed = shell(f"{sys.executable}{PARITY.removeprefix('python')} --decisions 60", ROOT)
+    assert re.search(r"^all: 60 decisions, 0 other actions$", printed, re.M)
+
+
+def test_the_settings_of_the_editor_name_the_files_that_the_page_writes() -> None:
+    page = ROOT / "docs" / "scenario.md"
+    written = {words[words.index("--out") + 1] for words in commands(page) if words[0] == "schema"}
+    (settings,) = map(json.loads, blocks(page, "json"))
+    assert {Path(file).name for file in settings["yaml.schemas"]} <= written
+    (first,) = re.findall(r"\$schema=(\S+)", page.read_text(encoding="utf-8"))
+    assert first in written
+
+
+def test_the_names_of_a_package_are_those_of_the_example() -> None:
+    (shown,) = map(tomllib.loads, blocks(ROOT / "docs" / "plugins.md", "toml"))
+    example = tomllib.loads((ROOT / "examples/dockctl-smooth/pyproject.toml").read_text(encoding="utf-8"))
+    for group, names in shown["project"]["entry-points"].items():
+        assert names.items() <= example["project"]["entry-points"][group].items()
 
 
 def test_every_test_that_holds_a_promise_exists() -> None:

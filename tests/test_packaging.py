@@ -36,7 +36,7 @@ from dockctl.sim.starts import given_start, own_site
 from dockctl.sim.world import in_open_water, load_checked
 
 ROOT = Path(__file__).parents[1]
-DOCUMENTS = sorted([*ROOT.glob("*.md"), *ROOT.glob("docs/*.md"), *ROOT.glob("examples/**/*.md")])
+DOCUMENTS = sorted([*ROOT.glob("*.md"), *ROOT.glob("docs/**/*.md"), *ROOT.glob("examples/**/*.md")])
 PROJECT = tomllib.loads((ROOT / "pyproject.toml").read_text())["project"]
 DEPENDENCIES = [*PROJECT["dependencies"], *chain(*PROJECT["optional-dependencies"].values())]
 
@@ -234,9 +234,10 @@ class TestDocuments:
             kind = {"b": " bool", "i": " int", "f": ""}[array.dtype.kind]
             assert f"{array.shape}{kind}" == numbers, name
 
-    def test_every_yaml_block_about_scenarios_is_valid(self, tmp_path: Path) -> None:
-        blocks = re.findall(r"^```yaml\n(.*?)^```", (ROOT / "docs" / "scenario.md").read_text(), re.M | re.S)
-        assert len(blocks) >= 4
+    @pytest.mark.parametrize("document", ["choices.md", "scenario.md"])
+    def test_every_yaml_block_about_scenarios_is_valid(self, document: str, tmp_path: Path) -> None:
+        blocks = re.findall(r"^```yaml\n(.*?)^```", (ROOT / "docs" / document).read_text(), re.M | re.S)
+        assert blocks
         for number, block in enumerate(blocks):
             path = tmp_path / f"block-{number}.yaml"
             path.write_text(block if "extends:" in block else f"extends: s3\n{block}")

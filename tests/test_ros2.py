@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import math
+import re
+import shlex
 import struct
 import sys
 from collections.abc import Callable
@@ -13,6 +15,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+import yaml
 
 from dockctl.experiments.portable import export_files
 from dockctl.pilot import Pilot, Reading
@@ -213,6 +216,19 @@ def test_a_policy_that_observes_wind_and_current(
         **{name: Reading(1.2, value) for name, value in flows.items()},
     )
     assert tick(sailor, 1.2)["~/status"] == f"action {expected.action}"
+
+
+def test_the_command_of_the_page_gives_parameters_that_the_node_has(
+    node: Any, policy: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    page = (NODE.parent / "README.md").read_text(encoding="utf-8")
+    (line,) = re.findall(r"^python3 docking_node\.py --ros-args (.+)$", page, re.M)
+    given = dict(word.split(":=") for word in shlex.split(line) if word != "-p")
+    values = {name: yaml.safe_load(value) for name, value in given.items()}
+    assert values.pop("policy") == "s3.npz"
+    monkeypatch.setattr(Node, "given", {"policy": str(policy), **values})
+    assert {*values} <= {*node.module.PARAMETERS}
+    assert {*node.module.DockingNode().callbacks} == {*values["clouds"], values["odometry"]}
 
 
 def test_old_messages_stop_the_boat(node: Any) -> None:

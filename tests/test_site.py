@@ -7,7 +7,9 @@ import importlib.util
 import re
 import subprocess
 import sys
+from html.parser import HTMLParser
 from pathlib import Path
+from urllib.parse import unquote, urlsplit
 
 import numpy as np
 import pytest
@@ -16,11 +18,27 @@ import yaml
 
 from dockctl.scenarios.loader import load
 from dockctl.sim.vessel import VesselModel
-from tests.test_packaging import DOCUMENTS as AT_TOP
+from tests.test_packaging import DOCUMENTS
 
 ROOT = Path(__file__).parents[1]
-DOCUMENTS = sorted({*AT_TOP, *ROOT.glob("docs/**/*.md")})
 LOADED = re.compile(r"""<(?:script|link|img|iframe)\b[^>]*\b(?:src|href)=["']?(?:https?:)?//""")
+
+
+class Links(HTMLParser):
+    """The anchors of an HTML page, and the targets of its links and files."""
+
+    def __init__(self, text: str) -> None:
+        super().__init__()
+        self.anchors: set[str] = set()
+        self.targets: list[str] = []
+        self.feed(text)
+
+    def handle_starttag(self, tag: str, attrs: list[tuple[str, str | None]]) -> None:
+        for name, value in attrs:
+            if name == "id":
+                self.anchors.add(value or "")
+            if name in ("href", "src"):
+                self.targets.append(value or "")
 
 
 def anchors(document: Path) -> set[str]:
@@ -117,6 +135,22 @@ class TestSite:
         pages = [*site.rglob("*.html")]
         assert len(pages) > 30
         assert [page for page in pages if LOADED.search(page.read_text(encoding="utf-8"))] == []
+
+    def test_its_links_and_anchors_resolve(self, site: Path) -> None:
+        pages = {path: Links(path.read_text(encoding="utf-8")) for path in site.rglob("*.html")}
+        broken = []
+        for path, page in pages.items():
+            for link in page.targets:
+                parts = urlsplit(link)
+                if parts.scheme:
+                    continue
+                target = (path.parent / unquote(parts.path)).resolve() if parts.path else path
+                found = target.is_file() and not link.startswith("/")
+                if found and target in pages and parts.fragment:
+                    found = unquote(parts.fragment) in pages[target].anchors
+                broken += [] if found else [(path.relative_to(site), link)]
+        assert sum(len(page.targets) for page in pages.values()) > 1000
+        assert broken == []
 
     def test_equations_are_mathml(self, site: Path) -> None:
         page = (site / "model.html").read_text(encoding="utf-8")

@@ -45,6 +45,11 @@ def on_files(files: Files, config: MkDocsConfig) -> Files:
     return files
 
 
+def on_post_template(output: str, template_name: str, config: MkDocsConfig) -> str:
+    """Leave out the page that a server shows for an unknown address; its links only work on a server."""
+    return "" if template_name == "404.html" else output
+
+
 def on_page_markdown(markdown: str, page: Page, config: MkDocsConfig, files: Files) -> str:
     """Lead links to the pages of the site, and fill in what is made from the code."""
     uri = page.file.src_uri
