@@ -4,8 +4,9 @@
 
 Each round trains a new run of the next scenario in two halves, the second one resumed, and then evaluates
 shipped policies until the evaluations keep pace with the time spent on training. Memory is compared between
-whole turns through the scenarios, because a marina needs more than a single berth. The first turn does not
-count: it compiles code and fills caches.
+whole turns through the scenarios, because a marina needs more than a single berth, and over the second half:
+before, code is compiled, caches fill, and the surfaces of harbor parts are built, each when a boat first comes
+near it. A leak grows in both halves.
 """
 
 from __future__ import annotations
@@ -27,7 +28,7 @@ from dockctl.experiments import resume, train
 
 TRAINED = ("s1", "s2", "s3", "marina")
 EVALUATED = ("s1", "s2", "s3")
-LARGEST_GROWTH_MB = 50
+LARGEST_GROWTH_MB = 25
 
 Sample = dict[str, float | str]
 
@@ -78,10 +79,10 @@ def soak(minutes: float, evaluations: int, steps: int) -> list[Sample]:
 
 
 def growth(samples: Sequence[Sample], key: str) -> float:
-    """Return the largest value of the last turn through the scenarios, minus that of the second turn."""
+    """Return the largest value of the last turn through the scenarios, minus that of the turn in the middle."""
     size = len(TRAINED)
     largest = [max(float(one[key]) for one in samples[i : i + size]) for i in range(0, len(samples), size)]
-    return largest[-1] - largest[min(1, len(largest) - 1)]
+    return largest[-1] - largest[len(largest) // 2]
 
 
 def main() -> None:
