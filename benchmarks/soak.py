@@ -5,8 +5,8 @@
 Each round trains a new run of the next scenario in two halves, the second one resumed, and then evaluates
 shipped policies until the evaluations keep pace with the time spent on training. Memory is compared between
 whole turns through the scenarios, because a marina needs more than a single berth, and over the second half:
-before, code is compiled, caches fill, and the surfaces of harbor parts are built, each when a boat first comes
-near it. A leak grows in both halves.
+before, code is compiled, caches fill, and the surfaces of harbor parts are built, each when a boat first
+comes near it. A leak grows in both halves.
 """
 
 from __future__ import annotations
@@ -79,7 +79,7 @@ def soak(minutes: float, evaluations: int, steps: int) -> list[Sample]:
 
 
 def growth(samples: Sequence[Sample], key: str) -> float:
-    """Return the largest value of the last turn through the scenarios, minus that of the turn in the middle."""
+    """Return the largest value of the last turn through the scenarios, minus that of the middle turn."""
     size = len(TRAINED)
     largest = [max(float(one[key]) for one in samples[i : i + size]) for i in range(0, len(samples), size)]
     return largest[-1] - largest[len(largest) // 2]
