@@ -45,7 +45,8 @@ class View:
         sector_ranges_m: (n, sectors) nearest return of each sector of the range sensor [m].
         apparent_wind: (n, 2) velocity of the air relative to the boat [m/s], body frame.
         through_water: (n, 2) surge and sway relative to the water [m/s], body frame, as a speed log measures.
-        past: earlier views, the latest first; those before the start of the episode are its first.
+        past: earlier views, the latest first; those before the start of the episode are its first. Empty
+            without the part `history`, which computes other parts from them.
     """
 
     phase: Ints

@@ -58,7 +58,7 @@ def trained_starts(facts: Facts, archive: Archive) -> Measured:
         parts.append(
             f"{name}: {share(sum(_all_dock([run]) for run in runs), len(runs))} seeds from the selection"
             f" poses, {spread([100 * rate for rate in rates], '{:.0f}', ' %')} of the test starts within 1 m"
-            f" and 10°, minimum clearance by seed {spread(gaps, '{:.2f}', ' m')}"
+            f" in x and y and 10°, minimum clearance by seed {spread(gaps, '{:.2f}', ' m')}"
         )
     return "; ".join(parts), _graded(docked and reliable, docked)
 
@@ -71,7 +71,7 @@ def five_poses(facts: Facts, archive: Archive) -> Measured:
     return (
         f"{share(seeds, len(runs))} seeds dock from all five, but these poses selected the checkpoint and"
         f" stopped the training; {spread([100 * rate for rate in tests], '{:.0f}', ' %')} of the test starts"
-        " within 1 m and 10° of the initial poses dock",
+        " within 1 m in x and y and 10° of the initial poses dock",
         _graded(False, seeds > 0),
     )
 
