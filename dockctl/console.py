@@ -35,8 +35,9 @@ class SafeStream(io.TextIOWrapper):
 
     @classmethod
     def wrap(cls, stream: io.TextIOWrapper) -> Self:
-        """Return a replacement for `stream`."""
-        return cls(stream.detach(), stream.encoding, stream.errors, line_buffering=stream.line_buffering)
+        """Return a replacement for `stream` that escapes the characters that its encoding lacks."""
+        errors, buffered = "backslashreplace", stream.line_buffering
+        return cls(stream.detach(), stream.encoding, errors, line_buffering=buffered)
 
     def write(self, text: str) -> int:
         try:

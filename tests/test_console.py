@@ -12,10 +12,17 @@ from rich.table import Column
 from rich.text import Text
 
 from dockctl import cli
-from dockctl.console import make_table, numeric, print_table, print_text
+from dockctl.console import SafeStream, make_table, numeric, print_table, print_text
 
 HEADER = ("first", "second", "difference", "95 % interval", "pairs")
 CELLS = ("12.54", "4.17", "−8.37", "−9.22 to −7.56", "1,000")
+
+
+def test_characters_that_the_encoding_lacks_are_escaped() -> None:
+    content = io.BytesIO()
+    stream = SafeStream.wrap(io.TextIOWrapper(content, encoding="ascii"))
+    print("1.5 m … é", file=stream, flush=True)
+    assert content.getvalue() == rb"1.5 m \u2026 \xe9" + b"\n"
 
 
 @pytest.mark.parametrize("width", [48, 60, 80, 120])

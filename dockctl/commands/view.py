@@ -27,8 +27,8 @@ def view(
         str | None,
         typer.Argument(
             metavar="POLICY",
-            help="Policy, as for `dockctl evaluate`, or a scenario file to see its poses; the latest run in"
-            " ./runs by default, and without any run a shipped policy.",
+            help="Policy, as for `dockctl evaluate`, or a scenario to see its poses; the latest run in ./runs"
+            " by default, and without any run a shipped policy.",
         ),
     ] = None,
     ckpt: Ckpt = None,
@@ -54,6 +54,7 @@ def view(
     Example: dockctl view s3 --pose 25,0.5,175
     """
     from dockctl.errors import DockctlError
+    from dockctl.evaluation.policies import is_scenario
     from dockctl.evaluation.replay import page_data, preview, replay
     from dockctl.reports import animation
     from dockctl.reports.replay import page
@@ -67,9 +68,9 @@ def view(
         animation.ffmpeg()  # fails before the episodes run
     poses = [parse_pose(text) for text in pose or ()]
     given = choose_policy(source, ckpt, scenario)
-    if given.endswith((".yaml", ".yml")):
+    if is_scenario(given):
         if also or scenario is not None:
-            raise DockctlError(f"{given}: a scenario file shows no policy; leave out --also and --scenario")
+            raise DockctlError(f"{given}: a scenario shows no policy; leave out --also and --scenario")
         loaded = load_checked(given, overrides=set_ or (), plugin_files=plugin or (), trust=trust)
         shown, name = preview(loaded, poses), loaded.scenario.name
     else:

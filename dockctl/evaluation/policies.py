@@ -294,6 +294,17 @@ def load_policy(
     return replace(loaded, plugin_files=tuple(plugin_files), trust=trust)
 
 
+def is_scenario(given: str) -> bool:
+    """Return whether this is a scenario file, or the name of a scenario for which there is no policy."""
+    if Path(given).suffix in SUFFIXES:
+        return True
+    if os.path.exists(given) or given in named_checkpoints():
+        return False
+    plugins.discover()
+    catalog.fill()
+    return given in plugins.SCENARIOS and given not in POLICIES
+
+
 def _from_code(given: str, params: Mapping[str, Any], *, trust: bool) -> BuiltPolicy | None:
     """Return the policy of a factory or of another library; None if a checkpoint is given."""
     source, colon, attribute = given.rpartition(":")
@@ -313,8 +324,9 @@ def _from_code(given: str, params: Mapping[str, Any], *, trust: bool) -> BuiltPo
         return _built(given, partial(sb3_policy, file, attribute), file)
     if suffix == ".py":
         return _from_factory(given, factory_of(plugins.load_file(Path(source)), attribute, given), params)
-    if suffix in SUFFIXES:
-        raise DockctlError(f"{given}: a scenario, not a policy; give it with --scenario", code="wrong_type")
+    if is_scenario(given):
+        message = f"{given}: a scenario for which there is no policy; give a policy, and --scenario {given}"
+        raise DockctlError(message, code="wrong_type")
     if os.path.exists(given) or given in named_checkpoints():
         return None
     if colon and source:
@@ -322,12 +334,6 @@ def _from_code(given: str, params: Mapping[str, Any], *, trust: bool) -> BuiltPo
     plugins.discover()
     if given in POLICIES:
         return _from_factory(given, POLICIES.get(given).value, params)
-    catalog.fill()
-    if given in plugins.SCENARIOS:
-        raise DockctlError(
-            f"{given}: a scenario for which there is no policy; give a policy, and --scenario {given}",
-            code="not_found",
-        )
     known = [*named_checkpoints(), *POLICIES.names()]
     raise DockctlError(
         f"{given}: no such run folder, checkpoint or policy (known: {', '.join(known)}); a controller is"

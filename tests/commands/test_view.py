@@ -31,6 +31,15 @@ def test_the_option_names_the_policy_and_the_scenario_can_be_changed(tmp_path: P
     assert {episode["outcome"] for episode in json.loads(header[1])["episodes"]} == {"timeout"}
 
 
+@pytest.mark.slow
+def test_a_scenario_without_a_policy_is_shown_by_its_name(tmp_path: Path) -> None:
+    pages = [tmp_path / f"{number}.html" for number in range(2)]
+    file = Path(__file__).parents[2] / "scenarios" / "s3-opposite.yaml"
+    for source, page in zip(("s3-opposite", file), pages, strict=True):
+        assert dockctl("view", source, "--out", page).code == 0
+    assert pages[0].read_bytes() == pages[1].read_bytes()
+
+
 def test_a_policy_is_given_once(tmp_path: Path) -> None:
     outcome = dockctl("view", "s1", "--ckpt", "s2", "--out", tmp_path / "page.html")
     assert outcome.code == 2
