@@ -170,9 +170,9 @@ def test_the_examples_run(
 def test_every_block_has_a_language_that_is_tested() -> None:
     """Scenario files are tested in tests/test_packaging.py, the blocks with a layout of files are text."""
     for document in DOCUMENTS:
-        fences = re.findall(r"^ *```(\w*)$", document.read_text(encoding="utf-8"), re.M)
-        assert {*fences[::2]} <= {"sh", "python", "yaml", "json", "toml", "text"}, document
-        assert {*fences[1::2]} <= {""}, document
+        fences = re.findall(r"^(.*?(?:`{3,}|~{3,}).*)$", document.read_text(encoding="utf-8"), re.M)
+        assert {*fences[::2]} <= {f"```{kind}" for kind in ("sh", "python", "yaml", "json", "toml", "text")}
+        assert {*fences[1::2]} <= {"```"}, document
 
 
 def test_every_shell_line_is_run() -> None:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import json
 import shutil
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from itertools import pairwise
 from pathlib import Path
 from typing import Any
@@ -14,6 +14,7 @@ import pytest
 from gymnasium.vector import AutoresetMode, VectorEnv
 
 import dockctl
+from dockctl.agents import trainer as trainer_module
 from dockctl.agents import training_state
 from dockctl.agents.checkpoint import (
     CheckpointError,
@@ -100,6 +101,14 @@ def finish(run: RunDirectory, make: Any = toy) -> dict[str, bytes]:
 
 def new_run(folder: Path) -> RunDirectory:
     return RunDirectory.create(folder, "test", 0)
+
+
+@pytest.fixture(scope="module", autouse=True)
+def rows_of_several_updates() -> Iterator[None]:
+    """Most stops are between the updates of one row of updates.csv, as in longer trainings."""
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(trainer_module, "UPDATE_ROWS", TRAINING.updates_due(TRAINING.total_steps) // 7)
+        yield
 
 
 @pytest.fixture(scope="module")
