@@ -47,10 +47,16 @@ def wrapped(block: str) -> str:
 
 
 def targets_section(found: dict[str, Json]) -> str:
+    def value(target: Json) -> str:
+        """Return the value, with more digits if it would otherwise read like the target that it misses."""
+        shown = f"{number(target['value'])} {target['unit']}".rstrip()
+        hidden = not target["met"] and target["target"].endswith(f" {shown}")
+        return f"{target['value']:.4g} {target['unit']}".rstrip() if hidden else shown
+
     rows = [
         [
             target["what"],
-            f"{number(target['value'])} {target['unit']}".rstrip(),
+            value(target),
             target["target"],
             "yes" if target["met"] else "**no**",
         ]

@@ -16,7 +16,9 @@ from pathlib import Path
 from urllib.request import urlopen
 
 import pytest
+import typer
 
+from dockctl.cli import app
 from dockctl.experiments import runner
 from dockctl.experiments.study import load_study
 from dockctl.reports import style
@@ -35,6 +37,7 @@ SHORTER = {
     "evaluate": ("--episodes", "1"),
     "compare": ("--episodes", "2"),
     "map": ("--reach-m", "0", "--headings", "0"),
+    "envelope": ("--episodes", "1"),
     "latency": ("--decisions", "10"),
     "view": ("--pose", "34,0.5,180"),
 }
@@ -89,7 +92,8 @@ def give_policy(run: Path) -> None:
 def prepared(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """A folder with everything that the documents presuppose."""
     folder = tmp_path_factory.mktemp("user")
-    (folder / "examples").symlink_to(ROOT / "examples")
+    for name in ("examples", "scenarios"):
+        (folder / name).symlink_to(ROOT / name)
     (folder / "my-scenario.yaml").write_text(blocks(ROOT / "README.md", "yaml")[0])
     (folder / "my-harbor.yaml").write_text("extends: reference\nname: mine\n")
     (folder / "my-boat.yaml").write_text("extends: eilbrecht\nname: mine\n")
@@ -145,6 +149,19 @@ def test_the_commands_run(document: Path, workplace: Path, monkeypatch: pytest.M
         assert outcome.code == 0, (words, outcome.err)
         if words[:2] == ["train", "s3"]:
             give_policy(max(Path("runs").glob("s3/*")))
+
+
+HELP = {name: command.help or "" for name, command in typer.main.get_command(app).commands.items()}
+
+
+@pytest.mark.slow
+@pytest.mark.thorough
+@pytest.mark.parametrize("command", HELP)
+def test_the_examples_in_the_help_run(command: str, workplace: Path) -> None:
+    (example,) = re.findall(rf"Example: dockctl ({command} .*(?:\n.+)*)", HELP[command])
+    with own_registries():
+        outcome = dockctl(*shlex.split(example), *SHORTER.get(command, ()))
+    assert outcome.code == 0, outcome.err
 
 
 @pytest.mark.parametrize(

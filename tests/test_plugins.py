@@ -10,14 +10,17 @@ import sys
 from collections.abc import Callable
 from importlib.metadata import EntryPoint, EntryPoints
 from pathlib import Path
+from typing import Any
 
+import numpy as np
 import pytest
-from gymnasium.spaces import Discrete
+import trimesh
 
-from dockctl import plugins, testing
+from dockctl import plugins
 from dockctl.errors import DockctlError, DuplicateNameError, InputError, PluginError
 from dockctl.plugins import HARBORS, REWARD_TERMS, VESSELS
 from dockctl.scenarios import loader
+from dockctl.sim.harbor.build import build_harbor
 from tests.commands.conftest import dockctl, only_run, quick_train
 
 ROOT = Path(__file__).parent.parent
@@ -298,16 +301,28 @@ def documented(tmp_path: Path) -> Path:
     return tmp_path
 
 
-def test_the_documented_classes_fulfill_their_contracts(documented: Path) -> None:
+def test_the_documented_contract_tests_pass(documented: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     for name in ("gentle", "nearest", "astern", "river", "bow", "softmax"):
         plugins.load_file(documented / f"{name}.py")
-    testing.check_reward_term("gentle_turns", limit_radps=0.02)
-    testing.check_observation_part("nearest_obstacle")
-    testing.check_action_type("astern", propeller_n=15.0)
-    testing.check_condition("river", speed_mps=[-0.1, 0.1])
-    testing.check_range_sensor("bow", range_m=40.0)
-    testing.check_algorithm("softmax", Discrete(77), temperature=0.05)
-    testing.check_vessel(documented / "launch.yaml")
+    section = (ROOT / "docs/plugins.md").read_text().partition("\n## Contract tests\n")[2]
+    block = re.search(r"^```python\n(.*?)^```", section, re.M | re.S)
+    assert block
+    monkeypatch.chdir(documented)
+    exec(compile(block[1], "<contract tests>", "exec"), content := dict[str, Any]())
+    tests = [function for name, function in content.items() if name.startswith("test_")]
+    assert len(tests) >= 3
+    for test in tests:
+        test()
+
+
+def test_the_documented_harbor_is_built(documented: Path) -> None:
+    trimesh.creation.box((4.0, 2.0, 1.0)).export(documented / "pontoon.obj")
+    trimesh.creation.box((2.0, 3.0, 8.0)).export(documented / "quay.glb")  # y up, so 8 m along y
+    (documented / "x.yaml").write_text("extends: s1\nharbor: pontoon.yaml\n")
+    loaded = loader.load(documented / "x.yaml")
+    pontoon, quay = build_harbor(loaded.scenario.harbor, loaded.base_dir).parts
+    np.testing.assert_allclose(pontoon.mesh.bounds, [[-2, -1, -0.5], [2, 1, 0.5]])
+    np.testing.assert_allclose(quay.mesh.bounds, [[11, -4, -1.5], [13, 4, 1.5]])
 
 
 def test_a_run_is_evaluated_with_its_own_copies_of_local_plugins(

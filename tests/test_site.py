@@ -21,7 +21,10 @@ from dockctl.sim.vessel import VesselModel
 from tests.test_packaging import DOCUMENTS
 
 ROOT = Path(__file__).parents[1]
-LOADED = re.compile(r"""<(?:script|link|img|iframe)\b[^>]*\b(?:src|href)=["']?(?:https?:)?//""")
+LOADED = re.compile(
+    r"""<(?:script|link|img|iframe)\b[^>]*\b(?:src|href)=["']?(?:https?:)?//"""
+    r"""|(?:@import\s|url\()\s*["']?(?:https?:)?//"""
+)
 
 
 class Links(HTMLParser):
@@ -132,7 +135,7 @@ def site(tmp_path_factory: pytest.TempPathFactory) -> Path:
 @pytest.mark.slow
 class TestSite:
     def test_it_loads_nothing_from_the_network(self, site: Path) -> None:
-        pages = [*site.rglob("*.html")]
+        pages = [*site.rglob("*.html"), *site.rglob("*.css")]
         assert len(pages) > 30
         assert [page for page in pages if LOADED.search(page.read_text(encoding="utf-8"))] == []
 

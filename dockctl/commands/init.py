@@ -24,7 +24,7 @@ def init(
     A plugin is a package that others can install; the others are files for your own use. Existing files are
     never overwritten.
 
-    Example: dockctl init reward gentle
+    Example: dockctl init reward calm
     """
     from dockctl.experiments.scaffold import write_starter
 
