@@ -116,7 +116,7 @@ class Dqn(AlgorithmSpec):
         from dockctl.agents.dqn.algorithm import DQN
         from dockctl.agents.tensors import torch_device
 
-        size, actions = _discrete(spaces)
+        size, actions = discrete_sizes(spaces)
         return DQN(size, actions, training, torch_device(device))
 
     def load_policy(self, tensors: Tensors, spaces: Spaces, hidden_sizes: tuple[int, ...]) -> Policy:
@@ -124,7 +124,7 @@ class Dqn(AlgorithmSpec):
 
         if not hidden_sizes:
             raise ValueError("hidden_sizes is empty")
-        expected = shapes(*_discrete(spaces), hidden_sizes)
+        expected = shapes(*discrete_sizes(spaces), hidden_sizes)
         for network in split(tensors)[0]:
             if (given := {name: array.shape for name, array in network.items()}) != expected:
                 raise ValueError(f"weights of shapes {given}, expected {expected}")
@@ -153,8 +153,12 @@ def _replay_and_networks(spaces: Spaces, training: Training) -> tuple[MemoryUse,
     )
 
 
-def _discrete(spaces: Spaces) -> tuple[int, int]:
-    """Return the length of an observation and the number of actions."""
+def discrete_sizes(spaces: Spaces) -> tuple[int, int]:
+    """Return the length of an observation and the number of actions.
+
+    Raises:
+        FieldError: the observation is not a vector, or the actions are not discrete.
+    """
     from gymnasium.spaces import Box, Discrete
 
     observation, action = spaces

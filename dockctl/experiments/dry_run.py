@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike
 
-from dockctl.agents.algorithms import algorithm_of
+from dockctl.agents.algorithms import Dqn, algorithm_of, discrete_sizes
 from dockctl.agents.interface import Algorithm, Mirrorable, Spaces
 from dockctl.dueling import Mirror
 from dockctl.envs.mirror import mirror_images
@@ -44,7 +44,7 @@ WALL = np.array([[[10, -9, -1], [10, 9, -1], [10, 9, 6]], [[10, -9, -1], [10, 9,
 def dry_run(loaded: LoadedScenario) -> None:
     """Step a few boats in open water: starts, steps, each event, the end of an episode, a save and a restore.
 
-    The range sensor and the algorithm of a plugin are built and used; those of dockctl take longer to load
+    The range sensor of a plugin is built and used, and any algorithm but ``dqn``: those take longer to load
     than everything else here, and so does the compiled vessel.
 
     Raises:
@@ -110,9 +110,12 @@ def _step(loaded: LoadedScenario) -> None:
     _require_finite_terms(by_term)
     if scenario.training.mirrored:
         mirror_images(scenario)
-    if ALGORITHMS.origin(scenario.training.algorithm.kind) != PACKAGE_ORIGIN:
-        algorithm = build_algorithm(loaded, Spaces.from_env(env), BOATS, "cpu")
-        with Guard(ALGORITHMS, scenario.training.algorithm.kind):
+    spec, spaces = algorithm_of(scenario.training), Spaces.from_env(env)
+    if isinstance(spec, Dqn):
+        discrete_sizes(spaces)
+    elif not spec.imports:  # a module that a scenario names is imported only to train
+        algorithm = build_algorithm(loaded, spaces, BOATS, "cpu")
+        with Guard(ALGORITHMS, spec.kind):
             algorithm.act(observation, 0)
 
 

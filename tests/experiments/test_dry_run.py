@@ -208,6 +208,34 @@ def test_validate_and_train_report_the_fault_and_leave_no_run_folder(tmp_path: P
     assert not runs.exists()
 
 
+@pytest.mark.parametrize(
+    ("algorithm", "actions", "field", "suggestion"),
+    [
+        ("{kind: dqn}", "continuous", "actions", None),
+        ("{kind: sb3, model: SAC}", "grid", "training.algorithm", None),
+        ("{kind: sb3, model: DQM}", "grid", "training.algorithm.model", "DQN"),
+        (
+            "{kind: sb3, hyperparameters: {lerning_starts: 1}}",
+            "grid",
+            "training.algorithm.hyperparameters.lerning_starts",
+            "learning_starts",
+        ),
+    ],
+)
+def test_an_algorithm_that_does_not_fit_is_located(
+    tmp_path: Path, algorithm: str, actions: str, field: str, suggestion: str | None
+) -> None:
+    if "sb3" in algorithm:
+        pytest.importorskip("stable_baselines3")
+    scenario = tmp_path / "mine.yaml"
+    scenario.write_text(f"extends: s1\nactions: {actions}\ntraining:\n  algorithm: {algorithm}\n")
+    with pytest.raises(InputError) as caught:
+        dry_run(load(str(scenario)))
+    (problem,) = caught.value.problems
+    assert (problem.line, problem.field) == (2 if field == "actions" else 4, field)
+    assert suggestion in (None, problem.suggestion)
+
+
 def test_an_algorithm_that_cannot_learn_from_mirror_images() -> None:
     changes = ["training.algorithm.kind=sb3", "training.mirrored=true", "training.replay_capacity=1000"]
     loaded = load("s1", overrides=changes)
