@@ -59,9 +59,9 @@ def torch_device(name: str) -> torch.device:
     try:
         device = torch.device(name)
         torch.zeros(1, device=device).cpu()  # fails for `meta`, which has no data
-    except (RuntimeError, AssertionError) as error:  # without CUDA support torch raises AssertionError
-        reason = str(error).partition("\n")[0]
-        raise DockctlError(f"device '{name}' cannot be used: {reason}", code="unavailable") from None
+    except (RuntimeError, AssertionError):  # without CUDA support torch raises AssertionError
+        message = f"device '{name}' cannot be used; this machine has {', '.join(devices())}"
+        raise DockctlError(message, code="unavailable") from None
     return device
 
 
