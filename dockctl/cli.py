@@ -131,7 +131,10 @@ def _known_error(error: Exception) -> DockctlError | None:
         return error
     from dockctl.plugins import runtime_error  # not before it is needed: the command starts faster
 
-    return runtime_error(error)
+    known = runtime_error(error)
+    if known is None and isinstance(error, OSError) and error.filename is not None:  # as for a name too long
+        return DockctlError(f"{error.filename}: {error.strerror}", code="unavailable")
+    return known
 
 
 app = typer.Typer(

@@ -21,13 +21,22 @@ Tensors = Mapping[str, NDArray[Any]]
 Layer = tuple[NDArray[Any], NDArray[Any]]
 
 
+LEAST_UNITS = 32
+"""Units of the advantage's hidden layer for few actions: all of two or three units die easily."""
+
+
+def advantage_units(actions: int) -> int:
+    """Return the width of the advantage's hidden layer: the number of actions (thesis Fig. 3.12), or more."""
+    return max(actions, LEAST_UNITS)
+
+
 def shapes(observation_size: int, actions: int, hidden_sizes: Sequence[int]) -> dict[str, tuple[int, ...]]:
     """Return the shapes of all tensors of a network by name, those of a checkpoint."""
     width = hidden_sizes[-1]
     streams = {
         "shared": (observation_size, *hidden_sizes),
         "value": (width, width, 1),
-        "advantage": (width, actions, actions),
+        "advantage": (width, advantage_units(actions), actions),
     }
     return {
         f"{stream}.{2 * number}.{name}": shape  # every second module is an activation

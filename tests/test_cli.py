@@ -66,6 +66,13 @@ def test_validation_evaluation_and_training_load_no_more_than_they_need(tmp_path
     assert {*by_training} <= {"numba", "torch", "trimesh"}
 
 
+@pytest.mark.parametrize("arguments", [["report"], ["runs", "clean", "--root"], ["train", "--out"]])
+def test_a_name_that_the_system_refuses_is_one_error(arguments: list[str]) -> None:
+    outcome = runner.invoke(cli.app, [*arguments, 300 * "x"])
+    assert outcome.exit_code == 2
+    assert len(outcome.stderr.splitlines()) == 1
+
+
 def test_blas_starts_no_threads() -> None:
     pools = "[pool['num_threads'] for pool in __import__('threadpoolctl').threadpool_info()]"
     (threads,) = after(pools, "config s3")

@@ -42,7 +42,8 @@ SHORTER = {
     "view": ("--pose", "34,0.5,180"),
 }
 """Options that make a command quick."""
-INSTALLED = "s1-smooth"  # of an installed package, which tests/test_plugins.py tests
+INSTALLED = "s1-smooth"
+"""A scenario of an installed package; its commands run in the fresh checkout, after `CHECKOUT`."""
 
 
 CHECKOUT = (
@@ -225,9 +226,10 @@ def test_the_installation_works_in_a_fresh_checkout(tmp_path: Path) -> None:
         shutil.copy(ROOT / name, checkout)
     for name in ("dockctl", "examples", "scenarios", "studies"):
         shutil.copytree(ROOT / name, checkout / name, ignore=shutil.ignore_patterns("__pycache__"))
-    last = shlex.join(["dockctl", "train", INSTALLED, *SHORTER["train"]])
+    installed = [words for document in DOCUMENTS for words in lines(document) if INSTALLED in words]
+    commands = [shlex.join([*words, *SHORTER.get(words[1], ())]) for words in installed]
     shell(
-        "\n".join([*CHECKOUT, last]),
+        "\n".join([*CHECKOUT, *commands]),
         checkout,
         SCENARIO=shlex.join(["scenarios/s3.yaml", *SHORTER["train"]]),
         PIP_CONSTRAINT=checkout / "constraints.txt",

@@ -167,6 +167,8 @@ def page_data(replay: Replay) -> dict[str, Any]:
     """Return what `dockctl.reports.replay.page` shows, as plain data and arrays."""
     scenario, titles = replay.scenario, _titles(replay)
     captions = dict.fromkeys(track.caption for track in replay.tracks)
+    names = list(dict.fromkeys(track.policy for track in replay.tracks))
+    numbers = [names.index(track.policy) if len(names) > 1 else i for i, track in enumerate(replay.tracks)]
     colors = palette.SERIES if len(replay.tracks) > 1 else (palette.OWN_HULL,)
     return {
         "title": f"Scenario {scenario.name}, harbor {replay.harbor.name}",
@@ -180,8 +182,8 @@ def page_data(replay: Replay) -> dict[str, Any]:
         "period_s": scenario.vessel.control_period_s,
         "terms": _terms(replay.tracks[0]),
         "episodes": [
-            _episode(scenario.task, track, label, colors[i % len(colors)])
-            for i, (track, label) in enumerate(zip(replay.tracks, titles, strict=True))
+            _episode(scenario.task, track, label, colors[number % len(colors)])
+            for number, track, label in zip(numbers, replay.tracks, titles, strict=True)
         ],
     }
 

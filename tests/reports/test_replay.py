@@ -67,6 +67,10 @@ def test_the_page_holds_each_step_of_each_policy(played: Replay, html: str) -> N
             np.testing.assert_allclose(arrays[name], recorded[name], rtol=1e-6, atol=1e-6)
         np.testing.assert_allclose(arrays["terms"].sum(axis=1), recorded["reward"], rtol=1e-4, atol=1e-3)
         assert given["outcome"] == track.episode.outcome
+    colors = {
+        (track.policy, given["color"]) for given, track in zip(header["episodes"], played.tracks, strict=True)
+    }
+    assert len(colors) == len({policy for policy, _ in colors}) == len({color for _, color in colors}) == 2
 
 
 def test_the_largest_q_value_is_that_of_the_command(played: Replay, html: str) -> None:

@@ -8,6 +8,8 @@ from itertools import pairwise
 import torch
 from torch import Tensor, nn
 
+from dockctl.dueling import advantage_units
+
 FIRST_LAYER = "shared.0.weight"
 """Name of the weights (width, observation_size) that observations are multiplied by."""
 
@@ -16,7 +18,7 @@ class DuelingQNetwork(nn.Module):
     """Action values of a batch of observations, ``Q = V + A - mean A`` (eq. 2.56).
 
     Shared ReLU layers feed two streams with one hidden layer each: for the value as wide as the last shared
-    layer, for the advantage as wide as the number of actions.
+    layer, for the advantage as wide as the number of actions, or 32.
 
     Args:
         observation_size: length of an observation.
@@ -40,7 +42,8 @@ class DuelingQNetwork(nn.Module):
         width = hidden_sizes[-1]
         self.shared = nn.Sequential(*layers)
         self.value = nn.Sequential(nn.Linear(width, width), nn.ReLU(), nn.Linear(width, 1))
-        self.advantage = nn.Sequential(nn.Linear(width, actions), nn.ReLU(), nn.Linear(actions, actions))
+        units = advantage_units(actions)
+        self.advantage = nn.Sequential(nn.Linear(width, units), nn.ReLU(), nn.Linear(units, actions))
         for name, parameter in self.named_parameters():
             if name.endswith("weight"):
                 nn.init.xavier_uniform_(parameter, generator=generator)
