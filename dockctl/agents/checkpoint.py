@@ -222,7 +222,8 @@ def rebuild_policy(
     """Return the policy of what `load_pair` read from `file`.
 
     Raises:
-        CheckpointError: it is no policy; with the code ``unknown_name`` one of a plugin that is not loaded.
+        CheckpointError: it is not a policy; with the code ``unknown_name``, one of a plugin that is not
+            loaded.
         UntrustedError: it needs a module that may not be imported.
         PluginError: the algorithm is of a plugin, which failed.
         DockctlError: the library that it was trained with is missing.

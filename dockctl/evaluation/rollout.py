@@ -194,11 +194,11 @@ def run_episodes(
     starts: Sequence[HasPose],
     clearance: Clearance | None = None,
 ) -> list[Episode]:
-    """Run one episode from each start; a boat whose episode ended takes the next start, or rests.
+    """Run one episode from each start; a boat whose episode ended takes the next start, or idles.
 
     Args:
         env: without autoreset; takes ``reset(options={"starts": n, "reset_mask": (n,)})``, where the start of
-            a boat that rests is None.
+            a boat that idles is None.
         starts: any number of starts, k.
         clearance: least distance to the harbor [m], given a start and the poses (m, 3) of its episode.
 

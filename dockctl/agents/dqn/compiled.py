@@ -37,7 +37,7 @@ _compiled = compiled(error_model="numpy", fastmath={"arcp", "contract", "nsz", "
 
 
 class Layer(NamedTuple):
-    """Weight (outputs, inputs) and bias (outputs,) of a linear layer, or the gradients by them."""
+    """Weight (outputs, inputs) and bias (outputs,) of a linear layer, or the gradients w.r.t. them."""
 
     weight: Floats32
     bias: Floats32
@@ -74,7 +74,7 @@ class Layers(NamedTuple):
 
 
 class Outputs(NamedTuple):
-    """Memory for the outputs of the hidden layers, (rows, outputs) each, or for the derivatives by them."""
+    """Memory for the outputs of the hidden layers, (rows, outputs) each, or derivatives w.r.t. them."""
 
     shared: tuple[Floats32, ...]
     value: Floats32
@@ -373,7 +373,7 @@ def _backward_output(
     outputs: Outputs,
     derivatives: Outputs,
 ) -> None:
-    """Write the gradients of the last layers and the derivatives by their inputs."""
+    """Write the gradients of the last layers and the derivatives with respect to their inputs."""
     to_weight, to_bias = np.zeros_like(advantage.weight), np.zeros_like(advantage.bias)
     np.dot(slope, outputs.value, gradient.value.weight[0])
     gradient.value.bias[0] = slope.sum()
@@ -412,7 +412,7 @@ def _backward_streams(
 
 @_compiled
 def _backward_layer(gradient: Layer, inputs: Floats32, outputs: Floats32, derivatives: Floats32) -> None:
-    """Turn derivatives by the outputs into those before rectification, and write the layer's gradient."""
+    """Turn derivatives w.r.t. the outputs into those before rectification, and write the gradient."""
     for row in range(len(outputs)):
         for column in range(outputs.shape[1]):
             if outputs[row, column] <= 0:

@@ -133,7 +133,7 @@ class _Header(BaseModel):
 
 
 def _glb(data: bytes) -> int:
-    """Count the triangles of all meshes, in all places."""
+    """Count the triangles of all instances of all meshes."""
     if len(data) < 20 or data[:4] != b"glTF":
         raise ValueError("it has no header of a GLB file")
     size = struct.unpack_from("<I", data, 12)[0]
@@ -152,7 +152,7 @@ def _glb(data: bytes) -> int:
         if not str(buffer.get("uri", "data:")).startswith("data:"):
             raise ValueError(f"its data are in another file, {buffer['uri']!r}; embed them")
     if primitives > MAX_GLB_PRIMITIVES:
-        raise ValueError(f"it has {primitives:,} primitives in all places, at most {MAX_GLB_PRIMITIVES:,}")
+        raise ValueError(f"it has {primitives:,} primitives in all instances, at most {MAX_GLB_PRIMITIVES:,}")
     own = chain.from_iterable(mesh.primitives for mesh in header.meshes)
     extended: Iterator[_Extended] = chain(header.bufferViews, own)
     if any("compression" in name for part in extended for name in part.extensions):
