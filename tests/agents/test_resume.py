@@ -143,11 +143,14 @@ def test_a_training_stopped_many_times_resumes_exactly(
 
 def test_a_save_writes_only_new_transitions(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(training_state, "BLOCK_BYTES", 3_200)  # 100 transitions of 32 bytes
-    run, saves = new_run(tmp_path), []
+    run, saves, written = new_run(tmp_path), [], {}
     for steps in (304, 312, 704, 760, 1_200):
         stop_at(steps, run)
         state = load_state(run)
         saves.append((int(state.tensors["algorithm/replay.added"][0]), state.facts["blocks"][REPLAY]))
+        blocks = {file.stem: file.stat().st_ino for file in run.path.glob("checkpoints/blocks/*")}
+        assert blocks == {**blocks, **{name: file for name, file in written.items() if name in blocks}}
+        written = blocks
     for (before, old), (after, new) in pairwise(saves):
         changed = {number % 700 // 100 for number in range(before, after)}
         assert len(changed) < 7

@@ -51,13 +51,24 @@ def drop(run: Path) -> None:
     (run / "episodes.csv").write_text("".join(lines[:1] + lines[2:]))
 
 
+def cut(run: Path) -> None:
+    """Leave out the last row of the first 150 steps, and those after them."""
+    lines = (run / "updates.csv").read_text().splitlines(keepends=True)
+    steps = [int(row["env_steps"]) for row in csv.DictReader(lines)]
+    (run / "updates.csv").write_text("".join(lines[: sum(number <= 150 for number in steps)]))
+
+
+def lost(run: Path) -> None:
+    (run / "evaluations.csv").unlink()
+
+
 def other_seed(run: Path) -> None:
     text = (run / "scenario.yaml").read_text()
     assert "seed: 3" in text
     (run / "scenario.yaml").write_text(text.replace("seed: 3", "seed: 4"))
 
 
-@pytest.mark.parametrize("change", [drop, other_seed])
+@pytest.mark.parametrize("change", [drop, cut, lost, other_seed])
 def test_another_training(run: Path, change: Callable[[Path], None]) -> None:
     change(run)
     assert not verify(run, 150).is_equal

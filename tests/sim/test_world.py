@@ -75,6 +75,7 @@ def test_harbors_that_are_not_used_take_a_limited_memory(monkeypatch: pytest.Mon
         gc.collect()
         return sum(world() is not None for world in worlds)
 
+    assert compute.UNUSED_BYTES <= 0.512e9
     scenarios = harbors(12)
     assert alive(10**12) == 12
     assert alive(0) == 0
