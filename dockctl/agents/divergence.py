@@ -94,6 +94,7 @@ class Monitor:
         Raises:
             DivergenceError: an observation or a reward is not finite, or the environment is stuck.
         """
+        self._observation = np.asarray(step.observation, float)
         if not np.isfinite(step.next_observation).all():
             column = int(np.flatnonzero(~np.isfinite(step.next_observation).all(axis=0))[0])
             name = self._names[column] if self._names else column
@@ -108,7 +109,6 @@ class Monitor:
         sizes = np.abs(step.reward) * self._training.reward_scale
         self._reward = max(self._reward, sizes[~step.terminated].max(initial=0.0))
         self._last_reward = max(self._last_reward, sizes[step.terminated].max(initial=0.0))
-        self._observation = np.asarray(step.observation, float)
 
     def _check_progress(self, step: Step, env_steps: int) -> None:
         """Check that episodes end and that observations change."""

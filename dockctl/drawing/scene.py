@@ -112,8 +112,12 @@ def _planks(polygon: Polygon) -> Iterator[Stroke]:
         yield Stroke(np.array([a + part * (b - a), d + part * (c - d)]), None, palette.PLANK, 0.03)
 
 
-def _polygons(rows: Iterable[dict[str, Any]]) -> Iterable[Polygon]:
-    return (Polygon(row["kind"], row["name"], _outline(row["xy_m"]), float(row["height_m"])) for row in rows)
+def _polygons(rows: Iterable[dict[str, Any]]) -> Iterator[Polygon]:
+    for row in rows:
+        kind, name = row["kind"], row["name"]
+        if not (isinstance(kind, str) and isinstance(name, str)):
+            raise TypeError("the kind and the name of a polygon must be texts")
+        yield Polygon(kind, name, _outline(row["xy_m"]), float(row["height_m"]))
 
 
 def _outline(points: ArrayLike) -> Floats:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from contextlib import nullcontext
 from pathlib import Path
 from typing import Any
 
@@ -10,6 +11,7 @@ import numpy as np
 import pytest
 import torch
 
+from dockctl.agents import trainer as trainer_module
 from dockctl.agents.checkpoint import load_pair
 from dockctl.agents.divergence import DivergenceError, Monitor
 from dockctl.agents.dqn.algorithm import DQN
@@ -190,6 +192,25 @@ def test_a_restored_monitor_knows_the_first_values() -> None:
     second.check_update({"q_mean": 5.9}, 8)
     with pytest.raises(DivergenceError):
         second.check_update({"q_mean": 6.1}, 16)
+
+
+@pytest.mark.parametrize("mode", ["stop", "continue", "rollback"])
+def test_a_fault_in_the_first_step_after_a_resume(
+    mode: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """The networks are checked after the faulty step, too, where it completes a row of updates.csv."""
+    monkeypatch.setattr(trainer_module, "UPDATE_ROWS", 100_000)  # every update is a row
+    settings = {"on_divergence": mode, "total_steps": 1_000}
+    stopped = trainer(tmp_path, lambda made: None, **settings)
+    stopped.interrupted = lambda: stopped.progress.env_steps > INJECTED
+    assert stopped.run() == "interrupted"
+    warnings: list[str] = []
+    resumed = trainer_in(stopped.run_directory, stopped.training, validate=None, warn=warnings.append)
+    resumed.restore()
+    nan_reward(resumed)
+    with pytest.raises(DivergenceError) if mode != "continue" else nullcontext():
+        resumed.run()
+    assert [text for text in warnings if "reward term 'final'" in text] or mode == "stop"
 
 
 def test_a_rollback_before_the_first_checkpoint_stops_and_says_more(tmp_path: Path) -> None:

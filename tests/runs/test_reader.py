@@ -74,6 +74,13 @@ def test_a_run_without_any_table(tmp_path: Path) -> None:
         ("evaluations.csv", "env_steps,pose,outcome,best\ninf,0,docked,1\n", "wrong_type", "csv:2: env"),
         ("scene.json", "{", None, ""),
         ("scene.json", "[]", None, ""),
+        (
+            "scene.json",
+            '{"name": "x", "bounds_m": [0, 0, 1, 1], "hull_m": [[0, 0], [1, 0], [1, 1]], "polygons":'
+            ' [{"kind": ["x"], "name": "x", "xy_m": [[0, 0], [1, 0], [1, 1]], "height_m": 1}]}',
+            None,
+            "must be texts",
+        ),
         ("scenario.yaml", "name: x\n", "not_readable", ""),
         ("scenario.yaml", "a: [", "yaml_syntax", "scenario.yaml:1:5"),
         ("scenario.yaml", "name: x\ntask: {final: 3}\ntraining: {seed: 1}\n", "not_readable", ""),
