@@ -146,7 +146,9 @@ def _draw_commands(ax: Axes, tracks: Sequence[Track], column: str) -> None:
 
 def _step_width_pt(ax: Axes, tracks: Sequence[Track]) -> float:
     """Approximate width of a control period on the page, before the final layout."""
-    period_s = min(float(np.diff(track.table["time_s"]).min(initial=np.inf)) for track in tracks)
+    period_s = min(
+        float(np.diff(track.table["time_s"].astype(float)).min(initial=np.inf)) for track in tracks
+    )
     width_pt = float(ax.get_window_extent().width) * 72 / ax.figure.dpi
     return width_pt * period_s / _end_s(ax, tracks)
 

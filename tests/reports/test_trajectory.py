@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
+from dataclasses import replace
 
 import numpy as np
 import pandas as pd
@@ -63,6 +64,15 @@ def test_lines_are_the_columns(
             assert line.get_color() == track.color
     assert unit in ax.get_ylabel()
     assert ax.get_xlabel() == "Time [s]"
+
+
+def test_times_may_be_whole_numbers(ax: Axes, three: pd.DataFrame) -> None:
+    """As pandas reads those of a control period of 1 s; one of the tracks has a single row."""
+    whole = three.assign(time_s=(2 * three["time_s"]).round().astype(int))
+    first, *others = split_tracks(whole)
+    single = replace(first, table=first.table.iloc[:1])
+    trajectory.draw_propeller(ax, [single, *others], TASK)
+    assert len(ax.lines) >= 3
 
 
 def test_commands_are_steps_that_end_at_their_row(ax: Axes, three: pd.DataFrame) -> None:
