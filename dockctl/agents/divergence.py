@@ -57,7 +57,7 @@ class Monitor:
         self._first_scale: float | None = None
         self._lasted = np.zeros(training.boats, np.int64)
         self._unchanged = 0
-        self._observation = np.empty((0, 0))
+        self._observation: NDArray[np.float64] | None = None  # of the latest step
         self._probes: deque[NDArray[np.float64]] = deque(maxlen=max(2, PROBES // training.boats))
 
     def state(self) -> tuple[Tensors, dict[str, Any]]:
@@ -80,8 +80,9 @@ class Monitor:
         if same_episodes:
             self._lasted[:] = arrays["lasted"]
         self._probes.extend(arrays.get("probes", ()))
-        self._reward, self._last_reward = facts["reward"], facts["last_reward"]
-        self._first_scale, self._unchanged = facts["first_scale"], facts["unchanged"]
+        self._reward, self._last_reward = float(facts["reward"]), float(facts["last_reward"])
+        scale, self._unchanged = facts["first_scale"], int(facts["unchanged"])
+        self._first_scale = None if scale is None else float(scale)
 
     def check_step(self, step: Step, info: Info, env_steps: int) -> None:
         """Check what the environment returned.
@@ -164,6 +165,8 @@ class Monitor:
             DivergenceError: a parameter is not finite, or the observations make no difference to the actions.
         """
         self.check_parameters(algorithm.policy_tensors(), env_steps)
+        if self._observation is None:  # the first step failed
+            return
         self._probes.append(self._observation)
         if len(self._probes) < (self._probes.maxlen or 0) or not isinstance(algorithm, Dueling):
             return

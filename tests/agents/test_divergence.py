@@ -213,6 +213,24 @@ def test_a_fault_in_the_first_step_after_a_resume(
     assert [text for text in warnings if "reward term 'final'" in text] or mode == "stop"
 
 
+def test_an_environment_that_fails_in_the_first_step_after_a_resume(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(trainer_module, "UPDATE_ROWS", 100_000)
+    stopped = trainer(tmp_path, lambda made: None)
+    stopped.interrupted = lambda: stopped.progress.env_steps > INJECTED
+    assert stopped.run() == "interrupted"
+    resumed = trainer_in(stopped.run_directory, stopped.training, validate=None)
+    resumed.restore()
+
+    def step(actions: Any) -> None:
+        raise ArithmeticError("broken")
+
+    env(resumed).step = step
+    with pytest.raises(ArithmeticError, match="broken"):
+        resumed.run()
+
+
 def test_a_rollback_before_the_first_checkpoint_stops_and_says_more(tmp_path: Path) -> None:
     errors = {}
     for reaction in ("stop", "rollback"):

@@ -239,6 +239,7 @@ def test_files_of_different_saves_are_no_checkpoint(tmp_path: Path, uninterrupte
         (("algorithm", "slowdown"), "slow"),
         (("algorithm", "slowdown"), 0),
         (("algorithm", "exploration", "state", "state"), -1),
+        (("monitor", "reward"), None),
         (("tables", "episodes.csv"), "x"),
         (("tables", "episodes.csv", "bytes"), 1.5),
         (("tables", "updates.csv", "lines"), None),
