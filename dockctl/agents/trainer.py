@@ -26,13 +26,13 @@ from dockctl.agents.interface import (
     final_observation,
 )
 from dockctl.agents.progress import EpisodeRecorder, Progress, UpdateRecorder
-from dockctl.agents.training_state import TrainingState, load_state, save_state
+from dockctl.agents.training_state import TrainingState, checked_table, load_state, save_state
 from dockctl.compute import workers
 from dockctl.errors import PluginError
 from dockctl.plugins import runtime_error
 from dockctl.run_files import BEST, EPISODES_CSV, EVALUATIONS_CSV, TIMING_CSV, UPDATES_CSV
 from dockctl.runs.directory import RunDirectory
-from dockctl.runs.tables import EPISODES, EVALUATIONS, RECENT, TIMING, UPDATES, Value, checked
+from dockctl.runs.tables import EPISODES, EVALUATIONS, RECENT, TIMING, UPDATES, Value
 from dockctl.scenarios.training import StopRule, Training
 
 TABLES = {EPISODES_CSV: EPISODES, UPDATES_CSV: UPDATES, EVALUATIONS_CSV: EVALUATIONS, TIMING_CSV: TIMING}
@@ -337,7 +337,7 @@ class Trainer:
                 self._observation, _ = environment.restore(tensors["environment"], facts["environment"])
             else:
                 notes.append("the unfinished episodes could not be saved; new ones start")
-            tables = [(table, checked(facts["tables"][name])) for name, table in self.tables.items()]
+            tables = [(table, checked_table(facts["tables"][name])) for name, table in self.tables.items()]
         except KeyError as error:
             raise CheckpointError(_without(error, saved)) from None
         except (AttributeError, LookupError, OverflowError, TypeError, ValueError, RuntimeError) as error:

@@ -11,12 +11,14 @@ import os
 import re
 from collections.abc import Collection, Iterable, Iterator, Mapping
 from contextlib import suppress
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any
 
 import numpy as np
+import pydantic.dataclasses
 from numpy.typing import NDArray
+from pydantic import NonNegativeInt
 from safetensors.numpy import save as save_tensors
 
 from dockctl.agents.checkpoint import (
@@ -127,6 +129,24 @@ def load_state(run: RunDirectory) -> TrainingState:
 def _split(tensor: NDArray[Any]) -> Iterator[NDArray[Any]]:
     rows = max(1, BLOCK_BYTES // (tensor.nbytes // len(tensor)))
     return (tensor[first : first + rows] for first in range(0, len(tensor), rows))
+
+
+@pydantic.dataclasses.dataclass
+class _SavedTable:
+    """What `dockctl.runs.tables.Table.save` returns."""
+
+    lines: NonNegativeInt
+    bytes: NonNegativeInt
+    sha256: str
+
+
+def checked_table(saved: Any) -> dict[str, Any] | None:
+    """Return the result of `Table.save` from a file; None in checkpoints of early versions.
+
+    Raises:
+        TypeError, ValueError: it is something else.
+    """
+    return None if saved is None else asdict(_SavedTable(**saved))
 
 
 def _save_block(run: RunDirectory, rows: NDArray[Any], intact: Collection[str]) -> str:

@@ -8,12 +8,8 @@ import io
 import os
 import re
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import asdict
 from pathlib import Path
 from typing import Any, Protocol
-
-import pydantic.dataclasses
-from pydantic import NonNegativeInt
 
 from dockctl.reading import read_bytes
 from dockctl.runs.files import sync, write_atomically, writing
@@ -203,24 +199,6 @@ class Table:
         self._hash.update(content)
         self._size += len(content)
         self._lines += content.count(b"\n")
-
-
-@pydantic.dataclasses.dataclass
-class _Saved:
-    """What `Table.save` returns."""
-
-    lines: NonNegativeInt
-    bytes: NonNegativeInt
-    sha256: str
-
-
-def checked(saved: Any) -> dict[str, Any] | None:
-    """Return the result of `Table.save` from a file; None in checkpoints of early versions.
-
-    Raises:
-        TypeError, ValueError: it is something else.
-    """
-    return None if saved is None else asdict(_Saved(**saved))
 
 
 def _intact_lines(content: bytes, env_steps: int, most: int | None = None) -> bytes:
