@@ -301,8 +301,10 @@ def is_scenario(given: str) -> bool:
     if os.path.exists(given) or given in named_checkpoints():
         return False
     plugins.discover()
+    if given in POLICIES:
+        return False
     catalog.fill()
-    return given in plugins.SCENARIOS and given not in POLICIES
+    return given in plugins.SCENARIOS
 
 
 def _from_code(given: str, params: Mapping[str, Any], *, trust: bool) -> BuiltPolicy | None:

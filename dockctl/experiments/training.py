@@ -359,9 +359,8 @@ def _report(console: Console, run: TrainedRun) -> None:
     if run.reason == "interrupted":
         lines += ["Saved. To continue:", f"  {command_line('train', '--resume', run.path)}"]
     else:
-        saved = any(
-            map(RunDirectory(run.path).checkpoints, (BEST, LAST))
-        )  # not if it diverged before the first
+        # Without a checkpoint, as after a divergence before the first one, there is nothing to evaluate.
+        saved = any(map(RunDirectory(run.path).checkpoints, (BEST, LAST)))
         following = ("evaluate", "plot") if saved else ("plot",)
         lines += ["Next:", *(f"  {command_line(name, run.path)}" for name in following)]
     print_text(console, "\n".join(lines))
