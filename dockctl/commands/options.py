@@ -165,12 +165,33 @@ def choose_policy(policy: str | None, ckpt: Sequence[str] | None, scenario: str 
         raise DockctlError(message)
     if given:
         return given[0]
+    return str(_default_policy(scenario))
+
+
+def _default_policy(scenario: str | None = None) -> Path | str:
     chosen = default_policy(scenario)
     if isinstance(chosen, RunDirectory):
-        return str(_noted(chosen))
+        return _noted(chosen)
     note = f"note: no run with a checkpoint in ./{RUNS} yet; using the shipped policy {chosen}"
     print_text(Console(stderr=True), note)
     return chosen
+
+
+def latest_run_or_recording() -> tuple[Path, LoadedPolicy | None]:
+    """Return the latest run in ./runs, or without any a recording of a shipped policy, and that policy.
+
+    Raises:
+        DockctlError: the recording cannot be written.
+    """
+    chosen = _default_policy()
+    if isinstance(chosen, Path):
+        return chosen, None
+    from dockctl.evaluation.policies import load_policy
+    from dockctl.experiments.outputs import record
+
+    policy = load_policy(chosen)
+    with Console(stderr=True).status("running episodes"):
+        return record(policy), policy
 
 
 def select_policy(

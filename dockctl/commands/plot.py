@@ -8,13 +8,18 @@ from typing import Annotated
 import typer
 from rich.console import Console
 
-from dockctl.commands.options import latest_run, print_paths, save_figures
+from dockctl.commands.options import latest_run_or_recording, print_paths, save_figures
 from dockctl.console import print_text
 
 
 def plot(
     run: Annotated[
-        Path | None, typer.Argument(metavar="RUN", help="Run folder; the latest in ./runs by default.")
+        Path | None,
+        typer.Argument(
+            metavar="RUN",
+            help="Run folder, or recording of dockctl evaluate; the latest in ./runs by default, and without"
+            " any run a recording of a shipped policy.",
+        ),
     ] = None,
     out: Annotated[Path | None, typer.Option(help="Output folder; <run>/figures by default.")] = None,
 ) -> None:
@@ -27,7 +32,7 @@ def plot(
     from dockctl.runs.reader import SOURCES, read_run
     from dockctl.runs.results import hashes_of, write_results
 
-    folder = latest_run() if run is None else run
+    folder = latest_run_or_recording()[0] if run is None else run
     sources = hashes_of(folder / name for name in SOURCES)
     data = read_run(folder)
     if data.missing:

@@ -8,7 +8,7 @@ from typing import Annotated
 import typer
 from rich.console import Console
 
-from dockctl.commands.options import Trust, latest_run, print_paths
+from dockctl.commands.options import Trust, latest_run, latest_run_or_recording, print_paths
 
 
 def report(
@@ -17,7 +17,7 @@ def report(
         typer.Argument(
             metavar="RUN|STUDY|COMPARISON",
             help="Run folder, folder of a study's results, or file of dockctl compare --json;"
-            " the latest run by default.",
+            " the latest run by default, and without any run a recording of a shipped policy.",
         ),
     ] = None,
     out: Annotated[Path | None, typer.Option(help="The page; report-<name>.html by default.")] = None,
@@ -39,8 +39,12 @@ def report(
     def note(text: str) -> None:
         typer.echo(text, err=True)
 
-    source = source or latest_run(unsaved=follow)
-    write = report.follow if follow else report.write_report
-    with Console(stderr=True).status("following the training" if follow else "writing the report"):
-        page = write(source, out, trust=trust, note=note)
+    if follow:
+        source = source or latest_run(unsaved=True)
+        with Console(stderr=True).status("following the training"):
+            page = report.follow(source, out, trust=trust, note=note)
+    else:
+        folder, policy = (source, None) if source else latest_run_or_recording()
+        with Console(stderr=True).status("writing the report"):
+            page = report.write_report(folder, out, policy=policy, trust=trust, note=note)
     print_paths([page])

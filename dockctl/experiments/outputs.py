@@ -8,10 +8,10 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from dockctl.errors import DockctlError
-from dockctl.evaluation.evaluate import Evaluation
+from dockctl.evaluation.evaluate import Evaluation, evaluate
 from dockctl.evaluation.policies import LoadedPolicy
 from dockctl.evaluation.record import FILES as RECORDING_FILES
-from dockctl.run_files import FIGURES, RECORDING, TRANSFER
+from dockctl.run_files import EVALUATION, FIGURES, RECORDING, TRANSFER
 from dockctl.runs.files import (
     make_folder,
     require_replaceable,
@@ -21,6 +21,8 @@ from dockctl.runs.files import (
     writing,
 )
 from dockctl.runs.results import require_same_policy, setting_names, write_measurement
+from dockctl.runs.tables import EVALUATION as EVALUATION_COLUMNS
+from dockctl.runs.tables import to_csv
 
 
 @dataclass(frozen=True)
@@ -120,5 +122,20 @@ def recording_folder(
     else:
         folder = Path(given) if given else Path(FIGURES) / "evaluate" / f"{name}-{policy.file_name}"
         require_same_policy(folder / RECORDING, policy.facts())
-    require_replaceable(folder, RECORDING_FILES, (FIGURES, RECORDING), "earlier recording")
+    evaluation = (f"{EVALUATION}.csv", f"{EVALUATION}.json")
+    require_replaceable(folder, RECORDING_FILES, (FIGURES, RECORDING, *evaluation), "earlier recording")
+    return folder
+
+
+def record(policy: LoadedPolicy) -> Path:
+    """Evaluate a policy in its own scenario, and return the folder of the recording and the evaluation.
+
+    Raises:
+        DockctlError: the policy has no scenario of its own, or the folder cannot be written.
+    """
+    folder = recording_folder("", policy, None, ())
+    result = evaluate(policy, record=True)
+    if result.recording:
+        result.recording.write(folder)
+    write_measurement(folder / EVALUATION, to_csv(result.rows(), EVALUATION_COLUMNS), result.as_json())
     return folder

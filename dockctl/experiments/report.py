@@ -9,14 +9,14 @@ from pathlib import Path
 
 from dockctl.agents.progress import REASONS
 from dockctl.errors import DockctlError
-from dockctl.evaluation.policies import load_checkpoint
+from dockctl.evaluation.policies import LoadedPolicy, load_checkpoint
 from dockctl.evaluation.replay import page_data, replay
 from dockctl.experiments.study import Experiment, Study, archived_study, load_study
 from dockctl.reading import read_json
 from dockctl.reports import replay as replay_page
 from dockctl.reports.report import Page, run_page
 from dockctl.reports.study_report import Trial, comparison_page, study_page
-from dockctl.run_files import BEST, POLICY_JSON, PROVENANCE, SCENARIO
+from dockctl.run_files import BEST, POLICY_JSON, PROVENANCE, RECORDING, SCENARIO
 from dockctl.runs.directory import RunDirectory
 from dockctl.runs.files import exclusive_lock, write_atomically
 from dockctl.runs.reader import SOURCES, read_run
@@ -29,12 +29,21 @@ REST = 4
 """Pause between reports, as a multiple of the time that one takes: the training is hardly slowed."""
 
 
-def write_report(source: Path, out: Path | None, *, trust: bool = False, note: Note = print) -> Path:
+def write_report(
+    source: Path,
+    out: Path | None,
+    *,
+    policy: LoadedPolicy | None = None,
+    trust: bool = False,
+    note: Note = print,
+) -> Path:
     """Write the report of a run folder, the results of a study, or a comparison, and return its path.
 
     Args:
-        source: a run folder, a folder of a study's results, or a file of ``dockctl compare --json``.
+        source: a run folder or a recording, a folder of a study's results, or a file of
+            ``dockctl compare --json``.
         out: the page; ``report-<name>.html`` by default.
+        policy: that a recording is of, for the replay; that of the run by default.
         trust: run the plugins of a received run for its replay.
         note: called with what is left out of the page, and why.
 
@@ -42,7 +51,7 @@ def write_report(source: Path, out: Path | None, *, trust: bool = False, note: N
         DockctlError: there is no such thing, a file of it is damaged, or the page cannot be written.
     """
     if (source / SCENARIO).is_file():
-        page, shown = _run_report(source), _replay(source, trust, note)
+        page, shown = _run_report(source), _replay(source, trust, note, policy)
     else:
         page, shown = _study_or_comparison(source), None
     return write_atomically(out or default_name(source), page.html(shown).encode())
@@ -121,15 +130,17 @@ def _run_report(folder: Path) -> Page:
     run = RunDirectory.open(folder)
     facts = run.read_json(PROVENANCE) if (folder / PROVENANCE).is_file() else {}
     reason = REASONS.get(str(facts.get("stop_reason")), "The training has not ended")
+    if (folder / RECORDING).is_file():
+        reason = "A recording, without a training"
     return run_page(read_run(folder), f"{reason}.")
 
 
-def _replay(folder: Path, trust: bool, note: Note) -> str | None:
+def _replay(folder: Path, trust: bool, note: Note, policy: LoadedPolicy | None = None) -> str | None:
     """Return the page of the replay of the best policy, or None without one that can run."""
-    if not RunDirectory(folder).checkpoints(BEST):
+    if policy is None and not RunDirectory(folder).checkpoints(BEST):
         return None
     try:
-        return replay_page.page(page_data(replay([load_checkpoint(folder, trust=trust)])))
+        return replay_page.page(page_data(replay([policy or load_checkpoint(folder, trust=trust)])))
     except DockctlError as error:
         note(f"note: the 3-D replay is left out: {error}")
         return None

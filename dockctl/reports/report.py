@@ -32,11 +32,22 @@ from dockctl.analysis.success_map import (
 )
 from dockctl.console import count
 from dockctl.geometry import shown_heading
-from dockctl.reading import read_json, reading
+from dockctl.reading import reading
 from dockctl.reports import charts
 from dockctl.reports.charts import Chart
 from dockctl.reports.plan_view import split_tracks
-from dockctl.run_files import EVALUATION, LATENCY, MAP, PROVENANCE, RETURNS, SCENARIO, TIMING_CSV, TRANSFER
+from dockctl.run_files import (
+    EVALUATION,
+    LATENCY,
+    MAP,
+    PROVENANCE,
+    RECORDING,
+    RETURNS,
+    SCENARIO,
+    TIMING_CSV,
+    TRANSFER,
+)
+from dockctl.runs.directory import RunDirectory
 from dockctl.runs.reader import Run, read_run, read_table
 from dockctl.runs.tables import EPISODE_RESULT, START_KINDS, TIMING
 from dockctl.runs.tables import RETURNS as RETURNS_COLUMNS
@@ -352,10 +363,12 @@ def _latency_section(page: Page, run: Run) -> None:
 
 
 def _provenance_section(page: Page, run: Run) -> None:
-    path = run.folder / PROVENANCE
-    if not path.is_file():
+    files = [name for name in (PROVENANCE, RECORDING) if (run.folder / name).is_file()]
+    if not files:
         return
-    facts = read_json(path)
+    facts = RunDirectory(run.folder).read_json(files[0])
+    if isinstance(policy := facts.get("policy"), dict):  # of a recording
+        facts = policy
     section = add_section(page, "Provenance")
     rows = [
         [key.replace("_", " "), _described(value)]

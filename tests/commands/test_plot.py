@@ -41,6 +41,20 @@ def test_the_latest_run_is_drawn_into_its_folder(run: Path, monkeypatch: pytest.
 
 
 @pytest.mark.usefixtures("not_rendered")
+def test_without_a_run_a_recording_of_a_shipped_policy_is_drawn(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    for _ in range(2):  # the second time it replaces the recording
+        outcome = dockctl("plot")
+        assert outcome.code == 0, outcome.err
+        recording = Path("figures/evaluate/s3-s3")
+        assert str(recording / "figures" / "docking-poses.png") in outcome.out.split()
+        assert (recording / "trajectories.csv").is_file()
+        assert len((recording / "evaluation.csv").read_text(encoding="utf-8").splitlines()) == 1 + 1 + 100
+
+
+@pytest.mark.usefixtures("not_rendered")
 def test_only_the_run_folder_is_read(run: Path, tmp_path: Path) -> None:
     shutil.rmtree(run / "checkpoints")
     (run / "trajectories.csv").unlink()
@@ -80,9 +94,3 @@ def test_a_damaged_file(run: Path, name: str, old: str, new: str, location: str)
     assert outcome.code == 2
     assert location in outcome.err
     assert not (run / "figures").exists()
-
-
-def test_without_any_run(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.chdir(tmp_path)
-    outcome = dockctl("plot")
-    assert (outcome.code, outcome.error_code) == (2, "not_found")

@@ -23,6 +23,20 @@ def test_the_report_of_a_run_has_its_replay(run: Path, tmp_path: Path) -> None:
     assert "policy.json" in outcome.err
 
 
+@pytest.mark.slow
+def test_without_a_run_the_report_is_of_a_shipped_policy(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    outcome = dockctl("report")
+    assert outcome.code == 0, outcome.err
+    page = Path(outcome.out.strip()).read_text(encoding="utf-8")
+    assert 'id="replay-page"' in page
+    for section in ("Trajectories", "Evaluation", "Provenance"):
+        assert f"<h2>{section}</h2>" in page
+    assert "The training has not ended" not in page
+
+
 def test_a_page_with_another_suffix_is_refused(tmp_path: Path) -> None:
     outcome = dockctl("report", tmp_path, "--out", tmp_path / "page.txt")
     assert outcome.code == 2
