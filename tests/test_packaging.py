@@ -159,10 +159,12 @@ MODELS = sorted(
 
 
 def shell_lines(program: str) -> list[Any]:
-    """Return the commands of `program` in the blocks marked ``sh`` of all documents, as test parameters."""
+    """Return the commands of `program` in text and shell blocks of all documents, as test parameters."""
     found = []
     for document in DOCUMENTS:
-        for block in re.findall(r"^```sh\n(.*?)^```", document.read_text(), re.M | re.S):
+        text = document.read_text()
+        in_text = re.findall(rf"(?<!`)`({program} [a-z][^`]*)`(?!`)", text)
+        for block in [*re.findall(r"^```sh\n(.*?)^```", text, re.M | re.S), *in_text]:
             for line in block.replace("\\\n", " ").splitlines():
                 words = shlex.split(line, comments=True)
                 if words and words[0] == program:
