@@ -22,8 +22,8 @@ Runs = NDArray[np.void]
 BINS_PER_SECTOR = 32
 SHELL_GROWTH = 1.03
 SHELL_STEP_M = 0.02
-CORE_CELL_M = 0.25
-CORE_STEP_M = 0.05
+CORE_CELL_M = 0.08
+CORE_STEP_M = 0.04  # the reach is then the radius of the finest level of the grid, 0.1 m
 # From the center of a core cell to the rays that are added to it by a point every step.
 CORE_REACH_M = CORE_CELL_M / math.sqrt(2) + CORE_STEP_M
 RUN = np.dtype([("first", np.uint32), ("length", np.uint16), ("low", np.uint8), ("high", np.uint8)])
