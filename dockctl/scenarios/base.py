@@ -51,7 +51,7 @@ Name = Annotated[str, Field(pattern=NAME)]
 class Model(BaseModel):
     """A frozen model that rejects unknown keys."""
 
-    model_config = ConfigDict(frozen=True, extra="forbid")
+    model_config = ConfigDict(frozen=True, extra="forbid", defer_build=True)
 
 
 class FieldError(ValueError):

@@ -45,7 +45,7 @@ class CollisionChecker:
         # Two thirds of a marina are out of reach: rigs, cabins and decks, which only clearances depend on.
         self._low, self._high = _Surfaces(harbor, touchable), _Surfaces(harbor, ~touchable)
         bodies = [(index, solid.mesh) for index, part in enumerate(harbor.parts) for solid in part.solids]
-        self._interior = _Interior([body for body in bodies if body[1].is_watertight], self._middle)
+        self._interior = _Interior(bodies, self._middle)
         self._inside_hull = _InsideHull(bodies, boat)
 
     def near(self, eta: Floats, within_m: float) -> Bools:
@@ -306,9 +306,17 @@ Body = tuple[int, Mesh]
 
 
 class _Interior:
-    """Finds the part that contains a point at the height `z`, by winding numbers in a cross-section."""
+    """Finds the part that contains a point at the height `z`, by winding numbers in a cross-section.
+
+    Bodies that are not closed contain nothing.
+    """
 
     def __init__(self, bodies: Sequence[Body], z: float) -> None:
+        bodies = [
+            (part, mesh)
+            for part, mesh in bodies
+            if mesh.bounds[0, 2] <= z <= mesh.bounds[1, 2] and mesh.is_watertight
+        ]
         triangles = np.concatenate([np.empty((0, 3, 3)), *(mesh.triangles for _, mesh in bodies)])
         body = np.repeat(np.arange(len(bodies)), [len(mesh.faces) for _, mesh in bodies])
         self._segments, cut = cross_section(triangles, z)
