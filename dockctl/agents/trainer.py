@@ -9,7 +9,7 @@ from dataclasses import asdict
 from typing import Any
 
 import numpy as np
-from gymnasium.vector import VectorEnv
+from gymnasium.vector import AutoresetMode, VectorEnv
 from numpy.typing import NDArray
 
 import dockctl
@@ -28,7 +28,7 @@ from dockctl.agents.interface import (
 from dockctl.agents.progress import EpisodeRecorder, Progress, UpdateRecorder
 from dockctl.agents.training_state import TrainingState, checked_table, load_state, save_state
 from dockctl.compute import workers
-from dockctl.errors import PluginError
+from dockctl.errors import DockctlError, PluginError
 from dockctl.plugins import runtime_error
 from dockctl.run_files import BEST, EPISODES_CSV, EVALUATIONS_CSV, TIMING_CSV, UPDATES_CSV
 from dockctl.runs.directory import RunDirectory
@@ -61,6 +61,9 @@ class Trainer:
         until: environment steps; further steps stop the training as if it was interrupted.
         warn: called with each problem that does not end the training.
         step_limit: control steps after which the environment ends an episode, if it is known.
+
+    Raises:
+        DockctlError: the environment declares another autoreset mode.
     """
 
     def __init__(
@@ -79,6 +82,12 @@ class Trainer:
         warn: Callable[[str], None] = lambda text: None,
         step_limit: int | None = None,
     ) -> None:
+        mode = environment.metadata.get("autoreset_mode", AutoresetMode.SAME_STEP)
+        if mode != AutoresetMode.SAME_STEP:
+            message = (
+                f"the environment has {mode}: make it with {AutoresetMode.SAME_STEP}, which the trainer needs"
+            )
+            raise DockctlError(message, code="mismatch")
         self.algorithm, self.training, self.environment = algorithm, training, environment
         self.run_directory, self.card = run, card
         self.validate, self.evaluate = validate, evaluate

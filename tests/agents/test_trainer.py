@@ -16,6 +16,7 @@ from dockctl.agents.checkpoint import CheckpointError, PolicyCard, load_policy
 from dockctl.agents.interface import Policy, Spaces
 from dockctl.agents.progress import Progress
 from dockctl.agents.trainer import Trainer
+from dockctl.errors import DockctlError
 from dockctl.evaluation.rollout import evaluation_rows, run_episodes
 from dockctl.runs.directory import RunDirectory
 from dockctl.runs.tables import Value
@@ -264,3 +265,14 @@ def test_a_foreign_environment_without_infos(tmp_path: Path) -> None:
         observation, _, terminated, truncated, _ = env.step(policy.act(observation[None], {})[0])
         steps, over = steps + 1, terminated or truncated
     assert steps > 100
+
+
+def test_an_environment_that_resets_in_the_next_step_is_refused(tmp_path: Path) -> None:
+    """The default of Gymnasium: the final observation would count as the first one of the next episode."""
+    training = Training(boats=2, hidden_sizes=(8,))
+    environment = gymnasium.make_vec("CartPole-v1", num_envs=2, vectorization_mode="sync")
+    spaces = Spaces.from_env(environment)
+    algorithm = training.algorithm.build(spaces, training, "cpu")
+    run = RunDirectory.create(tmp_path, "cartpole", 0)
+    with pytest.raises(DockctlError, check=lambda error: error.code == "mismatch"):
+        Trainer(algorithm, training, environment, run, make_card(spaces, training))
