@@ -220,7 +220,7 @@ def solve(docking: Docking, guess: Plan, obstacles: Sequence[Floats], *, held: b
 def require_reached(
     opti: ca.Opti, docking: Docking, state: Any, goal: Floats, limit: Limit, heading: float
 ) -> None:
-    """Require that a state is within the tolerances; `heading` tells in which turn it is [rad]."""
+    """Require that a state is within the tolerances; `heading` [rad] selects the turn."""
     nearest = heading - wrap(heading - goal[2])
     drift = rotate(*docking.water, -state[2])
     opti.subject_to(ca.sumsqr(state[:2] - goal[:2]) <= (WITHIN * limit.distance_m) ** 2)

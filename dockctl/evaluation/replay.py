@@ -33,7 +33,7 @@ from dockctl.sim.starts import Start
 MAX_SCANS, MAX_POINTS = 240, 360_000
 """LiDAR scans at most, and points about, of all episodes together, so that a page stays small."""
 SPARSE = 16
-"""Every so many rays tell about how many of a scan return."""
+"""Only every n-th ray is traced to estimate the number of returns of a scan."""
 FARTHEST_M = 327.0
 """Maximum coordinate of the points in the page, which are 16-bit centimeters."""
 MAX_TRIANGLES = 200_000

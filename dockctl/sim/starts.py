@@ -62,7 +62,7 @@ class Start:
         phase: 0 on the way to the intermediate pose, 1 on the way to the final pose.
         goals: (2, 3) intermediate and final pose; the final pose twice if the task has no intermediate pose.
         max_steps: control steps until the episode is truncated.
-        kind: "pose", "exploring", "retried", "random", "trained" or "held_out".
+        kind: "pose", "exploring", "retried", "random", "trained", "held_out", "training" or "validation".
         index: of the initial pose, or of the given pose.
         harbor: index of the harbor that the boat is in.
         berth: name of the berth; empty if the task is not relocated to berths.

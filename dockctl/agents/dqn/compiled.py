@@ -294,16 +294,16 @@ def _gradient(
     advantage = _centered(online.advantage)
     q = _values(online, advantage, work.outputs, batch.action)
 
-    slope = np.empty(rows, np.float32)
+    q_gradient = np.empty(rows, np.float32)
     total_loss, total_error = 0.0, 0.0
     for i in range(rows):
         error = q[i] - min(batch.reward[i] + batch.discount[i] * next_q[i], loss.largest_target)  # eq. 2.52
         bounded = max(min(error, loss.delta), -loss.delta)
-        slope[i] = loss.weight * bounded / np.float32(rows)
+        q_gradient[i] = loss.weight * bounded / np.float32(rows)
         total_loss += float(loss.weight * bounded * (error - np.float32(0.5) * bounded))
         total_error += abs(float(error))
 
-    _backward_output(online, advantage, gradient, batch.action, slope, work.outputs, work.derivatives)
+    _backward_output(online, advantage, gradient, batch.action, q_gradient, work.outputs, work.derivatives)
     _backward_streams(online, gradient, batch.observation, work.outputs, work.derivatives)
     return total_loss / rows, total_error / rows, float(q.mean())
 
@@ -369,22 +369,22 @@ def _backward_output(
     advantage: Layer,
     gradient: Layers,
     action: NDArray[np.int64],
-    slope: Floats32,
+    q_gradient: Floats32,
     outputs: Outputs,
     derivatives: Outputs,
 ) -> None:
     """Write the gradients of the last layers and the derivatives with respect to their inputs."""
     to_weight, to_bias = np.zeros_like(advantage.weight), np.zeros_like(advantage.bias)
-    np.dot(slope, outputs.value, gradient.value.weight[0])
-    gradient.value.bias[0] = slope.sum()
+    np.dot(q_gradient, outputs.value, gradient.value.weight[0])
+    gradient.value.bias[0] = q_gradient.sum()
     for row in range(len(action)):
         chosen = action[row]
-        to_bias[chosen] += slope[row]
+        to_bias[chosen] += q_gradient[row]
         for column in range(outputs.advantage.shape[1]):
-            to_weight[chosen, column] += slope[row] * outputs.advantage[row, column]
-            derivatives.advantage[row, column] = slope[row] * advantage.weight[chosen, column]
+            to_weight[chosen, column] += q_gradient[row] * outputs.advantage[row, column]
+            derivatives.advantage[row, column] = q_gradient[row] * advantage.weight[chosen, column]
         for column in range(outputs.value.shape[1]):
-            derivatives.value[row, column] = slope[row] * layers.value.weight[0, column]
+            derivatives.value[row, column] = q_gradient[row] * layers.value.weight[0, column]
     centered = _centered(Layer(to_weight, to_bias))
     for row in range(len(to_bias)):
         gradient.advantage.bias[row] = centered.bias[row]
