@@ -164,6 +164,24 @@ def test_nothing_is_learned_after_a_step_that_failed(tmp_path: Path, monkeypatch
     assert 0 < made.algorithm.updates == made.progress.updates == due
 
 
+def test_what_is_stored_of_a_step_that_ends_an_episode(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """The observation after the step, where x has changed by the speed, not the next episode's first."""
+    learner, steps = trainer(tmp_path, total_steps=4_000, stop=None), []
+    monkeypatch.setattr(learner.algorithm, "store", steps.append)
+    learner.run()
+    for step in steps:
+        change, speed = step.next_observation - step.observation, step.next_observation[:, 1]
+        np.testing.assert_allclose(change[:, 0], speed, atol=1e-6)
+    for step, following in pairwise(steps):
+        ended = step.terminated | step.truncated
+        np.testing.assert_array_equal(following.observation[~ended], step.next_observation[~ended])
+        assert not following.observation[ended, 1].any()
+    assert sum(step.truncated.sum() for step in steps)
+    assert sum(step.terminated.sum() for step in steps)
+
+
 def test_rows_past_the_checkpoint_are_dropped_when_a_killed_run_is_resumed(tmp_path: Path) -> None:
     learner = trainer(tmp_path, total_steps=1_000, stop=None)
     learner.run()

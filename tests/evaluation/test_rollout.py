@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+import csv
+
 import numpy as np
 import pytest
 
 from dockctl.agents.interface import Info, Policy
 from dockctl.evaluation import rollout
-from dockctl.evaluation.rollout import TRIED_FIRST, Rollout, evaluation_rows, run_episodes
+from dockctl.evaluation.rollout import TRIED_FIRST, Rollout, evaluation_rows, run_episodes, trajectories_csv
 from dockctl.scenarios.loader import load
 from dockctl.sim.starts import given_start, own_site
 from tests.agents.toy import ToyDocking, starts_at
@@ -72,6 +74,17 @@ def test_the_rows_of_a_validation() -> None:
         ("pose", 0, "docked"),
         ("pose", 1, "collision"),
     ]
+
+
+def test_every_row_of_a_trajectory_has_the_outcome_of_its_episode() -> None:
+    env = ToyDocking(2, max_steps=5, autoreset=False)
+    episodes = run_episodes(env, BrakeAtZero(), starts_at(-0.35, 0.45, -1.35))
+    rows = list(csv.DictReader(trajectories_csv(episodes, 0.5).splitlines()))
+    outcomes = ("docked", "collision", "timeout")
+    expected = [
+        outcome for episode, outcome in zip(episodes, outcomes, strict=True) for _ in range(episode.steps + 1)
+    ]
+    assert [row["outcome"] for row in rows] == expected
 
 
 @pytest.mark.parametrize(("docks", "played"), [(0, TRIED_FIRST), (7, TRIED_FIRST), (8, 20)])
