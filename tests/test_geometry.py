@@ -87,6 +87,16 @@ def test_sectors_are_equal_and_begin_astern(theta: float, count: int) -> None:
     np.testing.assert_allclose(np.radians(sector_edges_deg(count)), edges, rtol=0, atol=1e-12)
 
 
+@pytest.mark.parametrize("count", [1, 4, 8, 12])
+def test_both_sides_of_every_edge_between_sectors(count: int) -> None:
+    edges = np.linspace(-PI, PI, count + 1)
+    for sector in range(count):
+        for theta in (edges[sector] + 1e-9, edges[sector + 1] - 1e-9):
+            point = np.array([10 * math.cos(theta), 10 * math.sin(theta)])
+            assert sector_index(*point, count) == sector
+            assert nearest_in_sectors(point[None], count, 60.0).argmin() == sector
+
+
 @given(
     st.lists(st.tuples(st.floats(-50, 50), st.floats(-50, 50)), min_size=1, max_size=20),
     st.integers(1, 36),
