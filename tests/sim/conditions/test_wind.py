@@ -165,6 +165,7 @@ def test_a_variable_current_has_its_variance_and_time() -> None:
         products = flows[0] * flows[lag]
         expected = 0.02**2 * math.exp(-0.5 * lag / 10)
         assert products.mean() == pytest.approx(expected, abs=5 * 0.02**2 / math.sqrt(boats))
+    assert (flows[20] ** 2).mean() == pytest.approx(0.02**2, abs=5 * 0.02**2 / math.sqrt(boats))
     crossed = flows[0][:, 0] * flows[0][:, 1]
     assert abs(crossed.mean()) < 4 * 0.02**2 / math.sqrt(boats)
 
