@@ -23,7 +23,7 @@ from dockctl.evaluation.starts import TRAINING, training_starts
 from dockctl.experiments.model_card import card_text, envelope_image, is_of_policy, read_evaluations
 from dockctl.geometry import pose_label
 from dockctl.run_files import ENVELOPE, EVALUATION, MESHES, PLUGINS, POLICY_JSON, POLICY_TENSORS, SCENARIO
-from dockctl.runs.directory import RunDirectory
+from dockctl.runs.directory import RunDirectory, shipped
 from dockctl.runs.files import new_folder, require_replaceable
 from dockctl.scenarios.base import NAME
 from dockctl.scenarios.catalog import display_path
@@ -102,6 +102,9 @@ def export_checkpoint(
         if not failures:
             folder = write_checkpoint(best, candidates, loaded, episodes, out / name)
             print_text(Console(), f"{display_path(best.run.path)} exported to {folder}")
+            if name in shipped():
+                note = f"note: {name} alone is the shipped policy; this one is {folder}"
+                print_text(Console(stderr=True), note, "yellow")
             return
         for episode in failures:
             x, y, heading = episode.start.eta

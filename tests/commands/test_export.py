@@ -94,6 +94,14 @@ def test_best_policy_that_docks_from_its_training_poses_is_exported(
     assert {path.name for path in Path().iterdir()} == {*export.CHECKPOINT}
 
 
+def test_a_note_tells_when_the_name_is_that_of_a_shipped_policy(runs: MakeRun, tmp_path: Path) -> None:
+    given = runs(0, "+", "+++")
+    for name, noted in (("s1", True), ("mine", False)):
+        outcome = dockctl("export", given, "--name", name, "--out", tmp_path / "out")
+        assert outcome.code == 0, outcome.err
+        assert ("note: s1 alone is the shipped policy" in outcome.err) == noted
+
+
 def test_the_policy_that_was_measured_is_exported(
     runs: MakeRun, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
