@@ -137,7 +137,7 @@ def draw_by_distance(ax: Axes, free: pd.DataFrame, limit_m: float) -> None:
 def draw_by_heading(ax: Axes, free: pd.DataFrame) -> None:
     """Draw success over the heading offset, for nested groups of distances."""
     groups = [
-        (f"within {limit:g} m", within_distance(free, limit))
+        (f"within {limit:.3g} m", within_distance(free, limit))
         for limit in _limits(free["offset_m"], DISTANCE_LIMITS_M, free["offset_m"].max())
     ]
     _draw_success(ax, groups, "dheading_deg")

@@ -64,6 +64,9 @@ def test_success_by_distance_and_heading() -> None:
     assert np.asarray(curve.get_xdata(), float).tolist() == [0.0, 2.0, 4.0]
     assert np.asarray(curve.get_ydata(), float).tolist() == pytest.approx([1, 7 / 8, 11 / 12])
     assert np.asarray(by_heading.lines[0].get_xdata(), float).tolist() == [0.0, 90.0]
+    legend = by_heading.get_legend()
+    assert legend is not None
+    assert [text.get_text() for text in legend.get_texts()] == ["within 3 m", "within 5.66 m"]
 
 
 @pytest.mark.parametrize("failing", [set(OFFSETS), set()])
