@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any
 from dockctl.analysis.contrast import Contrast, contrasts
 from dockctl.errors import DockctlError
 from dockctl.evaluation.evaluate import Evaluation, evaluate
-from dockctl.evaluation.policies import LoadedPolicy, load_policy
+from dockctl.evaluation.policies import LoadedPolicy, distinct_names, load_policy
 from dockctl.runs.tables import Value
 
 if TYPE_CHECKING:
@@ -120,7 +120,7 @@ def compare(
             seed=seed,
             overrides=[*overrides, *([change] if change else [])],
         )
-        for name, policy in zip(_names(loaded), loaded, strict=True)
+        for name, policy in zip(distinct_names(loaded), loaded, strict=True)
         for change in ("", *vary)
     }
     _require_same_starts(results)
@@ -135,16 +135,3 @@ def _require_same_starts(results: Mapping[str, Evaluation]) -> None:
         if not evaluation.table[columns].equals(first[1].table[columns]):
             message = f"'{name}' does not begin from the same starts as '{first[0]}': they cannot be paired"
             raise DockctlError(message, code="mismatch")
-
-
-def _names(policies: Sequence[LoadedPolicy]) -> list[str]:
-    """Return a short and unique name for each policy."""
-    names = [policy.name for policy in policies]
-    longer = [
-        policy.long_name if names.count(name) > 1 else name
-        for policy, name in zip(policies, names, strict=True)
-    ]
-    return [
-        f"{name} ({longer[: i + 1].count(name)})" if longer.count(name) > 1 else name
-        for i, name in enumerate(longer)
-    ]

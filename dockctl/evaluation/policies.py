@@ -294,6 +294,19 @@ def load_policy(
     return replace(loaded, plugin_files=tuple(plugin_files), trust=trust)
 
 
+def distinct_names(policies: Sequence[LoadedPolicy]) -> list[str]:
+    """Return a short and unique name for each policy."""
+    names = [policy.name for policy in policies]
+    longer = [
+        policy.long_name if names.count(name) > 1 else name
+        for policy, name in zip(policies, names, strict=True)
+    ]
+    return [
+        f"{name} ({longer[: i + 1].count(name)})" if longer.count(name) > 1 else name
+        for i, name in enumerate(longer)
+    ]
+
+
 def is_scenario(given: str) -> bool:
     """Return whether this is a scenario file, or the name of a scenario for which there is no policy."""
     if Path(given).suffix in SUFFIXES:

@@ -17,7 +17,7 @@ from dockctl.analysis.episodes import describe_outcome
 from dockctl.compute import workers
 from dockctl.drawing import palette
 from dockctl.drawing.scene import Scene
-from dockctl.evaluation.policies import LoadedPolicy, load_policy
+from dockctl.evaluation.policies import LoadedPolicy, distinct_names, load_policy
 from dockctl.evaluation.rollout import Episode, Rollout
 from dockctl.evaluation.starts import checked_starts, trajectory_starts
 from dockctl.geometry import Floats, pose_label
@@ -93,17 +93,16 @@ def replay(
     Raises:
         DockctlError: there is no such policy or scenario, they do not fit, or a pose is not free.
     """
-    first, *others = map(load_policy, policies)
+    given = [load_policy(policy) for policy in policies]
+    first = given[0]
     loaded = first.scenario(scenario, overrides)
     starts, runs = _starts(loaded, poses), []
-    for policy in (first, *others):
+    for name, policy in zip(distinct_names(given), given, strict=True):
         is_first = policy is first
         rollout = Rollout(loaded if is_first else policy.scenario(scenario or first.own_scenario, overrides))
         made = policy.make(rollout.env())
         played = zip(starts, rollout.run(made, starts), strict=True)
-        runs += [
-            _Run(policy.name, policy.caption, made, start, episode, rollout) for start, episode in played
-        ]
+        runs += [_Run(name, policy.caption, made, start, episode, rollout) for start, episode in played]
     return _replay(loaded, runs)
 
 

@@ -6,6 +6,7 @@ import base64
 import gzip
 import json
 import re
+import shutil
 from collections.abc import Iterator
 from dataclasses import replace
 from pathlib import Path
@@ -19,6 +20,7 @@ from numpy.typing import NDArray
 from dockctl.evaluation.replay import MAX_POINTS, Replay, _cloud, page_data, preview, replay
 from dockctl.evaluation.rollout import Rollout
 from dockctl.reports.replay import page
+from dockctl.runs.directory import SHIPPED
 from dockctl.scenarios.base import Pose
 from dockctl.scenarios.extensions import RangeSensor
 from dockctl.scenarios.loader import load
@@ -71,6 +73,16 @@ def test_the_page_holds_each_step_of_each_policy(played: Replay, html: str) -> N
         (track.policy, given["color"]) for given, track in zip(header["episodes"], played.tracks, strict=True)
     }
     assert len(colors) == len({policy for policy, _ in colors}) == len({color for _, color in colors}) == 2
+
+
+def test_policies_of_the_same_scenario_and_seed_are_told_apart(tmp_path: Path) -> None:
+    """For example a training that was stopped early, and its longer repetition."""
+    for name in ("early", "late"):
+        shutil.copytree(SHIPPED / "s1", tmp_path / name)
+    header, _ = contents(page(page_data(replay([tmp_path / "early", tmp_path / "late"], "s1", POSES[:1]))))
+    for key in ("label", "policy"):
+        assert [given[key] for given in header["episodes"]] == ["early", "late"]
+    assert len({given["color"] for given in header["episodes"]}) == 2
 
 
 def test_the_largest_q_value_is_that_of_the_command(played: Replay, html: str) -> None:
