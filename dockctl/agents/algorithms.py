@@ -180,8 +180,8 @@ class StableBaselines3(AlgorithmSpec):
 
     The keys of ``training`` set what both have: seed, learning rate, replay, batch, discount, n-step,
     warm-up, steps per update, epsilon, reward scale, and ``hidden_sizes`` as ``net_arch``. A resumed training
-    continues exactly, unless the model keeps a state outside of its policy, optimizers and replay, as with
-    ``use_sde``.
+    continues exactly, also with the noise of ``use_sde``, unless the model keeps a state outside of its
+    policy, optimizers and replay.
 
     Attributes:
         model: DQN, SAC, TD3 or DDPG, or ``package:Class``.
