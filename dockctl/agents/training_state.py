@@ -57,8 +57,15 @@ class TrainingState:
 
     @property
     def env_steps(self) -> int:
-        """Environment steps at the save."""
-        return int(self.facts["progress"]["env_steps"])
+        """Environment steps at the save.
+
+        Raises:
+            CheckpointError: it does not give them.
+        """
+        try:
+            return int(self.facts["progress"]["env_steps"])
+        except (LookupError, TypeError, ValueError):
+            raise CheckpointError(f"{self.folder}: cannot be resumed: it gives no number of steps") from None
 
     @property
     def blocks(self) -> set[str]:

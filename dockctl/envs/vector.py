@@ -247,6 +247,8 @@ class DockingVectorEnv(VectorEnv[Observations, NDArray[Any], NDArray[Any]]):
             rngs = own["generators"]
             if not {self.num_envs} == {len(kinds), len(indices), len(ended), len(rngs) or self.num_envs}:
                 raise ValueError("another number of boats")
+            if ended.dtype != bool or (ended.any() and self.autoreset_mode == AutoresetMode.SAME_STEP):
+                raise ValueError(f"'ended' is {ended.tolist()}")  # there the next episode begins at once
             self.simulator.restore(own["simulator"])
             self._failed.restore(own.get("failed"))
         except (KeyError, TypeError, ValueError, AttributeError) as error:

@@ -262,6 +262,18 @@ def test_numbers_that_no_save_has_written_are_refused(
     assert str(folder) in caught.value.message
 
 
+@pytest.mark.parametrize("progress", [{}, {"env_steps": "many"}, {"env_steps": None}, [8], "8", None])
+def test_a_state_without_its_steps_is_refused(tmp_path: Path, progress: object) -> None:
+    run = new_run(tmp_path)
+    stop_at(304, run)
+    folder = run.checkpoint("last")
+    tensors, facts = load_pair(folder / "learner.json")
+    save_pair(folder, "learner", tensors, {**facts, "progress": progress})
+    with pytest.raises(CheckpointError) as caught:
+        _ = load_state(run).env_steps
+    assert str(folder) in caught.value.message
+
+
 @pytest.mark.parametrize("missing", ["algorithm/online", "updates"])
 @pytest.mark.parametrize("version", ["0.0.1", dockctl.__version__])
 def test_an_incomplete_state_is_of_another_version_or_edited_and_its_policy_loads(

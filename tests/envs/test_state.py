@@ -211,6 +211,8 @@ def test_states_of_other_environments_are_refused() -> None:
         (boats(), (arrays, {**facts, "generators": {"generator": ["Hidden", {}]}})),
         (boats(), ({**arrays, "simulator.eta": arrays["simulator.eta"][:2]}, facts)),
         (boats(), ({**arrays, "simulator.harbor": arrays["simulator.harbor"] + 9}, facts)),
+        (boats(), ({**arrays, "ended": np.array([False, True, False])}, facts)),
+        (boats(), ({**arrays, "ended": np.zeros(3)}, facts)),
     ):
         other.reset(seed=5)
         before = json.dumps([other.state()[1], other.simulator.eta.tolist()])
