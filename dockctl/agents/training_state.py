@@ -70,7 +70,7 @@ class TrainingState:
     @property
     def blocks(self) -> set[str]:
         """Names of the blocks that were read."""
-        return _names(self.facts)
+        return _names(self.facts, self.folder / LEARNER_JSON)
 
 
 def save_state(
@@ -105,7 +105,7 @@ def save_state(
     for file in unused_blocks(run, run.checkpoints(LAST)):
         with suppress(OSError):  # it only takes space
             file.unlink()
-    return _names({"blocks": blocks})
+    return {name for names in blocks.values() for name in names}
 
 
 def load_state(run: RunDirectory) -> TrainingState:
@@ -125,7 +125,8 @@ def load_state(run: RunDirectory) -> TrainingState:
             of_policy = card.get("facts_sha256")
             if facts.get("policy_facts_sha256", of_policy) != of_policy:
                 raise CheckpointError(f"{folder}: {POLICY} and {LEARNER} are of different saves")
-            tensors |= {name: _load_blocks(run, names) for name, names in _blocks(facts).items()}
+            blocks = _blocks(facts, folder / LEARNER_JSON)
+            tensors |= {name: _load_blocks(run, names) for name, names in blocks.items()}
         except CheckpointError as error:
             damaged[str(error)] = error
         else:
@@ -192,8 +193,8 @@ def _load_blocks(run: RunDirectory, names: list[str]) -> NDArray[Any]:
         raise CheckpointError(f"{_block_file(run, names[0])}: the blocks do not fit: {error}") from None
 
 
-def _blocks(facts: Mapping[str, Any]) -> dict[str, list[str]]:
-    """Return the names of the blocks of each large tensor.
+def _blocks(facts: Mapping[str, Any], file: Path) -> dict[str, list[str]]:
+    """Return the names of the blocks of each large tensor, from the content of a file.
 
     Raises:
         CheckpointError: they are not hashes.
@@ -202,16 +203,16 @@ def _blocks(facts: Mapping[str, Any]) -> dict[str, list[str]]:
         blocks: dict[str, list[str]] = facts.get("blocks", {})
         if all(re.fullmatch("[0-9a-f]{64}", name) for names in blocks.values() for name in names):
             return blocks
-    raise CheckpointError("'blocks' must list hashes")
+    raise CheckpointError(f"{file}: 'blocks' must list hashes")
 
 
-def _names(facts: Mapping[str, Any]) -> set[str]:
-    """Return the names of all blocks.
+def _names(facts: Mapping[str, Any], file: Path) -> set[str]:
+    """Return the names of all blocks, from the content of a file.
 
     Raises:
         CheckpointError: they are not hashes.
     """
-    return {name for names in _blocks(facts).values() for name in names}
+    return {name for names in _blocks(facts, file).values() for name in names}
 
 
 def _block_file(run: RunDirectory, name: str) -> Path:
@@ -222,6 +223,7 @@ def unused_blocks(run: RunDirectory, folders: Iterable[Path]) -> list[Path]:
     """Return the files of the blocks that none of the checkpoints in `folders` lists."""
     used: set[str] = set()
     for folder in folders:
+        file = folder / LEARNER_JSON
         with suppress(DockctlError):
-            used |= _names(read_json(folder / LEARNER_JSON))
+            used |= _names(read_json(file), file)
     return [file for file in (run.path / CHECKPOINTS / BLOCKS).glob("*") if file.stem not in used]

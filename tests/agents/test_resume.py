@@ -243,6 +243,8 @@ def test_files_of_different_saves_are_no_checkpoint(tmp_path: Path, uninterrupte
         (("tables", "episodes.csv"), "x"),
         (("tables", "episodes.csv", "bytes"), 1.5),
         (("tables", "updates.csv", "lines"), None),
+        (("blocks",), "many"),
+        (("blocks",), {"algorithm/replay": ["../policy"]}),
     ],
 )
 def test_numbers_that_no_save_has_written_are_refused(
