@@ -9,6 +9,7 @@ from __future__ import annotations
 import hashlib
 import os
 import re
+from collections import Counter
 from collections.abc import Collection, Iterable, Iterator, Mapping
 from contextlib import suppress
 from dataclasses import asdict, dataclass
@@ -16,6 +17,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+import psutil
 import pydantic.dataclasses
 from numpy.typing import NDArray
 from pydantic import NonNegativeInt
@@ -126,6 +128,7 @@ def load_state(run: RunDirectory) -> TrainingState:
             if facts.get("policy_facts_sha256", of_policy) != of_policy:
                 raise CheckpointError(f"{folder}: {POLICY} and {LEARNER} are of different saves")
             blocks = _blocks(facts, folder / LEARNER_JSON)
+            _require_memory(run, blocks, folder / LEARNER_JSON)
             tensors |= {name: _load_blocks(run, names) for name, names in blocks.items()}
         except CheckpointError as error:
             damaged[str(error)] = error
@@ -175,6 +178,19 @@ def _name(rows: NDArray[Any]) -> str:
     return digest.hexdigest()
 
 
+def _require_memory(run: RunDirectory, blocks: Mapping[str, list[str]], file: Path) -> None:
+    """Check the size of all blocks that a file lists, each as often as it does: they are read, then joined.
+
+    Raises:
+        CheckpointError: they do not fit into memory.
+    """
+    listed = Counter(_block_file(run, name) for names in blocks.values() for name in names)
+    total = sum(times * path.stat().st_size for path, times in listed.items() if path.is_file())
+    if total > psutil.virtual_memory().available / 2:
+        message = f"{file}: lists blocks of {total / 1e9:.1f} GB in all, larger than the memory"
+        raise CheckpointError(message, code="out_of_range")
+
+
 def _load_blocks(run: RunDirectory, names: list[str]) -> NDArray[Any]:
     """Return the tensor that was split into these blocks.
 
@@ -201,7 +217,9 @@ def _blocks(facts: Mapping[str, Any], file: Path) -> dict[str, list[str]]:
     """
     with suppress(AttributeError, TypeError):  # no dictionary, or not of lists of texts
         blocks: dict[str, list[str]] = facts.get("blocks", {})
-        if all(re.fullmatch("[0-9a-f]{64}", name) for names in blocks.values() for name in names):
+        if all(
+            names and all(re.fullmatch("[0-9a-f]{64}", name) for name in names) for names in blocks.values()
+        ):
             return blocks
     raise CheckpointError(f"{file}: 'blocks' must list hashes")
 

@@ -245,6 +245,8 @@ def test_files_of_different_saves_are_no_checkpoint(tmp_path: Path, uninterrupte
         (("tables", "updates.csv", "lines"), None),
         (("blocks",), "many"),
         (("blocks",), {"algorithm/replay": ["../policy"]}),
+        (("blocks",), {"algorithm/replay": []}),
+        (("blocks",), {"algorithm/replay": ""}),
     ],
 )
 def test_numbers_that_no_save_has_written_are_refused(
@@ -261,6 +263,22 @@ def test_numbers_that_no_save_has_written_are_refused(
     save_pair(folder, "learner", tensors, facts)
     with pytest.raises(CheckpointError) as caught:
         toy(run).restore()
+    assert str(folder) in caught.value.message
+
+
+def test_a_block_that_is_listed_again_and_again_does_not_fill_the_memory(tmp_path: Path) -> None:
+    run = new_run(tmp_path)
+    stop_at(304, run)
+    folder = run.checkpoint("last")
+    tensors, facts = load_pair(folder / "learner.json")
+    name = "0" * 64
+    file = run.path / "checkpoints" / "blocks" / f"{name}.safetensors"
+    file.parent.mkdir(exist_ok=True)
+    with file.open("wb") as content:
+        content.truncate(10**7)  # a sparse file
+    save_pair(folder, "learner", tensors, {**facts, "blocks": {"algorithm/replay": [name] * 200_000}})
+    with pytest.raises(CheckpointError, match="larger than the memory") as caught:
+        load_state(run)
     assert str(folder) in caught.value.message
 
 
