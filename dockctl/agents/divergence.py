@@ -76,10 +76,16 @@ class Monitor:
 
         Args:
             same_episodes: episodes that had not ended continue; otherwise new ones start.
+
+        Raises:
+            KeyError, TypeError, ValueError: it is something else.
         """
         if same_episodes:
             self._lasted[:] = arrays["lasted"]
-        self._probes.extend(arrays.get("probes", ()))
+        probes = [*arrays.get("probes", ())]
+        if self._names and {probe.shape for probe in probes} - {(self._training.boats, len(self._names))}:
+            raise ValueError("the observations of the monitor have another shape")
+        self._probes.extend(probes)
         self._reward, self._last_reward = float(facts["reward"]), float(facts["last_reward"])
         scale, self._unchanged = facts["first_scale"], int(facts["unchanged"])
         self._first_scale = None if scale is None else float(scale)

@@ -147,8 +147,8 @@ class EpisodeRecorder:
             ValueError: they are those of another number of boats.
         """
         self._steps[:], self._return[:] = sums["steps"], sums["return"]
-        totals = sums["terms"].reshape(len(terms), self._boats)
-        self._terms = {name: total.copy() for name, total in zip(terms, totals, strict=True)}
+        totals = sums["terms"].astype(float).reshape(len(terms), self._boats)
+        self._terms = dict(zip(terms, totals, strict=True))
 
     def _row(self, boat: int, info: Info) -> dict[str, Value]:
         row: dict[str, Value] = {

@@ -123,7 +123,8 @@ class Trainer:
                 raise
 
     def _new_monitor(self) -> Monitor:
-        names = getattr(self.environment, "observation_names", ())
+        numbers = [str(column) for column in range(self.card.observation_size)]
+        names = getattr(self.environment, "observation_names", numbers)
         return Monitor(self.training, names, self._step_limit)
 
     def _train(self) -> str:

@@ -10,6 +10,7 @@ from pathlib import Path
 from typing import Any
 
 import gymnasium
+import numpy as np
 import pytest
 from gymnasium.vector import AutoresetMode, VectorEnv
 
@@ -264,6 +265,34 @@ def test_numbers_that_no_save_has_written_are_refused(
     with pytest.raises(CheckpointError) as caught:
         toy(run).restore()
     assert str(folder) in caught.value.message
+
+
+@pytest.mark.parametrize("shape", [(), (2, 8), (2, 8, 0), (2, 7, 2), (1, 2, 8, 2)])
+def test_observations_of_another_shape_are_refused(tmp_path: Path, shape: tuple[int, ...]) -> None:
+    run = new_run(tmp_path)
+    stop_at(304, run)
+    folder = run.checkpoint("last")
+    tensors, facts = load_pair(folder / "learner.json")
+    assert tensors["monitor/probes"].shape[1:] == (TRAINING.boats, 2)
+    save_pair(folder, "learner", {**tensors, "monitor/probes": np.zeros(shape)}, facts)
+    with pytest.raises(CheckpointError) as caught:
+        toy(run).restore()
+    assert str(folder) in caught.value.message
+
+
+def test_sums_of_rewards_continue_whatever_their_type(tmp_path: Path) -> None:
+    run = new_run(tmp_path)
+    stop_at(304, run)
+    folder = run.checkpoint("last")
+    tensors, facts = load_pair(folder / "learner.json")
+    sums = np.zeros((1, TRAINING.boats), np.int8)
+    save_pair(folder, "learner", {**tensors, "episodes/terms": sums}, {**facts, "terms": ["distance"]})
+    trainer = toy(run)
+    trainer.restore()
+    rewards = np.full(TRAINING.boats, -0.25)
+    done = np.ones(TRAINING.boats, bool)
+    rows = trainer.episode_recorder.add(rewards, {"reward_terms": {"distance": rewards}}, done)
+    assert {row["reward_distance"] for row in rows} == {-0.25}
 
 
 def test_a_block_that_is_listed_again_and_again_does_not_fill_the_memory(tmp_path: Path) -> None:
