@@ -353,6 +353,11 @@ class Trainer:
         except (AttributeError, LookupError, OverflowError, TypeError, ValueError, RuntimeError) as error:
             reason = " ".join(str(error).split())
             raise CheckpointError(f"{saved.folder}: cannot be resumed: {reason}") from None
+        except PluginError:
+            raise
+        except DockctlError as error:  # the state is of another environment
+            message = f"{saved.folder}: cannot be resumed: {error.message}"
+            raise CheckpointError(message, code=error.code) from None
         self._drop_later_bests()
         lost = [table.restore(state, self.progress.env_steps) for table, state in tables]
         return notes + [loss for loss in lost if loss]

@@ -32,6 +32,7 @@ from dockctl.agents.interface import Spaces
 from dockctl.agents.trainer import Trainer
 from dockctl.agents.training_state import load_state
 from dockctl.envs.vector import DockingVectorEnv
+from dockctl.errors import DockctlError
 from dockctl.evaluation.rollout import Rollout, evaluation_rows
 from dockctl.evaluation.starts import validation_starts
 from dockctl.runs.directory import RunDirectory
@@ -472,6 +473,18 @@ OVERRIDES = (
     "training.validation={starts: 2, every_steps: 200}",
 )  # fmt: skip
 CURRENT = "conditions={current: {speed_mps: [0.0, 0.2], direction_deg: [0, 360]}}"
+
+
+def test_an_error_of_the_environments_state_names_the_checkpoint(tmp_path: Path) -> None:
+    make, run = docking("s1", (*OVERRIDES, "sensors.lidar={kind: planar}")), new_run(tmp_path)
+    stop_at(40, run, make)
+    folder = run.checkpoint("last")
+    tensors, facts = load_pair(folder / "learner.json")
+    tensors["environment/simulator.eta"] = tensors["environment/simulator.eta"][:2]
+    save_pair(folder, "learner", tensors, facts)
+    with pytest.raises(DockctlError, check=lambda error: error.code == "mismatch") as caught:
+        make(run).restore()
+    assert str(folder) in caught.value.message
 
 
 @pytest.mark.slow
