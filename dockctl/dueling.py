@@ -4,7 +4,8 @@
 import.
 
 A policy can be an ensemble of such networks. Then the names of their tensors begin with the number of the
-network, and tensors named ``mirror.<name>`` define how observations and actions are mirrored.
+network. Tensors named ``mirror.<name>`` define how observations and actions are mirrored, and those named
+``hysteresis.<name>`` how the last action is kept.
 """
 
 from __future__ import annotations
@@ -23,6 +24,8 @@ Layer = tuple[NDArray[Any], NDArray[Any]]
 
 LEAST_UNITS = 32
 """Units of the advantage's hidden layer for few actions: all of two or three units die easily."""
+SAME_COMMAND = 1e-4
+"""Observed commands that differ by less are equal."""
 
 
 def advantage_units(actions: int) -> int:
@@ -67,6 +70,29 @@ class Mirror(NamedTuple):
     def observations(self, observation: NDArray[np.float32]) -> NDArray[np.float32]:
         """Return the images of observations (n, observation_size)."""
         return observation[:, self.columns] * self.signs
+
+
+class Hysteresis(NamedTuple):
+    """Keeps the last action until the value of another one is higher by a margin.
+
+    Attributes:
+        columns: (2,) where an observation has the last command.
+        commands: (actions, 2) the command of each action, as it is observed.
+        margin: (actions,) what is added to the value of an action that was the last one.
+    """
+
+    columns: NDArray[np.int64]
+    commands: NDArray[np.float32]
+    margin: NDArray[np.float32]
+
+    def bonus(self, observation: NDArray[np.float32]) -> NDArray[np.float32]:
+        """Return what to add to the action values (n, actions) of observations (n, observation_size)."""
+        last = observation[:, None, self.columns]
+        return np.where(np.abs(last - self.commands).max(axis=2) < SAME_COMMAND, self.margin, np.float32(0))
+
+
+EXTRAS = {"mirror": Mirror, "hysteresis": Hysteresis}
+"""What a checkpoint may contain besides networks, by the prefix of its tensors."""
 
 
 class Layers(NamedTuple):
@@ -126,6 +152,7 @@ class Ensemble(NamedTuple):
 
     networks: tuple[Layers, ...]
     mirror: Mirror | None
+    hysteresis: Hysteresis | None = None
 
     @classmethod
     def of(cls, tensors: Tensors) -> Ensemble:
@@ -134,17 +161,24 @@ class Ensemble(NamedTuple):
         Raises:
             KeyError, ValueError: the tensors are not those of dueling networks of one size.
         """
-        parts, mirror = split(tensors)
-        ensemble = cls(tuple(map(Layers.of, parts)), mirror)
+        parts, mirror, hysteresis = split(tensors)
+        ensemble = cls(tuple(map(Layers.of, parts)), mirror, hysteresis)
         if len({network.sizes for network in ensemble.networks}) != 1:
             raise ValueError("expected one network, or several of one size")
+        inputs, actions = ensemble.sizes
         if mirror is not None:
-            inputs, actions = ensemble.sizes
             for images, count in ((mirror.columns, inputs), (mirror.actions, actions)):
                 if images.dtype.kind != "i" or sorted(images.tolist()) != list(range(count)):
                     raise ValueError(f"the mirror images {images} are no permutation of {count} numbers")
             if mirror.signs.shape != (inputs,):
                 raise ValueError(f"signs of shape {mirror.signs.shape} for {inputs} inputs")
+        if hysteresis is not None:
+            given = tuple(array.shape for array in hysteresis)
+            if given != (expected := ((2,), (actions, 2), (actions,))):
+                raise ValueError(f"a hysteresis of shapes {given}, expected {expected}")
+            columns = hysteresis.columns
+            if columns.dtype.kind != "i" or not 0 <= columns.min() <= columns.max() < inputs:
+                raise ValueError(f"the hysteresis reads the columns {columns} of {inputs}")
         return ensemble
 
     @property
@@ -160,32 +194,49 @@ class Ensemble(NamedTuple):
             values += [network.q_values(images)[:, self.mirror.actions] for network in self.networks]
         return np.asarray(sum(values[1:], values[0]) / np.float32(len(values)))
 
+    def greedy(self, observation: NDArray[np.float32], q_values: NDArray[np.float32]) -> NDArray[np.int64]:
+        """Return the actions (n,) for observations (n, k) and their values (n, actions)."""
+        if self.hysteresis is not None:
+            q_values = q_values + self.hysteresis.bonus(observation)
+        return q_values.argmax(axis=1)
 
-def split(tensors: Tensors) -> tuple[list[Tensors], Mirror | None]:
-    """Return the tensors of each network of a checkpoint, newest first, and the mirror if there is one.
+
+def split(tensors: Tensors) -> tuple[list[Tensors], Mirror | None, Hysteresis | None]:
+    """Return the tensors of each network of a checkpoint, newest first; mirror and hysteresis, if any.
 
     Raises:
-        ValueError: the mirror lacks an array, or has others.
+        ValueError: the mirror or the hysteresis lacks an array, or has others.
     """
     groups: dict[str, dict[str, NDArray[Any]]] = {}
     for name, array in tensors.items():
         group, _, rest = name.partition(".")
         groups.setdefault(group, {})[rest] = array
-    images = groups.pop("mirror", None)
-    if images is not None and images.keys() != {*Mirror._fields}:
-        raise ValueError(f"the mirror has the arrays {', '.join(images)}, not {', '.join(Mirror._fields)}")
-    mirror = None if images is None else Mirror(**images)
+    images, keeping = (_extra(groups, name, kind._fields) for name, kind in EXTRAS.items())
+    mirror, hysteresis = images and Mirror(**images), keeping and Hysteresis(**keeping)
     numbered: list[Tensors] = [groups[name] for name in map(str, range(len(groups))) if name in groups]
-    return (numbered if len(numbered) == len(groups) else [tensors]), mirror
+    return (numbered if len(numbered) == len(groups) else [tensors]), mirror, hysteresis
 
 
-def join(networks: Sequence[Tensors], mirror: Mirror | None) -> Tensors:
+def _extra(
+    groups: dict[str, dict[str, NDArray[Any]]], name: str, fields: Sequence[str]
+) -> dict[str, NDArray[Any]] | None:
+    """Remove and return the arrays of a mirror or of a hysteresis, if there are any."""
+    arrays = groups.pop(name, None)
+    if arrays is not None and arrays.keys() != {*fields}:
+        raise ValueError(f"the {name} has the arrays {', '.join(arrays)}, not {', '.join(fields)}")
+    return arrays
+
+
+def join(
+    networks: Sequence[Tensors], mirror: Mirror | None = None, hysteresis: Hysteresis | None = None
+) -> Tensors:
     """Return the tensors of a checkpoint of these networks, newest first; see `split`."""
-    if len(networks) == 1 and mirror is None:
+    extras = {
+        name: extra._asdict() for name, extra in zip(EXTRAS, (mirror, hysteresis), strict=True) if extra
+    }
+    if len(networks) == 1 and not extras:
         return networks[0]
-    groups = {str(number): network for number, network in enumerate(networks)}
-    if mirror is not None:
-        groups["mirror"] = mirror._asdict()
+    groups = {str(number): network for number, network in enumerate(networks)} | extras
     return {f"{group}.{name}": array for group, part in groups.items() for name, array in part.items()}
 
 

@@ -364,7 +364,7 @@ class Pilot:
                 )
         observation = np.clip(scaled, self._low, self._high)
         q_values = self.networks.q_values(observation[None])[0]
-        action = int(q_values.argmax())
+        action = int(self.networks.greedy(observation[None], q_values[None])[0])
         self._command = self._commands[action].copy()
         force, angle = self._command.tolist()
         return Decision(force, angle, "", False, self.phase, action, observation, ranges, q_values)

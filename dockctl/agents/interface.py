@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple, Protocol, Self, runtime_check
 import numpy as np
 from numpy.typing import NDArray
 
-from dockctl.dueling import Mirror
+from dockctl.dueling import Hysteresis, Mirror
 
 if TYPE_CHECKING:
     from gymnasium.spaces import Space
@@ -173,6 +173,15 @@ class Mirrorable(Protocol):
 
     def learn_mirrored(self, mirror: Mirror) -> None:
         """From now on, also learn from mirror images."""
+        ...
+
+
+@runtime_checkable
+class Hysteretic(Protocol):
+    """An algorithm whose policy can keep its last action."""
+
+    def keep_actions(self, hysteresis: Hysteresis) -> None:
+        """From now on, the policy keeps its last action until another one is better by a margin."""
         ...
 
 

@@ -11,8 +11,9 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from dockctl.agents.algorithms import Dqn, algorithm_of, discrete_sizes
-from dockctl.agents.interface import Algorithm, Mirrorable, Spaces
-from dockctl.dueling import Mirror
+from dockctl.agents.interface import Algorithm, Hysteretic, Mirrorable, Spaces
+from dockctl.dueling import Hysteresis, Mirror
+from dockctl.envs.hysteresis import action_hysteresis
 from dockctl.envs.mirror import mirror_images
 from dockctl.envs.vector import DockingVectorEnv
 from dockctl.errors import InputError, PluginError
@@ -110,6 +111,8 @@ def _step(loaded: LoadedScenario) -> None:
     _require_finite_terms(by_term)
     if scenario.training.mirrored:
         mirror_images(scenario)
+    if scenario.training.hysteresis is not None:
+        action_hysteresis(scenario, scenario.training.hysteresis)
     spec, spaces = algorithm_of(scenario.training), Spaces.from_env(env)
     if isinstance(spec, Dqn):
         discrete_sizes(spaces)
@@ -152,6 +155,12 @@ def build_algorithm(loaded: LoadedScenario, spaces: Spaces, boats: int, device: 
                 message = f"the algorithm '{spec.kind}' cannot learn from mirror images"
                 raise FieldError("training.mirrored", message, "mismatch")
             algorithm.learn_mirrored(Mirror(*mirror_images(loaded.scenario)))
+        if training.hysteresis is not None:
+            if not isinstance(algorithm, Hysteretic):
+                message = f"the policy of the algorithm '{spec.kind}' cannot keep its actions"
+                raise FieldError("training.hysteresis", message, "mismatch")
+            margin = training.hysteresis * training.reward_scale
+            algorithm.keep_actions(Hysteresis(*action_hysteresis(loaded.scenario, margin)))
     return algorithm
 
 

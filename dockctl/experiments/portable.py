@@ -18,7 +18,7 @@ from rich.console import Console
 
 import dockctl
 from dockctl.console import print_text
-from dockctl.dueling import Ensemble, Layers
+from dockctl.dueling import SAME_COMMAND, Ensemble, Layers
 from dockctl.envs.observation import HISTORY, ObservationEncoder, blank_view
 from dockctl.errors import DockctlError
 from dockctl.evaluation.policies import CheckpointPolicy, load_checkpoint
@@ -103,7 +103,7 @@ def onnx_model(policy: CheckpointPolicy, scenario: Scenario) -> bytes:
             "--onnx: needs the package onnx; install it with: pip install 'dockctl[onnx]'",
             code="unavailable",
         ) from None
-    networks, mirror = _networks(policy)
+    networks, mirror, hysteresis = _networks(policy)
     facts = description(policy, scenario)
     constants: dict[str, Any] = {}
     nodes: list[Any] = []
@@ -148,6 +148,13 @@ def onnx_model(policy: CheckpointPolicy, scenario: Scenario) -> bytes:
             for number, network in enumerate(networks)
         ]
     q = node("Mean", *each, name="q_values")
+    if hysteresis is not None:
+        last = node("Gather", x, constant("last command", hysteresis.columns, np.int64), axis=1)
+        rows = node("Unsqueeze", last, constant("axis", [1], np.int64))
+        difference = node("Abs", node("Sub", rows, constant("commands", hysteresis.commands)))
+        farthest = node("ReduceMax", difference, axes=[2], keepdims=0)
+        same = node("Cast", node("Less", farthest, constant("same", SAME_COMMAND)), to=TensorProto.FLOAT)
+        q = node("Add", q, node("Mul", same, constant("margin", hysteresis.margin)))
     action = node("ArgMax", q, axis=1, keepdims=0, name="action")
     for column, name in enumerate(("propeller_n", "rudder_rad")):
         table = constant(f"{name} of actions", [command[column] for command in facts["commands"]])

@@ -125,6 +125,7 @@ THESIS: dict[str, Any] = {
     "target_update_interval": 500,
     "averaged_copies": None,
     "ensemble": None,
+    "hysteresis": None,
     "action_repeat": 1,
     "epsilon": {"start": 1.0, "end": 0.01, "decay_steps": 500_000},
     "warmup_steps": 32,
@@ -159,6 +160,10 @@ class Training(Model):
         default=20, description="target copies that the saved policy averages; null for the online network"
     )
     ensemble: Ensemble | None = None
+    hysteresis: Positive | None = Field(
+        default=None,
+        description="the policy keeps its last action until the value of another is higher by this [reward]",
+    )
     optimizer: Literal["adam", "rmsprop"] = "adam"
     learning_rate: Positive = 5e-4
     final_learning_rate: Positive = Field(default=5e-5, description="reached linearly at total_steps")

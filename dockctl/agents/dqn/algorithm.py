@@ -19,7 +19,7 @@ from dockctl.agents.dqn.replay import Batch, NStep, Replay, mirror_every_second
 from dockctl.agents.dqn.update import DoubleDQN
 from dockctl.agents.interface import Metrics, Step, Tensors
 from dockctl.agents.tensors import load_parameters, numpy_tensors
-from dockctl.dueling import Mirror, join, split
+from dockctl.dueling import Hysteresis, Mirror, join, split
 from dockctl.scenarios.training import Training
 
 DRAWN_BYTES = 2**25
@@ -57,6 +57,7 @@ class DQN:
         self.epsilon: float | None = training.epsilon.start
         self.slowdown = 1.0
         self.mirror: Mirror | None = None
+        self.hysteresis: Hysteresis | None = None
 
     @property
     def policy(self) -> GreedyPolicy:
@@ -97,7 +98,7 @@ class DQN:
 
     def start_from(self, policy: Tensors, inputs: NDArray[np.int64]) -> None:
         """Take over the parameters of the newest network; new inputs have no weight. See `FineTunable`."""
-        (newest, *_), _ = split(policy)
+        (newest, *_), *_ = split(policy)
         first, known = newest[FIRST_LAYER], inputs >= 0
         weights = np.zeros((len(first), len(inputs)), first.dtype)
         weights[:, known] = first[:, inputs[known]]
@@ -107,6 +108,10 @@ class DQN:
     def learn_mirrored(self, mirror: Mirror) -> None:
         """Replace half of the transitions by their mirror images; see `Mirrorable`."""
         self.mirror = mirror
+
+    def keep_actions(self, hysteresis: Hysteresis) -> None:
+        """Let the policy, not the exploration, keep its last action; see `Hysteretic`."""
+        self.hysteresis = hysteresis
 
     def _update(self, transitions: Batch, due: int, learning_rate: float) -> Iterator[Metrics]:
         while due:
@@ -142,8 +147,8 @@ class DQN:
         """Return the parameters of the evaluated networks; see `Algorithm`."""
         newest = numpy_tensors(self.learner.evaluated.state_dict())
         if self.training.ensemble is None:
-            return newest
-        return join([newest, *self.learner.snapshots], self.mirror)
+            return join([newest], hysteresis=self.hysteresis)
+        return join([newest, *self.learner.snapshots], self.mirror, self.hysteresis)
 
     def state(self) -> tuple[Tensors, dict[str, Any]]:
         """Return the other networks, optimizer, replay, n-step windows and generators; see `Algorithm`."""
@@ -165,7 +170,7 @@ class DQN:
             raise KeyError("online")
         load_parameters(self.learner.online, nested["online"])
         load_parameters(self.learner.target, nested["target"])
-        (newest, *self.learner.snapshots), _ = split(policy)
+        (newest, *self.learner.snapshots), *_ = split(policy)
         load_parameters(self.learner.evaluated, newest)
         self.learner.steps.load_moments(nested["optimizer"])
         self.replay.load(nested["replay"], self.actions)

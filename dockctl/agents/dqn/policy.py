@@ -12,7 +12,7 @@ from dockctl.dueling import Ensemble
 
 
 class GreedyPolicy(Policy):
-    """The action of the highest value.
+    """The action of the highest value, or the last one with a hysteresis.
 
     Args:
         tensors: of the networks; see `dockctl.dueling`.
@@ -25,13 +25,13 @@ class GreedyPolicy(Policy):
         self._networks = Ensemble.of(tensors)
 
     def act(self, observation: NDArray[Any], info: Info) -> NDArray[np.int64]:
-        """Return the action of the highest value for each boat; see `Policy`.
+        """Return the action for each boat; see `Policy`.
 
         Raises:
             ValueError: see `q_values`.
         """
-        best: NDArray[np.int64] = self.q_values(observation).argmax(axis=1)
-        return best
+        values = self.q_values(observation)
+        return self._networks.greedy(observation.astype(np.float32, copy=False), values)
 
     def q_values(self, observation: NDArray[Any]) -> NDArray[np.float32]:
         """Return the values of all actions, (n, observation_size) -> (n, actions).

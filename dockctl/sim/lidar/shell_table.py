@@ -20,7 +20,7 @@ Ints = NDArray[np.int32]
 Runs = NDArray[np.void]
 
 BINS_PER_SECTOR = 32
-SHELL_GROWTH = 1.03
+SHELL_GROWTH = 1.025
 SHELL_STEP_M = 0.02
 CORE_CELL_M = 0.08
 CORE_STEP_M = 0.04  # the reach is then the radius of the finest level of the grid, 0.1 m

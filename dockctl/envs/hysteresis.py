@@ -1,0 +1,49 @@
+"""Hysteresis of a greedy policy: it keeps its last action until another one is better by a margin.
+
+Where the values of two actions are nearly equal, a greedy policy can change between ahead and astern forever.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from gymnasium.spaces import Discrete
+from numpy.typing import NDArray
+
+from dockctl.envs.observation import ObservationEncoder
+from dockctl.geometry import Ints
+from dockctl.scenarios.base import FieldError
+from dockctl.scenarios.schema import Scenario
+from dockctl.sim.vessel import VesselModel
+
+FIELD = "training.hysteresis"
+
+
+def action_hysteresis(
+    scenario: Scenario, margin: float
+) -> tuple[Ints, NDArray[np.float32], NDArray[np.float32]]:
+    """Return how a policy recognizes its last action in an observation, and what to add to its value.
+
+    Args:
+        scenario: its actions are discrete and each is a command, and the observation has the part `command`.
+        margin: in the unit of the action values.
+
+    Returns:
+        The columns of the last command (2,); the command of each action as it is observed (actions, 2); and
+        the margin of each action (actions,), 0 without thrust: a boat at rest does not go on waiting.
+
+    Raises:
+        FieldError: the observation has no last command, or the actions are not commands.
+    """
+    encoder = ObservationEncoder(scenario.observation, scenario.sensors.lidar.sectors)
+    columns = np.flatnonzero(np.array(encoder.parts) == "command")
+    if not len(columns):
+        raise FieldError(FIELD, "needs the last command: the part 'command' in the observation", "mismatch")
+    space = scenario.actions.space(scenario.vessel)
+    if not isinstance(space, Discrete) or scenario.actions.has_memory:
+        message = (
+            f"needs discrete actions that are commands, such as kind 'grid', not '{scenario.actions.kind}'"
+        )
+        raise FieldError(FIELD, message, "mismatch")
+    commands = scenario.actions.commands(np.arange(space.n), scenario.vessel)
+    observed = (commands / VesselModel(scenario.vessel).command_limit).astype(np.float32)
+    return columns[:2], observed, np.where(commands[:, 0] == 0, 0, margin).astype(np.float32)
