@@ -91,10 +91,6 @@ class Hysteresis(NamedTuple):
         return np.where(np.abs(last - self.commands).max(axis=2) < SAME_COMMAND, self.margin, np.float32(0))
 
 
-EXTRAS = {"mirror": Mirror, "hysteresis": Hysteresis}
-"""What a checkpoint may contain besides networks, by the prefix of its tensors."""
-
-
 class Layers(NamedTuple):
     """Weights (outputs, inputs) and biases of a dueling network: shared layers and the two streams."""
 
@@ -198,7 +194,8 @@ class Ensemble(NamedTuple):
         """Return the actions (n,) for observations (n, k) and their values (n, actions)."""
         if self.hysteresis is not None:
             q_values = q_values + self.hysteresis.bonus(observation)
-        return q_values.argmax(axis=1)
+        actions: NDArray[np.int64] = q_values.argmax(axis=1)
+        return actions
 
 
 def split(tensors: Tensors) -> tuple[list[Tensors], Mirror | None, Hysteresis | None]:
@@ -211,19 +208,20 @@ def split(tensors: Tensors) -> tuple[list[Tensors], Mirror | None, Hysteresis | 
     for name, array in tensors.items():
         group, _, rest = name.partition(".")
         groups.setdefault(group, {})[rest] = array
-    images, keeping = (_extra(groups, name, kind._fields) for name, kind in EXTRAS.items())
-    mirror, hysteresis = images and Mirror(**images), keeping and Hysteresis(**keeping)
+    images, keeping = _extra(groups, "mirror", Mirror), _extra(groups, "hysteresis", Hysteresis)
+    mirror = None if images is None else Mirror(**images)
+    hysteresis = None if keeping is None else Hysteresis(**keeping)
     numbered: list[Tensors] = [groups[name] for name in map(str, range(len(groups))) if name in groups]
     return (numbered if len(numbered) == len(groups) else [tensors]), mirror, hysteresis
 
 
 def _extra(
-    groups: dict[str, dict[str, NDArray[Any]]], name: str, fields: Sequence[str]
+    groups: dict[str, dict[str, NDArray[Any]]], name: str, kind: type[Mirror | Hysteresis]
 ) -> dict[str, NDArray[Any]] | None:
     """Remove and return the arrays of a mirror or of a hysteresis, if there are any."""
     arrays = groups.pop(name, None)
-    if arrays is not None and arrays.keys() != {*fields}:
-        raise ValueError(f"the {name} has the arrays {', '.join(arrays)}, not {', '.join(fields)}")
+    if arrays is not None and arrays.keys() != {*kind._fields}:
+        raise ValueError(f"the {name} has the arrays {', '.join(arrays)}, not {', '.join(kind._fields)}")
     return arrays
 
 
@@ -231,12 +229,12 @@ def join(
     networks: Sequence[Tensors], mirror: Mirror | None = None, hysteresis: Hysteresis | None = None
 ) -> Tensors:
     """Return the tensors of a checkpoint of these networks, newest first; see `split`."""
-    extras = {
-        name: extra._asdict() for name, extra in zip(EXTRAS, (mirror, hysteresis), strict=True) if extra
-    }
-    if len(networks) == 1 and not extras:
+    if len(networks) == 1 and mirror is None and hysteresis is None:
         return networks[0]
-    groups = {str(number): network for number, network in enumerate(networks)} | extras
+    groups = {str(number): network for number, network in enumerate(networks)}
+    for name, extra in (("mirror", mirror), ("hysteresis", hysteresis)):
+        if extra is not None:
+            groups[name] = extra._asdict()
     return {f"{group}.{name}": array for group, part in groups.items() for name, array in part.items()}
 
 
