@@ -138,6 +138,8 @@ def _facts(
     if ensemble := scenario.training.ensemble:
         layers += f"; an ensemble of {ensemble.networks}, {ensemble.every_steps:,} steps apart"
         layers += ", and of their mirror images" if scenario.training.mirrored else ""
+    if hysteresis := scenario.training.hysteresis:
+        layers += f"; it keeps its last action until another one is better by {hysteresis:g}"
     yield "network", layers
     sectors = scenario.sensors.lidar.sectors
     parts = ", ".join(map(_part, scenario.observation))
