@@ -154,7 +154,7 @@ def _require_usable(kind: str, name: str, starter: Starter) -> None:
     catalog.fill()
     if starter.registry is not None and name in starter.registry:
         origin = starter.registry.origin(name)
-        message = f"there is a {starter.registry.noun} '{name}' already, by {origin}; choose another name"
+        message = f"the {starter.registry.noun} '{name}' exists already, in {origin}; choose another name"
         raise DockctlError(message, code="duplicate")
     if kind == "plugin" and find_spec(name.replace("-", "_")) is not None:
         raise DockctlError(f"there is a module '{name}' already; choose another name", code="duplicate")

@@ -10,7 +10,7 @@ from typing import Any
 
 from dockctl.errors import DockctlError
 from dockctl.reading import read_bytes
-from dockctl.run_files import EVALUATION, EVALUATIONS_CSV, PROVENANCE, TIMING_CSV
+from dockctl.run_files import EPISODES_CSV, EVALUATION, EVALUATIONS_CSV, PROVENANCE, TIMING_CSV
 from dockctl.runs.directory import RunDirectory
 from dockctl.runs.files import is_locked
 from dockctl.runs.tables import MAX_TABLE_BYTES, START_KEYS
@@ -27,7 +27,7 @@ class RunSummary:
     Attributes:
         name: that the user gave it, or an empty string.
         state: training, finished, interrupted, diverged or damaged.
-        env_steps: environment steps at the last evaluation.
+        env_steps: environment steps at the last evaluation or at the end of the last training episode.
         success: fraction that docked in ``dockctl evaluate``, else in the last validation.
         measured: what `success` is of, ``evaluation`` or ``validation``; an empty string without any.
         size: of all files [bytes].
@@ -54,14 +54,15 @@ def summarize(run: RunDirectory) -> RunSummary:
     facts = _facts(run)
     seed, name, tags = (facts.get(key) for key in ("seed", "name", "tags"))
     success, measured = _success(run)
-    steps = _last_rows(run, TIMING_CSV)
+    latest = (rows[-1] for table in (TIMING_CSV, EPISODES_CSV) if (rows := _last_rows(run, table)))
+    steps = [count for row in latest if (count := _whole(row.get("env_steps"))) is not None]
     return RunSummary(
         path=run.path,
         name=name if isinstance(name, str) else "",
         scenario=run.path.parent.name,
         seed=seed if isinstance(seed, int) else None,
         state=state_of(run),
-        env_steps=_whole(steps[-1].get("env_steps")) if steps else None,
+        env_steps=max(steps, default=None),
         success=success,
         measured=measured,
         tags=tuple(map(str, tags)) if isinstance(tags, list) else (),

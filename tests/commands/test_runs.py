@@ -61,6 +61,9 @@ def test_the_list(root: Path) -> None:
         path.stat().st_size for path in (root / "s1/finished").rglob("*") if path.is_file()
     )
     assert found["interrupted"]["state"] == "interrupted"
+    with (root / "s1/interrupted/episodes.csv").open("a") as table:  # an episode after the last evaluation
+        table.write("900,11424\n")
+    assert listed(root)["interrupted"]["env_steps"] == 11_424
     change(root / "s1/interrupted", stop_reason="diverged")
     (root / "s1/empty/provenance.json").write_text("{")
     with exclusive_lock(root / "s1/finished"):

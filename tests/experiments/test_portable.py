@@ -41,7 +41,7 @@ def view(n: int, sectors: int, past: int) -> View:
         eta=rng.uniform(-3, 3, (n, 3)),
         goal=rng.uniform(-3, 3, (n, 3)),
         nu=rng.normal(size=(n, 3)) * [0.4, 0.1, 0.04],
-        command=rng.uniform(-1, 1, (n, 2)) * [50, np.radians(30)],
+        command=np.column_stack([rng.integers(-5, 6, n) * 10, np.radians(rng.integers(-3, 4, n) * 10)]),
         command_limit=np.array([50, np.radians(30)]),
         sector_ranges_m=rng.uniform(0, 30, (n, sectors)),
         apparent_wind=rng.normal(size=(n, 2)) * 5,
@@ -52,7 +52,7 @@ def view(n: int, sectors: int, past: int) -> View:
 
 @pytest.mark.parametrize("name", ["s3", "marina", "marinas", "marinas-weather"])
 def test_an_onnx_model_takes_units_and_gives_the_command(name: str) -> None:
-    """One network, one with its mirror image, and ensembles."""
+    """One network, one with its mirror image, ensembles, and one with hysteresis."""
     runtime = pytest.importorskip("onnxruntime")
     policy = load_policy(name)
     assert isinstance(policy, CheckpointPolicy)
@@ -64,9 +64,11 @@ def test_an_onnx_model_takes_units_and_gives_the_command(name: str) -> None:
     raw = np.hstack([columns.values for columns in encoder.columns(states)]).astype(np.float32)
     names = [output.name for output in session.get_outputs()]
     outputs = dict(zip(names, session.run(None, {"observation": raw}), strict=True))
-    expected = Ensemble.of(policy.tensors).q_values(encoder(states))
-    assert outputs["q_values"] == pytest.approx(expected, rel=1e-4, abs=2e-3)
-    assert (outputs["action"] == outputs["q_values"].argmax(axis=1)).all()
+    networks, observed = Ensemble.of(policy.tensors), encoder(states)
+    assert outputs["q_values"] == pytest.approx(networks.q_values(observed), rel=1e-4, abs=2e-3)
+    assert (outputs["action"] == networks.greedy(observed, outputs["q_values"])).all()
+    kept = outputs["action"] != outputs["q_values"].argmax(axis=1)
+    assert kept.any() == (name == "marinas")
     facts = json.loads(session.get_modelmeta().custom_metadata_map["description"])
     assert facts == description(policy, scenario)
     commands = np.array(facts["commands"])[outputs["action"]]
