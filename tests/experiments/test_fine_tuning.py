@@ -45,10 +45,10 @@ def test_a_policy_acts_as_before_whatever_the_new_inputs_are(run: TrainedRun, tm
 
 def test_of_an_ensemble_the_newest_network_is_taken(tmp_path: Path) -> None:
     ensemble = ("training.ensemble={networks: 3, every_steps: 10}", "training.target_update_interval=5")
-    first = trained(tmp_path / "first", *ensemble)
+    first = trained(tmp_path / "first", *ensemble, "training.hysteresis=100")
     tuned = trained(tmp_path / "tuned", "training.warmup_steps=1000", start_from=first.path)
-    (newest, *others), mirror = split(load_pair(find_policy(first.path))[0])
-    assert (len(others), mirror) == (2, None)
+    (newest, *others), mirror, hysteresis = split(load_pair(find_policy(first.path))[0])
+    assert (len(others), mirror, hysteresis is not None) == (2, None, True)
     started = load_pair(find_policy(tuned.path))[0]
     for name, array in newest.items():
         np.testing.assert_array_equal(started[name], array)
