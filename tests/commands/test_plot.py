@@ -41,6 +41,7 @@ def test_the_latest_run_is_drawn_into_its_folder(run: Path, monkeypatch: pytest.
 
 
 @pytest.mark.usefixtures("not_rendered")
+@pytest.mark.thorough
 def test_without_a_run_a_recording_of_a_shipped_policy_is_drawn(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:

@@ -24,6 +24,7 @@ def test_the_report_of_a_run_has_its_replay(run: Path, tmp_path: Path) -> None:
 
 
 @pytest.mark.slow
+@pytest.mark.thorough
 def test_without_a_run_the_report_is_of_a_shipped_policy(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:

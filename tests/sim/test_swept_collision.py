@@ -123,6 +123,7 @@ def test_clearance_is_zero_inside() -> None:
     assert checker(land, buoy).clearance(eta) == pytest.approx([0, 0, 0, 2.5])
 
 
+@pytest.mark.thorough
 def test_checks_leave_no_memory_behind() -> None:
     """python-fcl never frees 32 bytes of an object that is made for each check."""
     block = checker(box((10, -50, -1), (30, 50, 1)))
