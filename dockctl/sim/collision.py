@@ -82,19 +82,12 @@ class CollisionChecker:
     def collided_part(self, eta: Floats) -> str | None:
         """Return the name of the part that blocks the pose (3,), or None."""
         pose = eta[None]
-        touched = [part for hull in self._hull.placed(pose) for part in self._touched(hull, pose)]
-        part = touched[0] if touched else int(self._contained(pose)[0])
-        return self.harbor.parts[part].name if part >= 0 else None
-
-    def _touched(self, hull: fcl.CollisionObject, pose: Floats) -> list[int]:
-        """Return the part that the hull touches at its pose (1, 3), or nothing."""
         close = np.flatnonzero(self._low.gaps(self._bounds(pose))[0] <= 0).tolist()
-        touched = [part for part in close if _touch(hull, self._low.of_part(part))]
-        if len(touched) < 2:
-            return touched
-        result = fcl.CollisionResult()  # the first one in the order of a tree of all triangles
-        fcl.collide(hull, _all_solids(self.harbor), fcl.CollisionRequest(1, True), result)
-        return [int(self.harbor.part_of_triangle[result.contacts[0].b2])]
+        touched = (
+            part for hull in self._hull.placed(pose) for part in close if _touch(hull, self._low.of_part(part))
+        )
+        part = next(touched, int(self._contained(pose)[0]))
+        return self.harbor.parts[part].name if part >= 0 else None
 
     def clearance(self, eta: Floats) -> Floats:
         """Return the distance between the hull and the harbor, 0 if it is blocked, (n, 3) to (n,) [m]."""
@@ -286,11 +279,6 @@ def _moved(path: Floats, reach_m: float) -> Floats:
     """
     x, y, heading = np.diff(path[:, :3], axis=0).T
     return np.concatenate([[0.0], np.cumsum(np.hypot(x, y) + reach_m * np.abs(heading))])
-
-
-@lru_cache(maxsize=1)  # some ten megabytes, and few trainings need it more than once
-def _all_solids(harbor: Harbor) -> fcl.CollisionObject:
-    return fcl.CollisionObject(_bvh(harbor.triangles))
 
 
 def _bvh(triangles: Floats) -> fcl.BVHModel:
