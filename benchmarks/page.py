@@ -130,7 +130,7 @@ About half of the time is the traversal of rays through cells of 0.1 m and the i
 rest is the selection of the rays. Both are bound by memory access, because every pose uses another part of
 the tables.
 
-Harbors in one training: {facts["boats"]} boats of `marinas`, with its eight LiDARs, in so many generated
+Harbors in one training: {facts["boats"]} boats of `marinas`, with its eight LiDARs, in that many generated
 layouts. The memory is that of harbors, LiDAR tables and environment.
 
 {table(("harbors", "CPU time per boat and step [µs]", "memory [MB]"), harbors)}"""

@@ -119,7 +119,7 @@ class _Notes(logging.Handler):
     """Prints the progress of long preparations.
 
     A spinner on the terminal replaces standard error as long as it turns, so that texts appear above it. The
-    stream handler of `logging` keeps the stream that it has at first.
+    stream handler of `logging` keeps the stream that it was made with.
     """
 
     def emit(self, record: logging.LogRecord) -> None:

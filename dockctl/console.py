@@ -21,7 +21,7 @@ from rich.text import Text
 WIDE = Console(width=10_000)
 """For measurements."""
 CONTROLS = re.compile(r"[\x00-\x08\x0b-\x1f\x7f-\x9f\u202a-\u202e\u2066-\u2069]")
-"""Characters of texts from others that command a terminal or reverse what it shows."""
+"""Characters in untrusted texts that control a terminal or reverse what it shows."""
 
 
 class SafeStream(io.TextIOWrapper):

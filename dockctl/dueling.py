@@ -23,7 +23,7 @@ Layer = tuple[NDArray[Any], NDArray[Any]]
 
 
 LEAST_UNITS = 32
-"""Units of the advantage's hidden layer for few actions: all of two or three units die easily."""
+"""Units of the advantage's hidden layer for few actions: with only two or three, all of them can die."""
 SAME_COMMAND = 1e-4
 """Observed commands that differ by less are equal."""
 

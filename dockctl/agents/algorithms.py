@@ -54,7 +54,7 @@ class AlgorithmSpec(Kind):
         return self.kind
 
     def memory(self, spaces: Spaces, training: Training) -> tuple[MemoryUse, ...]:
-        """Estimate what `build` and the training allocate; by default nothing that counts.
+        """Estimate what `build` and the training allocate; negligible by default.
 
         Args:
             spaces: of one boat.

@@ -320,7 +320,7 @@ def saved_steps(folder: Path) -> int:
 
 
 def _intact(files: Sequence[Path]) -> Path:
-    """Return the first checkpoint that is not damaged; the first of all if none is, for its error."""
+    """Return the first checkpoint that is not damaged; if all are, the first, whose error is reported."""
     for file in files:
         try:
             load_pair(file)

@@ -220,8 +220,11 @@ class Resumable(Protocol):
 
 
 def final_observation(observation: NDArray[Any], info: Info, done: NDArray[np.bool_]) -> NDArray[Any]:
-    """Return the observations after the step and before any reset, (n, observation_size)."""
-    if not done.any():
+    """Return the observations after the step and before any reset, (n, observation_size).
+
+    Those of an environment that does not give them are the first ones of the next episodes.
+    """
+    if not done.any() or "final_obs" not in info:
         return observation
     final = observation.copy()
     final[done] = np.stack(list(info["final_obs"][done]))

@@ -37,9 +37,11 @@ from dockctl.scenarios.training import StopRule, Training
 
 TABLES = {EPISODES_CSV: EPISODES, UPDATES_CSV: UPDATES, EVALUATIONS_CSV: EVALUATIONS, TIMING_CSV: TIMING}
 UPDATE_ROWS = 2000
-"""Rows of ``updates.csv`` after ``training.total_steps``, about."""
+"""Approximate rows of ``updates.csv`` after ``training.total_steps``."""
 MAX_ROLLBACKS = 3
-
+NO_FINAL_OBSERVATION = (
+    "the environment gives no final observations (final_obs): truncated episodes count as terminated"
+)
 
 Greedy = Callable[[Policy], Sequence[dict[str, Value]]]
 """Runs greedy episodes; returns a row for each, with the columns `dockctl.runs.tables.EVALUATIONS`."""
@@ -51,7 +53,8 @@ class Trainer:
     Args:
         algorithm: acts and learns.
         training: limits, stop rule, and the interval of validations and checkpoints.
-        environment: ``training.boats`` boats with same-step autoreset; the keys of its `info` are optional.
+        environment: ``training.boats`` boats with same-step autoreset, also if it declares no mode; the keys
+            of its `info` are optional. Without ``final_obs``, truncated episodes count as terminated.
         run: gets tables and checkpoints.
         card: of the policy; its step count is updated when it is saved.
         validate: from many starts, which select the checkpoint ``best``; without it there is only ``last``.
@@ -159,11 +162,14 @@ class Trainer:
         except DivergenceError as error:
             if self.training.on_divergence != "continue":
                 raise
-            if error.term not in self._warned:
-                self._warned.add(error.term)
-                self.warn(error.message)
+            self._warn_once(error.term, error.message)
             return False
         return True
+
+    def _warn_once(self, about: str, text: str) -> None:
+        if about not in self._warned:
+            self._warned.add(about)
+            self.warn(text)
 
     def _roll_back(self, error: DivergenceError) -> None:
         """Go back to the latest checkpoint, for new episodes with other random numbers.
@@ -210,6 +216,9 @@ class Trainer:
         try:
             next_observation, reward, terminated, truncated, info = self.environment.step(action)
             done = terminated | truncated
+            if done.any() and "final_obs" not in info:
+                self._warn_once("final_obs", NO_FINAL_OBSERVATION)
+                terminated = done
             final = final_observation(next_observation, info, done)
             last, step = (
                 final_info(info, done),

@@ -179,7 +179,7 @@ def _name(rows: NDArray[Any]) -> str:
 
 
 def _require_memory(run: RunDirectory, blocks: Mapping[str, list[str]], file: Path) -> None:
-    """Check the size of all blocks that a file lists, each as often as it does: they are read, then joined.
+    """Check the size of all blocks that a file lists, repeats included: they are read, then joined.
 
     Raises:
         CheckpointError: they do not fit into memory.

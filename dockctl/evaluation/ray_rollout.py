@@ -28,7 +28,7 @@ from dockctl.scenarios.loader import load
 from dockctl.sim.starts import Start
 
 LEAST_STARTS = 16
-"""Starts of a part, if there are so many: they run side by side."""
+"""Starts of a part, if there are enough: they run side by side."""
 PARTS_PER_CORE = 4
 """Parts of the starts: episodes differ in length, and a worker that is ready takes another part."""
 

@@ -31,7 +31,7 @@ from dockctl.sim.harbor.solids import hull_mesh, hull_outline
 from dockctl.sim.starts import Start
 
 MAX_SCANS, MAX_POINTS = 240, 360_000
-"""LiDAR scans at most, and points about, of all episodes together, so that a page stays small."""
+"""Maximum LiDAR scans and approximate points of all episodes together, so that a page stays small."""
 SPARSE = 16
 """Only every n-th ray is traced to estimate the number of returns of a scan."""
 FARTHEST_M = 327.0

@@ -22,7 +22,7 @@ from dockctl.sim.starts import Start
 from dockctl.sim.world import World, build_worlds
 
 PARALLEL_BOATS = 64
-"""More hardly save time per boat, and their trajectories take memory."""
+"""More boats save hardly any time per boat, and their trajectories take memory."""
 TRIED_FIRST = 16
 """Starts of a validation that decide whether it goes on."""
 

@@ -32,10 +32,10 @@ class Garbage:
 
 
 def garbage_below(root: Path) -> Iterator[Garbage]:
-    """Yield what can be deleted of the runs in a folder and its subfolders, but of those in use.
+    """Yield what can be deleted of the runs in a folder and its subfolders, except of those in use.
 
     A run without any checkpoint can go as a whole: it can be neither resumed nor evaluated. Of a finished one
-    the older checkpoints can, which are there in case that the newest is damaged, if the newest is intact.
+    the older checkpoints can, which are there in case the newest is damaged, if the newest is intact.
     """
     for run in RunDirectory.below(root):
         if is_locked(run.path):

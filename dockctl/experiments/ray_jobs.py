@@ -161,7 +161,7 @@ class Worker:
             self._ended = self._job.run(self._stages.append)
         except KilledError:  # another worker may have more memory
             os.kill(os.getpid(), signal.SIGKILL)
-        except Exception as error:  # the head would wait for ever
+        except Exception as error:  # the head would wait forever
             self._ended = str(error) if isinstance(error, DockctlError) else repr(error)
 
     def report(self) -> Report:
@@ -218,7 +218,7 @@ def _stat(path: Path) -> tuple[int, ...]:
 
 
 def with_command(provenance: bytes, here: Stage, local: Stage) -> bytes:
-    """Return the provenance of a run as if `local` had been called, and not `here`."""
+    """Return the provenance of a run with the command line of `local` in place of that of `here`."""
     facts = json.loads(provenance)
     for call in (facts, *facts.get("resumed", [])):
         if call.get("command", [])[1:] == [*here.arguments]:
@@ -227,7 +227,7 @@ def with_command(provenance: bytes, here: Stage, local: Stage) -> bytes:
 
 
 def with_log_line(output: bytes, here: Stage, local: Stage) -> bytes:
-    """Return a part of a log as if `local` had been called, and not `here`."""
+    """Return a part of a log with the line of `local` in place of that of `here`."""
     return output.replace(log_line(here), log_line(local))
 
 

@@ -78,7 +78,7 @@ Entry = tuple[str, str] | tuple[str, str, str]
 
 
 class RoundedLayout(ConstrainedLayoutEngine):
-    """Constrained layout, rounded: the last digits that its solver finds differ from run to run."""
+    """Constrained layout, rounded, because the last digits of its solver differ from run to run."""
 
     DIGITS = 5
 

@@ -98,7 +98,7 @@ def read_run(folder: Path) -> Run:
             f"{path}: not the resolved scenario of a run: {error}", code="not_readable"
         ) from error
     evaluations = read_table(folder / EVALUATIONS_CSV, EVALUATIONS)
-    if evaluations is not None and "start_kind" not in evaluations:  # of a run before there were others
+    if evaluations is not None and "start_kind" not in evaluations:  # written by an early version
         evaluations = evaluations.assign(start_kind="pose")
     run = Run(
         folder=folder,

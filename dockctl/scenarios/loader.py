@@ -213,7 +213,7 @@ def _read(registry: Registry[Path], path: Path, display: str) -> Node:
                 message = f"more than {MAX_FILES} files that extend each other"
                 raise input_error(extends.location, message, "extends", "out_of_range")
             tree = read_file(path, display)
-            if received and (listed := tree.get("plugins")) is not None:  # others chose this file
+            if received and (listed := tree.get("plugins")) is not None:  # the user did not name this file
                 tree = tree.with_value("plugins", replace(listed, location=received))
         except InputError as error:
             problems = _at_line(error, extends.location, "extends")

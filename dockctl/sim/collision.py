@@ -84,7 +84,10 @@ class CollisionChecker:
         pose = eta[None]
         close = np.flatnonzero(self._low.gaps(self._bounds(pose))[0] <= 0).tolist()
         touched = (
-            part for hull in self._hull.placed(pose) for part in close if _touch(hull, self._low.of_part(part))
+            part
+            for hull in self._hull.placed(pose)
+            for part in close
+            if _touch(hull, self._low.of_part(part))
         )
         part = next(touched, int(self._contained(pose)[0]))
         return self.harbor.parts[part].name if part >= 0 else None

@@ -201,8 +201,10 @@ def _thesis_row(experiment: Experiment, run: ArchivedRun) -> Row:
         "episodes": f"{len(run.episodes):,}",
         "steps": f"{run.steps:,}",
         "hours": f"{run.minutes / 60:.1f}",
-        "greedy policy first docks at": f"{steps(run.first_docked)} steps" if run.first_docked else "never",
-        "greedy evaluations that dock": share(int((greedy["outcome"] == "docked").sum()), len(greedy)),
+        "first docked from every evaluation pose at": f"{steps(run.first_docked)} steps"
+        if run.first_docked
+        else "never",
+        "greedy episodes that dock": share(int((greedy["outcome"] == "docked").sum()), len(greedy)),
         f"most docked of {RECENT}": f"{best.max():.0f} (to episode {int(best.argmax()) + 1:,})"
         if best.max()
         else "0",

@@ -285,6 +285,43 @@ def test_a_foreign_environment_without_infos(tmp_path: Path) -> None:
     assert steps > 100
 
 
+class WithoutInfos(ToyDocking):
+    """No keys in any info, not even final observations, and no declared autoreset mode."""
+
+    def __init__(self, num_envs: int, **options: Any) -> None:
+        super().__init__(num_envs, **options)
+        self.metadata = {}
+
+    def reset(self, **options: Any) -> tuple[Any, dict[str, Any]]:
+        return super().reset(**options)[0], {}
+
+    def step(self, actions: np.ndarray) -> tuple[Any, Any, Any, Any, dict[str, Any]]:
+        return *super().step(actions)[:4], {}
+
+
+def test_an_environment_whose_infos_are_always_empty(tmp_path: Path) -> None:
+    training, warnings = Training(**{**SETTINGS, "stop": None}), list[str]()
+    environment = WithoutInfos(training.boats)
+    run = RunDirectory.create(tmp_path, "toy", training.seed)
+    spaces = Spaces.from_env(environment)
+    algorithm = training.algorithm.build(spaces, training, "cpu")
+    stored = list[Any]()
+    store = algorithm.store
+    algorithm.store = lambda step: (stored.append(step), store(step))  # type: ignore[method-assign]
+    learner = Trainer(
+        algorithm, training, environment, run, make_card(spaces, training), warn=warnings.append
+    )
+    assert learner.run() == "steps"
+    assert any(step.truncated.any() for step in stored)
+    assert all(step.terminated[step.truncated].all() for step in stored)
+    assert len(warnings) == 1
+    best = load_policy(run.path)[0]
+    assert all(
+        episode.docked
+        for episode in run_episodes(ToyDocking(4, autoreset=False), best, starts_at(-1.0, -0.9))
+    )
+
+
 def test_an_environment_that_resets_in_the_next_step_is_refused(tmp_path: Path) -> None:
     """The default of Gymnasium: the final observation would count as the first one of the next episode."""
     training = Training(boats=2, hidden_sizes=(8,))

@@ -252,7 +252,7 @@ def test_a_replay_that_cannot_be_allocated_is_located(monkeypatch: pytest.Monkey
     monkeypatch.setattr("dockctl.agents.dqn.algorithm.Replay", allocate)
     loaded = load("s1", overrides=["training.replay_capacity=999999999"])
     spaces = Spaces(Box(-1, 1, (2,)), Discrete(3))
-    with pytest.raises(InputError, match="127 GiB") as caught:
+    with pytest.raises(InputError) as caught:
         build_algorithm(loaded, spaces, 2, "cpu")
     (problem,) = caught.value.problems
     assert (problem.file, problem.code) == ("--set training.replay_capacity", "unavailable")

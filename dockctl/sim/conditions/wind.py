@@ -27,7 +27,7 @@ class Wind(Condition):
     """Mean speed of the air and the direction in which it flows, counterclockwise from +x; gusts; areas.
 
     Gusts are added to the speed: first-order Gauss-Markov with this standard deviation and time constant. A
-    speed below zero blows the other way. By default the areas are those of the hull above the water.
+    negative speed blows the other way. By default the areas are those of the hull above the water.
     """
 
     kind: Literal["wind"] = "wind"

@@ -164,7 +164,7 @@ def _search_core(
         cell = shell_cells + index
         for slot in range(table.starts[cell], table.starts[cell + 1]):
             run = table.runs[slot]
-            if near >> run.low == 0:  # this run and the following ones are above everything
+            if near >> run.low == 0:  # this run and all later ones pass above everything
                 break
             if bits(run.low, run.high) & near == 0:
                 continue
@@ -212,7 +212,7 @@ def _visit(
     runs, rays, core = table.runs, table.rays, table.radii[0]
     for slot in range(table.starts[cell], table.starts[cell + 1]):
         run = runs[slot]
-        if near >> run.low == 0:  # this run and the following ones are above everything
+        if near >> run.low == 0:  # this run and all later ones pass above everything
             break
         bands = bits(run.low, run.high)
         if bands & near == 0:
