@@ -343,7 +343,8 @@ def test_files_that_are_no_policy(file: Path, tmp_path: Path) -> None:
 
 @pytest.mark.slow
 @pytest.mark.parametrize(
-    "name", ["s1", "marinas-weather", pytest.param("marinas", marks=pytest.mark.thorough)]
+    "name",
+    ["s1", *(pytest.param(name, marks=pytest.mark.thorough) for name in ("marinas", "marinas-weather"))],
 )
 def test_its_decisions_are_those_of_the_simulator(name: str) -> None:
     """From all points of a scan; the sectors of the simulator come from another algorithm."""

@@ -26,7 +26,7 @@ from studies.thesis.data import Archive, load_facts
 from studies.thesis.measures import OF_MANEUVERS, OF_TRAININGS
 from studies.thesis.page import Page
 
-pytestmark = pytest.mark.slow
+pytestmark = [pytest.mark.slow, pytest.mark.thorough]  # they read all archived runs
 
 STUDY = load_study("thesis")
 Pages = dict[str, tuple[Page, str]]
