@@ -92,6 +92,8 @@ class Entry(Generic[T]):
         """Keyword-only parameters of a function and their defaults, `inspect.Parameter.empty` if required."""
         if not callable(self.value):
             return {}
+        if complete := getattr(self.value, "model_rebuild", None):
+            complete()  # pydantic gives a model its signature when it is first used
         parameters = inspect.signature(self.value).parameters.values()
         return {p.name: p.default for p in parameters if p.kind is inspect.Parameter.KEYWORD_ONLY}
 

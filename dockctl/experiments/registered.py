@@ -13,6 +13,7 @@ from dockctl.errors import DockctlError
 
 if TYPE_CHECKING:
     from dockctl.plugins import Entry
+    from dockctl.scenarios.harbor import HarborSpec
     from dockctl.scenarios.schema import Scenario
 
 COLUMNS = ("listing", "name", "kind", "description", "parameters", "source", "origin")
@@ -86,7 +87,20 @@ def _describe_file(path: Path, listing: str) -> tuple[str, str, str, str]:
         size = f"{vessel.hull.length_m:g} x {vessel.hull.beam_m:g} m, {vessel.mass_kg:g} kg"
         return "3-DOF", size, "", shown
     harbor = loader.load_harbor(path)
-    return harbor.kind, harbor.name, "", shown
+    return harbor.kind, _size(harbor), "", shown
+
+
+def _size(harbor: HarborSpec) -> str:
+    """Return a one-line description of a harbor."""
+    from dockctl.scenarios.harbor import Generated, Marina
+
+    if isinstance(harbor, Marina):
+        basin, berths = harbor.basin, count(len(harbor.berths), "berth")
+        sides = basin.x_max_m - basin.x_min_m, basin.y_max_m - basin.y_min_m
+        return f"{sides[0]:g} x {sides[1]:g} m, {count(len(harbor.rows), 'row')}, {berths}"
+    if isinstance(harbor, Generated):
+        return f"{count(harbor.layouts, 'layout')} for training, {harbor.held_out_layouts} held out"
+    return count(len(harbor.meshes), "mesh file")
 
 
 def phases(scenario: Scenario) -> str:

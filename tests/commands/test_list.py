@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import json
 import shutil
+import subprocess
+import sys
 from pathlib import Path
 from typing import Literal
 
@@ -56,9 +58,14 @@ def test_observations() -> None:
 
 
 def test_action_types() -> None:
-    found = rows("actions")
-    assert set(found) >= {"grid", "continuous"}
-    assert found["grid"][2].startswith("propeller_n=")
+    """In a new process, where no action type has been used."""
+    listed = subprocess.run(
+        [sys.executable, "-m", "dockctl", "list", "actions"], capture_output=True, text=True
+    )
+    head, *found = [line.split("\t") for line in listed.stdout.splitlines()]
+    parameters = {line[head.index("name")]: line[head.index("parameters")] for line in found}
+    assert set(parameters) >= {"grid", "continuous"}
+    assert parameters["grid"].startswith("propeller_n=")
 
 
 def test_scenarios() -> None:
@@ -84,6 +91,8 @@ def test_everything_is_listed_by_default_with_a_description(
 
 def test_vessels_and_harbors() -> None:
     assert lines("vessels")[0]["description"] == "3 x 1 m, 150 kg"
+    described = {line["name"]: line["description"] for line in lines("harbors")}
+    assert described["reference"] == "34 x 80 m, 2 rows, 28 berths"
     kinds = {name: row[0] for name, row in rows("harbors").items()}
     assert kinds == dict.fromkeys(("haven", "l-basin", "reference", "stern-to", "t-head"), "marina")
 
