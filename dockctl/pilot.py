@@ -1,6 +1,6 @@
 """Run a trained policy on a boat: from point clouds, pose and velocity to a command, with NumPy alone.
 
-    pilot = Pilot.load("s3.npz")  # written by: dockctl export s3 --pilot s3.npz
+    pilot = Pilot.load("s3.npz")  # written by: dockctl export s3 --pilot s3.npz; s3.onnx needs ONNX Runtime
     decision = pilot.decide(now_s, pose, velocity, {"bow": cloud})  # once per control period
 
 Frames and units are those of the simulator: the world frame of the goals has x and y horizontal [m] and
@@ -20,10 +20,11 @@ import math
 import re
 import zipfile
 from collections import deque
-from collections.abc import Mapping
+from collections.abc import Callable, Iterator, Mapping
+from contextlib import contextmanager
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any
+from typing import Any, Protocol
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -116,6 +117,20 @@ class Decision:
     q_values: NDArray[np.float32] | None = None
 
 
+class Networks(Protocol):
+    """Computes action values: an `Ensemble`, or an ONNX model."""
+
+    @property
+    def sizes(self) -> tuple[int, int]:
+        """Numbers of an observation, and of actions."""
+
+    def q_values(self, observation: NDArray[np.float32]) -> NDArray[np.float32]:
+        """Return the action values (n, actions) of observations (n, observation_size)."""
+
+    def greedy(self, observation: NDArray[np.float32], q_values: NDArray[np.float32]) -> NDArray[np.int64]:
+        """Return the actions (n,) of observations and their action values."""
+
+
 class _Unusable(Exception):
     """Why an input cannot be used."""
 
@@ -133,7 +148,7 @@ class Pilot:
     """
 
     description: dict[str, Any]
-    networks: Ensemble
+    networks: Networks
     goals: Floats
     checks: Checks = field(default_factory=Checks)
 
@@ -176,27 +191,31 @@ class Pilot:
         intermediate: ArrayLike | None = None,
         checks: Checks | None = None,
     ) -> Pilot:
-        """Load a file of ``dockctl export --pilot``.
+        """Load a file of ``dockctl export --pilot``, or, where ONNX Runtime is installed, of ``--onnx``.
 
         Args:
             final: (3,) x, y [m] and heading [rad] of the final pose, instead of the one in the file.
             intermediate: the same of the intermediate pose; used together with `final`.
 
         Raises:
-            DockctlError: the file is missing, damaged, or of another kind; a pose is not three numbers.
+            DockctlError: the file is missing, damaged, or of another kind; a pose is not three numbers; ONNX
+                Runtime is not installed.
         """
+        option, read = ("--onnx", _onnx_model) if Path(file).suffix == ".onnx" else ("--pilot", _ensemble)
         try:
-            arrays = _arrays(read_bytes(Path(file), MAX_FILE_BYTES))
+            content = read_bytes(Path(file), MAX_FILE_BYTES)
+            text, networks_of = read(content)
+        except ImportError:
+            message = f"{file}: needs ONNX Runtime; install it with: pip install onnxruntime"
+            raise DockctlError(message, code="unavailable") from None
         except (*FOREIGN, AttributeError, MemoryError, RuntimeError, zipfile.BadZipFile) as error:
-            message = f"{file}: not a file of 'dockctl export --pilot', or damaged: {error}"
+            message = f"{file}: not a file of 'dockctl export {option}', or damaged: {error}"
             raise DockctlError(message, code="not_readable") from None
         try:
-            facts = parse_json(str(arrays.pop(DESCRIPTION)))
+            facts = parse_json(text)
             if facts["format"] != FORMAT:
                 raise ValueError(f"format {facts['format']}, expected {FORMAT}")
-            if not all(np.isfinite(array).all() for array in arrays.values()):
-                raise ValueError("the weights contain NaN or infinity")
-            networks = Ensemble.of(arrays)
+            networks = networks_of(facts)
             described = len(facts["observation"]), len(facts["commands"])
             if networks.sizes != described:
                 raise ValueError(f"the network has sizes {networks.sizes}, its description {described}")
@@ -285,7 +304,7 @@ class Pilot:
             self._vector(now_s, name, reading, 3)[None]
             for name, reading in (("pose", pose), ("velocity", velocity))
         )
-        parts = [self._points(now_s, f"cloud '{name}'", cloud) for name, cloud in clouds.items()]
+        parts = [self._points(now_s, f"cloud '{name}'", cloud) for name, cloud in (clouds or {}).items()]
         points = np.concatenate([np.empty((0, 3)), *parts])
         if len(points) < self.checks.min_points:
             raise _Unusable(f"clouds: {len(points)} points, expected at least {self.checks.min_points}")
@@ -301,13 +320,13 @@ class Pilot:
     def _fresh(self, now_s: float, name: str, reading: Reading | None) -> Floats:
         if reading is None:
             raise _Unusable(f"{name}: no data yet")
-        age = now_s - reading.time_s
+        try:
+            age, value = now_s - float(reading.time_s), np.asarray(reading.value, float)
+        except (TypeError, ValueError):
+            raise _Unusable(f"{name}: not a time and an array of numbers") from None
         if not abs(age) <= self.checks.max_age_s:
             raise _Unusable(f"{name}: {age:.3g} s old, expected at most {self.checks.max_age_s:g} s")
-        try:
-            return np.asarray(reading.value, float)
-        except (TypeError, ValueError):
-            raise _Unusable(f"{name}: not an array of numbers") from None
+        return value
 
     def _points(self, now_s: float, name: str, cloud: Reading | None) -> Floats:
         points = self._fresh(now_s, name, cloud)
@@ -364,6 +383,8 @@ class Pilot:
                 )
         observation = np.clip(scaled, self._low, self._high)
         q_values = self.networks.q_values(observation[None])[0]
+        if not np.isfinite(q_values).all():
+            raise _Unusable("action values: not finite")
         action = int(self.networks.greedy(observation[None], q_values[None])[0])
         self._command = self._commands[action].copy()
         force, angle = self._command.tolist()
@@ -390,6 +411,69 @@ class Pilot:
             "course_cos": np.cos(track),
             **{column: x for name in flows for column, x in zip(FLOWS[name], flows[name], strict=True)},
         }
+
+
+NetworksOf = Callable[[Mapping[str, Any]], Networks]
+"""Makes the networks of a file from the facts of its description."""
+
+
+def _ensemble(content: bytes) -> tuple[str, NetworksOf]:
+    """Return the description in a file of ``--pilot``, and what makes its networks."""
+    arrays = _arrays(content)
+    text = str(arrays.pop(DESCRIPTION))
+
+    def networks(_: Mapping[str, Any]) -> Ensemble:
+        if not all(np.isfinite(array).all() for array in arrays.values()):
+            raise ValueError("the weights contain NaN or infinity")
+        return Ensemble.of(arrays)
+
+    return text, networks
+
+
+def _onnx_model(content: bytes) -> tuple[str, NetworksOf]:
+    """Return the description in a file of ``--onnx``, and what makes its networks."""
+    import onnxruntime
+
+    with _onnx_errors():
+        session = onnxruntime.InferenceSession(content, providers=["CPUExecutionProvider"])
+    text = session.get_modelmeta().custom_metadata_map.get(DESCRIPTION, "")
+
+    def networks(facts: Mapping[str, Any]) -> _OnnxModel:
+        with _onnx_errors():  # it runs once, and thereafter with inputs of the same shape
+            return _OnnxModel(session, facts)
+
+    return text, networks
+
+
+@contextmanager
+def _onnx_errors() -> Iterator[None]:
+    """Raise a ValueError for each exception of ONNX Runtime, which have no base of their own."""
+    try:
+        yield
+    except Exception as error:
+        raise ValueError(" ".join(str(error).split())) from None
+
+
+class _OnnxModel:
+    """The networks in a model of ``dockctl export --onnx``, which takes observations that are not scaled."""
+
+    def __init__(self, session: Any, facts: Mapping[str, Any]) -> None:
+        self._session = session
+        self._scale = np.array([column["scale"] for column in facts["observation"]], float)
+        blank = np.zeros((1, len(self._scale)), np.float32)
+        self.sizes = (blank.shape[1], self.q_values(blank).shape[1])
+        self.greedy(blank, blank)
+
+    def q_values(self, observation: NDArray[np.float32]) -> NDArray[np.float32]:
+        return self._run("q_values", observation)
+
+    def greedy(self, observation: NDArray[np.float32], q_values: NDArray[np.float32]) -> NDArray[np.int64]:
+        return self._run("action", observation)
+
+    def _run(self, output: str, observation: NDArray[np.float32]) -> NDArray[Any]:
+        raw = (observation * self._scale).astype(np.float32)
+        values: NDArray[Any] = self._session.run([output], {"observation": raw})[0]
+        return values
 
 
 def _arrays(content: bytes) -> dict[str, NDArray[Any]]:

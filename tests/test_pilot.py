@@ -165,6 +165,7 @@ BAD = {
     "cloud too old": {"cloud": Reading(9.4, CLOUD)},
     "cloud of the future": {"cloud": Reading(10.6, CLOUD)},
     "time is NaN": {"pose": Reading(math.nan, AWAY)},
+    "time is text": {"pose": Reading("now", AWAY)},  # type: ignore[arg-type]
     "pose is NaN": {"pose": (23.0, math.nan, 1.0)},
     "heading is infinite": {"pose": (23.0, -10.0, math.inf)},
     "velocity is NaN": {"velocity": (math.nan, 0.0, 0.0)},
@@ -339,6 +340,69 @@ def test_files_that_are_no_policy(file: Path, tmp_path: Path) -> None:
         np.savez(damaged, **{**tensors, **change})
         assert code_of(damaged) == "not_readable"
     assert code_of(file, final=(1.0, 2.0)) == "wrong_type"
+
+
+@pytest.mark.parametrize("name", ["s3", "marinas"])
+def test_an_onnx_model_decides_the_same(name: str, tmp_path: Path) -> None:
+    pytest.importorskip("onnxruntime")
+    files = tmp_path / "policy.npz", tmp_path / "policy.onnx"
+    export_files([Path(name)], files[1], files[0])
+    pilots, rng = [Pilot.load(file) for file in files], np.random.default_rng(0)
+    for step in range(100):
+        pose = Reading(step, [*AWAY[:2], rng.uniform(-3, 3)] + rng.uniform(-1, 1, 3))
+        velocity = Reading(step, rng.uniform(-0.15, 0.15, 3))
+        cloud = Reading(step, rng.uniform(-8, 8, (50, 3)))
+        own, onnx = (
+            Pilot(each.description, each.networks, each.goals).decide(step, pose, velocity, {"all": cloud})
+            for each in pilots
+        )
+        assert (own.stop, onnx.stop) == ("", "")
+        assert (onnx.action, onnx.propeller_n, onnx.rudder_rad) == (
+            own.action,
+            own.propeller_n,
+            own.rudder_rad,
+        )
+        assert onnx.q_values == pytest.approx(own.q_values, rel=1e-3, abs=1e-2)
+
+
+def test_onnx_models_that_are_no_policy(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    onnx = pytest.importorskip("onnx")
+    file, flawed = tmp_path / "s1.onnx", tmp_path / "flawed.onnx"
+    export_files([Path("s1")], file, None)
+    plain, fewer, unnamed = (onnx.load(str(file)) for _ in range(3))
+    del plain.metadata_props[:]
+    (description,) = (each for each in fewer.metadata_props if each.key == "description")
+    facts = json.loads(description.value)
+    description.value = json.dumps({**facts, "observation": facts["observation"][1:]})
+    del unnamed.graph.output[:1]
+    contents = [each.SerializeToString() for each in (plain, fewer, unnamed)]
+    for content in (b"", b"text", file.read_bytes()[:-1000], *contents):
+        flawed.write_bytes(content)
+        with pytest.raises(DockctlError, check=lambda error: error.code == "not_readable"):
+            Pilot.load(flawed)
+    monkeypatch.setitem(sys.modules, "onnxruntime", None)
+    with pytest.raises(DockctlError, check=lambda error: error.code == "unavailable"):
+        Pilot.load(file)
+
+
+def test_action_values_that_are_not_finite_stop_the_boat(pilot: Pilot) -> None:
+    class Overflowing:
+        sizes = pilot.networks.sizes
+
+        def q_values(self, observation: np.ndarray) -> np.ndarray:
+            return np.full((len(observation), 77), np.inf, np.float32)
+
+        def greedy(self, observation: np.ndarray, q_values: np.ndarray) -> np.ndarray:
+            return q_values.argmax(axis=1)
+
+    decision = decide(Pilot(pilot.description, Overflowing(), pilot.goals))
+    assert (decision.propeller_n, decision.rudder_rad) == (0.0, 0.0)
+    assert decision.stop
+
+
+def test_no_clouds_at_all_stop_the_boat(pilot: Pilot) -> None:
+    good = Reading(0.0, AWAY), Reading(0.0, REST)
+    assert pilot.decide(0.0, *good, None).stop.startswith("clouds")  # type: ignore[arg-type]
 
 
 @pytest.mark.slow
