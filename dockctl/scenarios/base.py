@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import Annotated
+from typing import Annotated, ClassVar
 
 from pydantic import AfterValidator, BaseModel, ConfigDict, Field, Strict
 from pydantic_core import PydanticKnownError
@@ -49,8 +49,13 @@ Name = Annotated[str, Field(pattern=NAME)]
 
 
 class Model(BaseModel):
-    """A frozen model that rejects unknown keys."""
+    """A frozen model that rejects unknown keys.
 
+    Attributes:
+        file_keys: further keys of files of this model, which the loader replaces.
+    """
+
+    file_keys: ClassVar[tuple[str, ...]] = ()
     model_config = ConfigDict(frozen=True, extra="forbid", defer_build=True)
 
 

@@ -168,7 +168,9 @@ def _model_problems(error: ValidationError, tree: Node, model: type[BaseModel]) 
             continue  # a check of the values together
         models = _models_at(model, tree, detail["loc"][:-1])
         if detail["type"] == "extra_forbidden":
-            known = [name for owner in models for name in owner.model_fields]
+            known = [
+                name for owner in models for name in (*owner.model_fields, *getattr(owner, "file_keys", ()))
+            ]
             above, _, key = field.path.rpartition(".")
             message = f"unknown key '{key}' (known: {', '.join(sorted(known)) or 'none'})"
             suggestion = nearest(key, [*known, *_parameters(tree, above)])

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from typing import Annotated, Any, Self, TypeVar
+from typing import Annotated, Any, ClassVar, Self, TypeVar
 
 from pydantic import Field, ValidationError, field_validator, model_validator
 
@@ -145,6 +145,7 @@ def long_part(given: Any) -> Any:
 class Scenario(Model):
     """A docking task: vessel, harbor, sensors, conditions, actions, observation, task, reward, training."""
 
+    file_keys: ClassVar = ("extends", "berth")
     name: Name
     title: str = ""
     description: str = ""

@@ -19,6 +19,7 @@ WRONG: dict[str, tuple[str, list[str]]] = {
         "task:\n  initial:\n    - {x_m: 1, y_m: 2, heading: 3}\n",
         ["4:7 task.initial.0.heading_deg missing_key", "4:24 task.initial.0.heading unknown_key heading_deg"],
     ),
+    "a key that only files have": ("bert: west 12\n", ["2:1 bert unknown_key berth"]),
     "a text for a number": ("task: {max_steps: many}\n", ["2:19 task.max_steps wrong_type"]),
     "a number for a text": ("title: 3\n", ["2:8 title wrong_type"]),
     "a broken number": ("task: {max_steps: 2.5}\n", ["2:19 task.max_steps wrong_type"]),
