@@ -40,7 +40,7 @@ def runs(
     if action not in ACTIONS:
         message = f"'{action}': expected one of {', '.join(ACTIONS)}"
         raise DockctlError(message, code="unknown_name", suggestion=nearest(action, ACTIONS))
-    if not root.is_dir():
+    if not root.is_dir() and root != RUNS:
         raise DockctlError(
             f"{root}: no such folder; `dockctl train` writes runs to ./{RUNS}", code="not_found"
         )
@@ -60,13 +60,16 @@ def _list(root: Path, json_: Json) -> None:
     if json_:
         json_.write([run.to_json() for run in found])
         return
+    if not found:
+        print_text(Console(), f"no runs in {root}; `dockctl train` makes one")
+        return
     steps, success, size = numeric("steps", "success", "MB")
     table = make_table(
         Column("run", overflow="fold"), "name", "scenario", "state", steps, success, "tags", size
     )
     for run in found:
         table.add_row(*map(Text, _cells(run, root)))  # a name may look like markup
-    table.columns = [column for column in table.columns if not found or any(column.cells)]
+    table.columns = [column for column in table.columns if any(column.cells)]
     print_table(Console(), table)
 
 

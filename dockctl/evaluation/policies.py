@@ -295,16 +295,32 @@ def load_policy(
 
 
 def distinct_names(policies: Sequence[LoadedPolicy]) -> list[str]:
-    """Return a short and unique name for each policy."""
+    """Return a short and unique name for each policy.
+
+    Where the short names are equal, those of runs are the folders by which their paths differ.
+    """
     names = [policy.name for policy in policies]
     longer = [
-        policy.long_name if names.count(name) > 1 else name
+        name
+        if names.count(name) == 1
+        else _longer_name(policy, [one for one in policies if one.name == name])
         for policy, name in zip(policies, names, strict=True)
     ]
     return [
         f"{name} ({longer[: i + 1].count(name)})" if longer.count(name) > 1 else name
         for i, name in enumerate(longer)
     ]
+
+
+def _longer_name(policy: LoadedPolicy, equal: Sequence[LoadedPolicy]) -> str:
+    """Return a longer name for one of several policies whose short names are equal."""
+    paths = [one.run.path.resolve().parts for one in equal if one.run is not None]
+    if len(paths) == len(equal):
+        for folders in zip(*paths, strict=False):
+            if len(set(folders)) == len(folders):
+                name: str = folders[equal.index(policy)]
+                return name
+    return policy.long_name
 
 
 def is_scenario(given: str) -> bool:

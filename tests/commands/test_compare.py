@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import csv
 import json
+import shutil
 from pathlib import Path
 
 import pytest
@@ -50,6 +51,22 @@ def test_a_policy_does_not_differ_from_itself(trained: Trained, tmp_path: Path) 
     (difference,) = json.loads((tmp_path / "c.json").read_text())["differences"]
     assert (difference["docked"]["value"], difference["mcnemar_p"]) == (0, 1)
     assert difference["second"] == f"{run.name} (2)"
+
+
+@pytest.mark.parametrize(
+    ("folders", "names"),
+    [
+        (("s1/20260101-seed0", "s1/20260102-seed0"), {"20260101-seed0", "20260102-seed0"}),
+        (("gamma-0.95/s1/20260101-seed0", "gamma-0.99/s1/20260101-seed0"), {"gamma-0.95", "gamma-0.99"}),
+    ],
+)
+def test_runs_of_one_scenario_and_seed_are_named_by_the_folders_that_differ(
+    trained: Trained, tmp_path: Path, folders: tuple[str, str], names: set[str]
+) -> None:
+    copies = [shutil.copytree(trained[0], tmp_path / folder) for folder in folders]
+    outcome = dockctl("compare", *copies, "--trust", "--json", tmp_path / "c.json", "--out", tmp_path)
+    assert outcome.code == 0, outcome.err
+    assert set(json.loads((tmp_path / "c.json").read_text())["policies"]) == names
 
 
 def test_a_policy_is_compared_with_itself_under_a_changed_value(trained: Trained, tmp_path: Path) -> None:

@@ -124,6 +124,15 @@ def test_older_checkpoints_are_left_where_the_newest_is_damaged(root: Path) -> N
     assert (root / "s1/finished/checkpoints/last-1").is_dir()
 
 
+def test_a_folder_without_runs(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.chdir(tmp_path)
+    listed = dockctl("runs")
+    assert (listed.code, "dockctl train" in listed.out) == (0, True)
+    assert json.loads(dockctl("runs", "--json", "-").out) == []
+    assert dockctl("runs", "clean", "--yes").code == 0
+    assert not list(tmp_path.iterdir())
+
+
 def test_mistakes(root: Path) -> None:
     assert dockctl("runs", "--root", root / "gone").error_code == "not_found"
     assert dockctl("runs", "cleen", "--root", root).error_code == "unknown_name"
