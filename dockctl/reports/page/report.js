@@ -121,7 +121,9 @@ function drawXY(figure, width) {
   if (spec.log) { y0 /= 1.2; y1 *= 1.2; } else if (spec.max === undefined) { const room = 0.06 * (y1 - y0 || Math.abs(y1) || 1); y1 += room; if (spec.min === undefined) y0 -= room; }
   const asText = (value) => (spec.percent ? percent(value, 0) : number(value));
   const yTicks = spec.log ? logTicks(y0, y1) : ticks(y0, y1, Math.max(3, Math.round(height / 55)));
-  const left = 14 + 6.4 * Math.max(...yTicks.map((value) => asText(value).length), 2), bottom = height - 40, right = width - 12, top = 8;
+  const xTicks = spec.logx ? logTicks(x0, x1) : ticks(x0, x1, Math.max(2, Math.round(width / 75)));
+  const left = 14 + 6.4 * Math.max(...yTicks.map((value) => asText(value).length), 2), bottom = height - 40, top = 8;
+  const right = width - Math.max(12, 3.4 * Math.max(...xTicks.map((value) => number(value).length), 0));  // half of a label
   const X = scale(x0, x1, left, right, spec.logx), Y = scale(y0, y1, bottom, top, spec.log), svg = canvas(figure, width, height);
   for (const { x0: a, x1: b, y0: c, y1: d } of spec.bands ?? []) {
     const [p, q] = [Math.max(left, X(a ?? x0)), Math.min(right, X(b ?? x1))], [r, s] = [Y(Math.min(y1, d)), Y(Math.max(y0, c))];
@@ -131,7 +133,6 @@ function drawXY(figure, width) {
     node(svg, "line", { x1: left, x2: right, y1: Y(value), y2: Y(value), class: value === 0 ? "zero" : "grid" });
     node(svg, "text", { x: left - 7, y: Y(value) + 4, class: "tick end" }, asText(value));
   }
-  const xTicks = spec.logx ? logTicks(x0, x1) : ticks(x0, x1, Math.max(2, Math.round(width / 75)));
   for (const value of xTicks) {
     node(svg, "line", { x1: X(value), x2: X(value), y1: bottom, y2: bottom + 4, class: "zero" });
     node(svg, "text", { x: X(value), y: bottom + 17, class: "tick middle" }, number(value));
