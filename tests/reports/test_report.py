@@ -6,6 +6,7 @@ import base64
 import gzip
 import json
 import re
+import time
 from pathlib import Path
 from typing import Any
 
@@ -217,15 +218,23 @@ def test_in_a_browser(tmp_path: Path) -> None:
             or figure.find_elements("css selector", "svg circle")
             for figure in figures
         )
-        svg = browser.find_element("css selector", f'[data-chart="{loss}"] svg')
-        browser.execute_script("arguments[0].scrollIntoView({block: 'center'})", svg)
-        for across in (0.3, 0.7):
-            ActionChains(browser).move_to_element_with_offset(
-                svg, int((across - 0.5) * svg.size["width"]), 0
-            ).perform()
+
+        def hover(across: float, down: int) -> str:
+            """Move the pointer over the chart, where it is now, and return the values that are shown."""
+            svg = browser.find_element("css selector", f'[data-chart="{loss}"] svg')
+            browser.execute_script("arguments[0].scrollIntoView({block: 'center'})", svg)
+            right = int((across - 0.5) * svg.size["width"])
+            ActionChains(browser).move_to_element_with_offset(svg, right, down).perform()
+            time.sleep(0.2)
             # The inner text of an element that is not laid out yet has no lines.
             tip = "const tip = document.getElementById('tip');"
-            text = wait(browser, f"{tip} return tip.getClientRects().length && tip.innerText")
+            return str(
+                browser.execute_script(f"{tip} return tip.getClientRects().length ? tip.innerText : ''")
+            )
+
+        for across in (0.3, 0.7):
+            # A page that is still being laid out moves away from below the pointer.
+            text = next(filter(None, (hover(across, down % 7) for down in range(100))))
             found = re.search(
                 r"Environment steps ([\d,]+).*^loss\s+([\d.,]+)", text, re.MULTILINE | re.DOTALL
             )
