@@ -307,7 +307,7 @@ def test_an_environment_whose_infos_are_always_empty(tmp_path: Path) -> None:
     algorithm = training.algorithm.build(spaces, training, "cpu")
     stored = list[Any]()
     store = algorithm.store
-    algorithm.store = lambda step: (stored.append(step), store(step))  # type: ignore[method-assign]
+    algorithm.store = lambda step: (stored.append(step), store(step))  # type: ignore[method-assign]  # spy
     learner = Trainer(
         algorithm, training, environment, run, make_card(spaces, training), warn=warnings.append
     )
