@@ -190,6 +190,7 @@ class StableBaselines3(AlgorithmSpec):
         hyperparameters: further parameters of the model's constructor.
     """
 
+    examples = ({}, {"model": "SAC"}, {"model": "TD3", "action_noise": 0.1}, {"model": "DDPG"})
     kind: Literal["sb3"] = "sb3"
     model: str = "DQN"
     policy: str = "MlpPolicy"

@@ -15,7 +15,7 @@ from __future__ import annotations
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Annotated, Any, Protocol, TypeVar, runtime_checkable
+from typing import TYPE_CHECKING, Annotated, Any, ClassVar, Protocol, TypeVar, runtime_checkable
 
 import numpy as np
 from numpy.typing import NDArray
@@ -42,8 +42,12 @@ class Kind(Model):
 
     A subclass declares its name, ``kind: Literal["grid"] = "grid"``, its keys as fields, and methods that
     build what it describes.
+
+    Attributes:
+        examples: keys of valid sections, with which the contract tests check a subclass; at least one.
     """
 
+    examples: ClassVar[tuple[dict[str, Any], ...]] = ({},)
     kind: str
 
 

@@ -24,6 +24,7 @@ class Actuators(Condition):
     The delay acts first. Without a key the actuator is ideal in that respect.
     """
 
+    examples = ({"delay_steps": [0, 2], "propeller_lag_s": 0.1, "rudder_rate_degps": [20, 40]},)
     kind: Literal["actuators"] = "actuators"
     delay_steps: Drawn[Steps] = (0,)
     propeller_lag_s: Drawn[NonNegative] = OFF

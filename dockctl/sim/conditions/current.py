@@ -25,6 +25,10 @@ class Current(Condition):
     The variation, a standard deviation, is added to both components in the world frame.
     """
 
+    examples = (
+        {"speed_mps": [0.0, 0.2], "direction_deg": [0, 360]},
+        {"speed_mps": [0.0, 0.2], "direction_deg": [0, 360], "variation_mps": 0.02},
+    )
     kind: Literal["current"] = "current"
     speed_mps: Drawn[Speed]
     direction_deg: Drawn[Number]

@@ -25,6 +25,7 @@ class LidarFaults(Condition):
     fault; an occluded one `occluded_m`.
     """
 
+    examples = ({"sectors": [1, 4], "mode": "frozen", "after_s": [0, 3]},)
     kind: Literal["lidar_faults"] = "lidar_faults"
     sectors: tuple[Count, ...] = Field(min_length=1, description="numbers of the faulty sectors, from 1")
     mode: Literal["blind", "frozen", "occluded"] = "blind"

@@ -21,6 +21,7 @@ class LidarNoise(Condition):
     All are new in every scan. A lost sector reads the range of the sensor, as without a return.
     """
 
+    examples = ({"sigma_m": [0, 0.03], "lost_returns": 0.05, "lost_sectors": 0.2},)
     kind: Literal["lidar_noise"] = "lidar_noise"
     sigma_m: Drawn[NonNegative] = OFF
     lost_returns: Drawn[Fraction] = OFF

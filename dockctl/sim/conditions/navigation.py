@@ -18,6 +18,7 @@ from dockctl.sim.conditions.draws import draw_seed, normals
 class Navigation(Condition):
     """Standard deviations of x and y, heading, surge and sway, and yaw rate; new errors in every step."""
 
+    examples = ({"position_m": 0.02, "heading_deg": [0, 0.5], "velocity_mps": 0.03},)
     kind: Literal["navigation"] = "navigation"
     position_m: Drawn[NonNegative] = OFF
     heading_deg: Drawn[NonNegative] = OFF

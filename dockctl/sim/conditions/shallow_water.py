@@ -29,6 +29,7 @@ class ShallowWater(Condition):
     By default the dimensions are those of the hull, and the block coefficient that of the vessel's mass.
     """
 
+    examples = ({"depth_m": [0.4, 2]},)
     kind: Literal["shallow_water"] = "shallow_water"
     depth_m: Drawn[Length]
     length_m: Length | None = None

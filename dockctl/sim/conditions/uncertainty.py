@@ -26,6 +26,7 @@ class Uncertainty(Condition):
     The factors are drawn uniformly and independently of each other. Coupling terms (Y_rdot, Y_r, N_v) stay.
     """
 
+    examples = ({"masses": 0.2, "damping": 0.1},)
     kind: Literal["uncertainty"] = "uncertainty"
     masses: Share = 0.0
     damping: Share = 0.0

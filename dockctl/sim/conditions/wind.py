@@ -30,6 +30,7 @@ class Wind(Condition):
     negative speed blows the other way. By default the areas are those of the hull above the water.
     """
 
+    examples = ({"speed_mps": [0, 5], "direction_deg": [0, 360], "gust_mps": [0, 1.5]},)
     kind: Literal["wind"] = "wind"
     speed_mps: Drawn[Annotated[NonNegative, Field(le=100)]]  # a tropical cyclone has up to 95 m/s
     direction_deg: Drawn[Number]

@@ -26,6 +26,7 @@ BYTES_PER_TRIANGLE = 200  # of the tree over the harbor
 class PlanarScanner(RangeSensorSpec):
     """One horizontal circle of rays at height `z_m`; ray 0 points ahead, then counterclockwise."""
 
+    examples = ({"rays": 90},)
     kind: Literal["planar"] = "planar"
     z_m: Annotated[NonNegative, Field(le=MAX_ARM_M)] = 1.0
     rays: Count = Field(default=720, le=50_000)

@@ -44,6 +44,7 @@ THESIS_MOUNTS = (
 class SpinningLidars(RangeSensorSpec):
     """Equal spinning LiDARs, by default four VLP-16, whose points are reduced to sectors (eqs. 3.7, 3.8)."""
 
+    examples = ({"azimuth_steps": 90},)
     kind: Literal["spinning"] = "spinning"
     channels: Count = Field(default=16, le=1024)
     lowest_channel_deg: Number = -15.0
