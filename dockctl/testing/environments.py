@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 from dockctl.agents.interface import Policy
 from dockctl.envs.single import DockingEnv
 from dockctl.envs.vector import DockingVectorEnv
+from dockctl.errors import DockctlError
 from dockctl.scenarios.loader import dump
 from dockctl.scenarios.schema import Scenario
 from dockctl.sim.lidar.spinning import SpinningLidars
@@ -25,7 +26,7 @@ from dockctl.sim.world import (
     load_checked,
     with_few_layouts,
 )
-from dockctl.testing.contract import Rule, contract_of
+from dockctl.testing.contract import ContractError, Rule, contract_of
 
 SECTORS = 8  # of `open_water`
 
@@ -68,7 +69,10 @@ def check_policy(policy: Policy, env: DockingVectorEnv, *, steps: int = 40) -> N
         for step in range(steps):
             require = contract_of(f"{what}, step {step}")
             before = {key: value.copy() for key, value in _arrays((observation, info)).items()}
-            action = np.asarray(policy.act(observation, info))
+            try:
+                action = np.asarray(policy.act(observation, info))
+            except DockctlError as error:  # of a policy from `load_policy`, which checks its own actions
+                raise ContractError(what, "valid", f"step {step}: {error}") from error
             for key, value in _arrays((observation, info)).items():
                 require("pure", np.array_equal(before[key], value), f"act changes {key}")
             space = env.single_action_space

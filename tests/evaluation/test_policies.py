@@ -18,7 +18,7 @@ from dockctl.envs.vector import DockingVectorEnv
 from dockctl.errors import DockctlError
 from dockctl.evaluation import compare, evaluate, load_policy
 from dockctl.evaluation.policies import BuiltPolicy, LoadedPolicy
-from dockctl.testing import check_policy
+from dockctl.testing import ContractError, check_policy
 from dockctl.trust import UntrustedError
 from tests.commands.conftest import dockctl
 
@@ -96,6 +96,14 @@ def test_a_policy_with_state_breaks_the_contract_unless_it_resets() -> None:
 
     with pytest.raises(AssertionError):
         check_policy(Counting(), DockingVectorEnv("s1", 2))
+
+
+@pytest.mark.parametrize("factory", ["wrong_shape", "not_there", "fractions", "broken_act"])
+def test_a_wrong_action_of_a_loaded_policy_breaks_the_contract(file: Path, factory: str) -> None:
+    env = DockingVectorEnv("s1", 2)
+    with pytest.raises(ContractError) as caught:
+        check_policy(load_policy(f"{file}:{factory}").make(env), env)
+    assert caught.value.rule == "valid"
 
 
 def test_the_controller_docks_in_reverse(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
