@@ -89,7 +89,9 @@ class CollisionChecker:
             for part in close
             if _touch(hull, self._low.of_part(part))
         )
-        part = next(touched, int(self._contained(pose)[0]))
+        part = next(touched, -1)
+        if part < 0:
+            part = int(self._contained(pose)[0])
         return self.harbor.parts[part].name if part >= 0 else None
 
     def clearance(self, eta: Floats) -> Floats:
