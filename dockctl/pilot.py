@@ -20,9 +20,9 @@ import math
 import re
 import zipfile
 from collections import deque
-from collections.abc import Callable, Iterator, Mapping
-from contextlib import contextmanager
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
+from functools import partial
 from pathlib import Path
 from typing import Any, Protocol
 
@@ -32,13 +32,12 @@ from numpy.typing import ArrayLike, NDArray
 from dockctl.dueling import Ensemble
 from dockctl.errors import DockctlError
 from dockctl.geometry import MAX_SECTORS, Floats, nearest_in_sectors, proximities
+from dockctl.onnx_networks import DESCRIPTION, OnnxNetworks, description, open_session
 from dockctl.reading import FOREIGN, parse_json, read_bytes
 from dockctl.sim.goal import TO_FINAL, TO_INTERMEDIATE, bearing, course, measure, reached
 
 FORMAT = 1
 MAX_FILE_BYTES = 2**31
-DESCRIPTION = "description"
-"""Name of the JSON text among the arrays of a pilot file."""
 PARTS = frozenset(
     {
         "phase", "distance", "heading_error", "velocity", "command", "lidar", "proximity", "bearing",
@@ -432,48 +431,8 @@ def _ensemble(content: bytes) -> tuple[str, NetworksOf]:
 
 def _onnx_model(content: bytes) -> tuple[str, NetworksOf]:
     """Return the description in a file of ``--onnx``, and what makes its networks."""
-    import onnxruntime
-
-    with _onnx_errors():
-        session = onnxruntime.InferenceSession(content, providers=["CPUExecutionProvider"])
-    text = session.get_modelmeta().custom_metadata_map.get(DESCRIPTION, "")
-
-    def networks(facts: Mapping[str, Any]) -> _OnnxModel:
-        with _onnx_errors():  # it runs once, and thereafter with inputs of the same shape
-            return _OnnxModel(session, facts)
-
-    return text, networks
-
-
-@contextmanager
-def _onnx_errors() -> Iterator[None]:
-    """Raise a ValueError for each exception of ONNX Runtime, which have no base of their own."""
-    try:
-        yield
-    except Exception as error:
-        raise ValueError(" ".join(str(error).split())) from None
-
-
-class _OnnxModel:
-    """The networks in a model of ``dockctl export --onnx``, which takes observations that are not scaled."""
-
-    def __init__(self, session: Any, facts: Mapping[str, Any]) -> None:
-        self._session = session
-        self._scale = np.array([column["scale"] for column in facts["observation"]], float)
-        blank = np.zeros((1, len(self._scale)), np.float32)
-        self.sizes = (blank.shape[1], self.q_values(blank).shape[1])
-        self.greedy(blank, blank)
-
-    def q_values(self, observation: NDArray[np.float32]) -> NDArray[np.float32]:
-        return self._run("q_values", observation)
-
-    def greedy(self, observation: NDArray[np.float32], q_values: NDArray[np.float32]) -> NDArray[np.int64]:
-        return self._run("action", observation)
-
-    def _run(self, output: str, observation: NDArray[np.float32]) -> NDArray[Any]:
-        raw = (observation * self._scale).astype(np.float32)
-        values: NDArray[Any] = self._session.run([output], {"observation": raw})[0]
-        return values
+    session = open_session(content)
+    return description(session), partial(OnnxNetworks, session)
 
 
 def _arrays(content: bytes) -> dict[str, NDArray[Any]]:

@@ -17,7 +17,8 @@ from numpy.typing import NDArray
 from dockctl.agents.interface import Info, Policy
 from dockctl.envs.vector import DockingVectorEnv
 from dockctl.errors import DockctlError, nearest, plugin_errors
-from dockctl.geometry import Floats
+from dockctl.onnx_networks import OnnxNetworks, description, open_session
+from dockctl.reading import read_bytes
 from dockctl.scenarios.schema import Scenario
 
 
@@ -117,28 +118,42 @@ def sb3_policy(file: Path, algorithm: str, env: DockingVectorEnv) -> Policy:
 def onnx_policy(file: Path, env: DockingVectorEnv) -> Policy:
     """Load an ONNX model: one input, observations (n, k), and action values (n, actions) as its first output.
 
-    A model of ``dockctl export`` takes the observations in units and has an output of that name.
+    A model of ``dockctl export`` takes the observations in units and chooses the actions itself.
 
     Raises:
         DockctlError: ONNX Runtime is not installed, or the model does not fit the spaces of `env`.
     """
     try:
-        import onnxruntime
+        session = open_session(read_bytes(file))
     except ImportError:
         raise DockctlError(
             f"{file}: needs ONNX Runtime; install it with: pip install 'dockctl[onnx]'", code="unavailable"
         ) from None
-    space = env.single_action_space
+    space, size = env.single_action_space, (env.single_observation_space.shape or (0,))[0]
     if not isinstance(space, Discrete):
         raise DockctlError(
             f"{file}: outputs action values, but '{env.scenario.name}' has the actions {space}",
             code="mismatch",
         )
-    session = onnxruntime.InferenceSession(str(file), providers=["CPUExecutionProvider"])
-    policy = _OnnxPolicy(session, file, (env.single_observation_space.shape or (0,))[0])
+    if text := description(session):
+        networks = OnnxNetworks(session, json.loads(text))
+        _require_same(file, "observations and actions", networks.sizes, (size, int(space.n)))
+        return _ExportedPolicy(networks)
+    policy = _OnnxPolicy(session, file, size)
     shape = policy.values(np.zeros((1, policy.size))).shape
     _require_same(file, "action values", shape, (1, int(space.n)))
     return policy
+
+
+class _ExportedPolicy(Policy):
+    """The greedy policy of a model of ``dockctl export``, which chooses the actions itself."""
+
+    def __init__(self, networks: OnnxNetworks) -> None:
+        self.networks = networks
+
+    def act(self, observation: NDArray[Any], info: Info) -> NDArray[Any]:
+        """Return an action (n,) for each boat."""
+        return self.networks.greedy(observation, observation)
 
 
 class _OnnxPolicy(Policy):
@@ -156,38 +171,20 @@ class _OnnxPolicy(Policy):
                 f"{file}: has the inputs {', '.join(names)}; expected one, the observation", code="mismatch"
             )
         self.name, shape = names[0], session.get_inputs()[0].shape
-        outputs = [given.name for given in session.get_outputs()]
-        self.exported = {"action", "q_values"} <= {*outputs}  # by dockctl: it chooses the action
-        self.output = "q_values" if "q_values" in outputs else outputs[0]
-        self.scale = _scale_of(session, size)
+        self.output = session.get_outputs()[0].name
         if len(shape) != 2 or (isinstance(shape[1], int) and shape[1] != size):
             _require_same(file, "observations", shape, ["n", size])
         self.one_by_one = isinstance(shape[0], int)  # the file fixes the batch size; 1 is assumed
 
     def act(self, observation: NDArray[Any], info: Info) -> NDArray[Any]:
         """Return an action (n,) for each boat."""
-        if self.exported:
-            return self._run("action", observation)
         return np.asarray(self.values(observation).argmax(axis=1))
 
     def values(self, observation: NDArray[Any]) -> NDArray[Any]:
         """Return the action values (n, actions) of observations (n, size)."""
-        return self._run(self.output, observation)
-
-    def _run(self, output: str, observation: NDArray[Any]) -> NDArray[Any]:
-        raw = (observation * self.scale).astype(np.float32)
-        batches = raw[:, None] if self.one_by_one else raw[None]
-        return np.concatenate([self.session.run([output], {self.name: batch})[0] for batch in batches])
-
-
-def _scale_of(session: Any, size: int) -> Floats:
-    """Return what a model of ``dockctl export`` divides observations by, (size,); 1 for other models."""
-    try:
-        facts = json.loads(session.get_modelmeta().custom_metadata_map["description"])
-        scale = np.array([column["scale"] for column in facts["observation"]], float)
-    except (KeyError, TypeError, ValueError):
-        return np.ones(size)
-    return scale if scale.shape == (size,) else np.ones(size)
+        given = observation.astype(np.float32)
+        batches = given[:, None] if self.one_by_one else given[None]
+        return np.concatenate([self.session.run([self.output], {self.name: batch})[0] for batch in batches])
 
 
 def _require_same(file: Path, what: str, found: Any, expected: Any) -> None:

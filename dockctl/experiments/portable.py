@@ -23,7 +23,8 @@ from dockctl.envs.observation import HISTORY, ObservationEncoder, blank_view
 from dockctl.errors import DockctlError
 from dockctl.evaluation.policies import CheckpointPolicy, load_checkpoint
 from dockctl.geometry import pose_array
-from dockctl.pilot import DESCRIPTION, FORMAT, PARTS
+from dockctl.onnx_networks import ACTION, DESCRIPTION, Q_VALUES
+from dockctl.pilot import FORMAT, PARTS
 from dockctl.plugins import OBSERVATION_PARTS, PACKAGE_ORIGIN
 from dockctl.runs.files import require_writable_file, write_atomically
 from dockctl.scenarios.schema import Scenario, Tolerance
@@ -147,7 +148,7 @@ def onnx_model(policy: CheckpointPolicy, scenario: Scenario) -> bytes:
             node("Gather", q_of(network, number, image), actions, axis=1)
             for number, network in enumerate(networks)
         ]
-    q = node("Mean", *each, name="q_values")
+    q = node("Mean", *each, name=Q_VALUES)
     if hysteresis is not None:
         last = node("Gather", x, constant("last command", hysteresis.columns, np.int64), axis=1)
         rows = node("Unsqueeze", last, constant("axis", [1], np.int64))
@@ -155,16 +156,16 @@ def onnx_model(policy: CheckpointPolicy, scenario: Scenario) -> bytes:
         farthest = node("ReduceMax", difference, axes=[2], keepdims=0)
         same = node("Cast", node("Less", farthest, constant("same", SAME_COMMAND)), to=TensorProto.FLOAT)
         q = node("Add", q, node("Mul", same, constant("margin", hysteresis.margin)))
-    action = node("ArgMax", q, axis=1, keepdims=0, name="action")
+    action = node("ArgMax", q, axis=1, keepdims=0, name=ACTION)
     for column, name in enumerate(("propeller_n", "rudder_rad")):
         table = constant(f"{name} of actions", [command[column] for command in facts["commands"]])
         node("Gather", table, action, name=name)
     real, whole, rows = TensorProto.FLOAT, TensorProto.INT64, "n"
     outputs: dict[str, tuple[Any, list[Any]]] = {
-        "action": (whole, [rows]),
+        ACTION: (whole, [rows]),
         "propeller_n": (real, [rows]),
         "rudder_rad": (real, [rows]),
-        "q_values": (real, [rows, len(facts["commands"])]),
+        Q_VALUES: (real, [rows, len(facts["commands"])]),
     }
     graph = helper.make_graph(
         nodes,
