@@ -242,6 +242,7 @@ def test_the_local_example() -> None:
         loader.load(ROOT / "examples/local-term/s1-gentle.yaml", overrides=["reward.terms.gentle_turn=1"])
 
 
+@pytest.mark.thorough  # installs it; other tests declare entry points without a package
 def test_the_example_package_is_installed_and_used(tmp_path: Path) -> None:
     """As a third party does, in separate processes: install, list, load, one reward, contract tests."""
     source = tmp_path / "source"

@@ -133,6 +133,7 @@ def site(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 
 @pytest.mark.slow
+@pytest.mark.thorough  # builds the site; the links of its sources are tested above
 class TestSite:
     def test_it_loads_nothing_from_the_network(self, site: Path) -> None:
         pages = [*site.rglob("*.html"), *site.rglob("*.css")]

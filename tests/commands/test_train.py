@@ -336,7 +336,11 @@ def test_without_a_terminal_there_are_plain_lines(monkeypatch: pytest.MonkeyPatc
 
 @pytest.mark.parametrize(
     ("model", "actions"),
-    [("DQN", "grid"), ("SAC", "continuous"), pytest.param("TD3", "continuous", marks=pytest.mark.thorough)],
+    [
+        ("DQN", "grid"),
+        pytest.param("SAC", "continuous", marks=pytest.mark.thorough),
+        pytest.param("TD3", "continuous", marks=pytest.mark.thorough),
+    ],
 )
 @pytest.mark.usefixtures("one_figure")
 def test_stable_baselines_leaves_a_normal_run_folder(model: str, actions: str, tmp_path: Path) -> None:

@@ -23,6 +23,7 @@ def validate(*arguments: object) -> tuple[int, list[str], list[str]]:
 
 
 @pytest.mark.slow
+@pytest.mark.thorough  # tests/envs/test_scenarios.py checks each of them
 def test_every_registered_scenario_is_valid() -> None:
     code, out, err = validate()
     assert code == 0
