@@ -19,17 +19,17 @@ Q_VALUES, ACTION = "q_values", "action"
 """Names of the outputs."""
 
 
-def open_session(content: bytes) -> Any:
-    """Return the session of ONNX Runtime for the content of a file.
+def open_session(model: bytes | str) -> Any:
+    """Return the session of ONNX Runtime for a model: its content, or its path if it has further files.
 
     Raises:
         ImportError: ONNX Runtime is not installed.
-        ValueError: the content is no model.
+        ValueError: it is no model.
     """
     import onnxruntime
 
     with _errors():
-        return onnxruntime.InferenceSession(content, providers=["CPUExecutionProvider"])
+        return onnxruntime.InferenceSession(model, providers=["CPUExecutionProvider"])
 
 
 def description(session: Any) -> str:

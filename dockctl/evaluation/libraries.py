@@ -18,7 +18,6 @@ from dockctl.agents.interface import Info, Policy
 from dockctl.envs.vector import DockingVectorEnv
 from dockctl.errors import DockctlError, nearest, plugin_errors
 from dockctl.onnx_networks import OnnxNetworks, description, open_session
-from dockctl.reading import read_bytes
 from dockctl.scenarios.schema import Scenario
 
 
@@ -124,7 +123,7 @@ def onnx_policy(file: Path, env: DockingVectorEnv) -> Policy:
         DockctlError: ONNX Runtime is not installed, or the model does not fit the spaces of `env`.
     """
     try:
-        session = open_session(read_bytes(file))
+        session = open_session(str(file))
     except ImportError:
         raise DockctlError(
             f"{file}: needs ONNX Runtime; install it with: pip install 'dockctl[onnx]'", code="unavailable"

@@ -292,6 +292,30 @@ def test_an_onnx_file(tmp_path: Path, batch: int | str) -> None:
     check_policy(policy.make(env), env)
 
 
+def test_an_onnx_file_with_its_weights_in_another_file(tmp_path: Path) -> None:
+    """As torch writes large models."""
+    onnx = pytest.importorskip("onnx")
+    pytest.importorskip("onnxruntime")
+    weights, path = onnx_file(tmp_path / "policy.onnx", 15, 77, "n"), tmp_path / "policy.onnx"
+    onnx.save(onnx.load(path), path, save_as_external_data=True, location="weights", size_threshold=0)
+    assert (tmp_path / "weights").stat().st_size >= weights.nbytes
+    expected = (DockingVectorEnv("s1", 3).reset(seed=0)[0] @ weights).argmax(axis=1)
+    assert actions(load_policy(path), 3).tolist() == expected.tolist()
+
+
+def test_an_exported_onnx_file_whose_description_is_damaged(tmp_path: Path) -> None:
+    onnx = pytest.importorskip("onnx")
+    pytest.importorskip("onnxruntime")
+    onnx_file(path := tmp_path / "policy.onnx", 15, 77, "n")
+    model = onnx.load(path)
+    for text in ("{", "{}", '{"observation": [{}]}'):
+        onnx.helper.set_model_props(model, {"description": text})
+        onnx.save(model, path)
+        with pytest.raises(DockctlError) as caught:
+            load_policy(path).make(DockingVectorEnv("s1", 1))
+        assert str(path) in str(caught.value)
+
+
 @pytest.mark.parametrize(("inputs", "outputs"), [(16, 77), (15, 76)])
 def test_an_onnx_file_of_another_size(tmp_path: Path, inputs: int, outputs: int) -> None:
     pytest.importorskip("onnxruntime")
