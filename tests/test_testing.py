@@ -92,6 +92,12 @@ def test_policies(name: str) -> None:
     testing.check_policy(policy.make(env), env)
 
 
+@pytest.mark.parametrize("registry", [CONDITIONS, RANGE_SENSORS, ALGORITHMS], ids=lambda each: each.noun)
+def test_every_condition_sensor_and_algorithm_is_checked(registry: Registry[type[Any]]) -> None:
+    assert registry.names()
+    assert {kind for kind, _ in examples(registry)} == {*registry.names()}
+
+
 def test_an_algorithm_whose_policy_explores_is_rejected(monkeypatch: pytest.MonkeyPatch) -> None:
     rng = np.random.default_rng()
     monkeypatch.setattr(GreedyPolicy, "act", lambda self, rows, info: rng.random(len(rows)))
