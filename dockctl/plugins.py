@@ -79,13 +79,19 @@ class Entry(Generic[T]):
 
     @property
     def file(self) -> str:
-        """The file of the code that is registered."""
-        return inspect.getfile(cast(Any, self.value))
+        """The file of the code that is registered; empty if it was typed in a shell or a notebook."""
+        try:
+            return inspect.getfile(cast(Any, self.value))
+        except (OSError, TypeError):
+            return ""
 
     @property
     def place(self) -> str:
-        """File and line where the code is defined, in parentheses."""
-        return f" ({self.file}:{inspect.getsourcelines(cast(Any, self.value))[1]})"
+        """File and line where the code is defined, in parentheses; empty if its source is not available."""
+        try:
+            return f" ({self.file}:{inspect.getsourcelines(cast(Any, self.value))[1]})"
+        except (OSError, TypeError):
+            return ""
 
     @property
     def parameters(self) -> dict[str, Any]:

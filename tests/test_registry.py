@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import pytest
 
-from dockctl.errors import DuplicateNameError, UnknownNameError
-from dockctl.plugins import Registry, registering_as
+from dockctl.errors import DuplicateNameError, PluginError, UnknownNameError
+from dockctl.plugins import Guard, Registry, registering_as
 
 
 def term(status: object, *, floor: float = 0.1, scale: float) -> None:
@@ -32,6 +32,14 @@ def test_an_entry_has_name_origin_and_parameters(registry: Registry[object]) -> 
 def test_outside_of_a_plugin_the_origin_is_the_module(registry: Registry[object]) -> None:
     registry.register("mine", term)
     assert registry.origin("mine") == f"module {__name__}"
+
+
+def test_an_error_of_code_without_a_source_file_is_reported(registry: Registry[object]) -> None:
+    """As of a class that was typed in a shell."""
+    registry.register("mine", type("Typed", (), {"__module__": "not_a_file"}))
+    assert (registry.get("mine").file, registry.get("mine").place) == ("", "")
+    with pytest.raises(PluginError, match="no thrust"), Guard(registry, "mine"):
+        raise ValueError("no thrust")
 
 
 def test_a_second_origin_is_rejected_and_both_are_named(registry: Registry[object]) -> None:
