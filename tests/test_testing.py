@@ -36,6 +36,7 @@ from dockctl.scenarios.extensions import Condition, Disturbance, RangeSensorSpec
 from dockctl.sim.goal import StepStatus
 from dockctl.sim.lidar.planar import PlanarScanner, PlanarSensor
 from dockctl.testing.contract import Rule
+from tests.conftest import own_registries
 
 catalog.fill()
 
@@ -229,17 +230,110 @@ def test_a_condition_that_draws_from_a_common_generator_is_rejected() -> None:
     assert_rejected(lambda: testing.check_condition("unseeded"), "deterministic")
 
 
+class Gusts(Disturbance):
+    """A correct condition: a flow drawn per episode, and a force that grows with its time."""
+
+    def __init__(self, boats: int) -> None:
+        self.velocity, self.time_s = np.zeros((boats, 2)), np.zeros(boats)
+
+    def reset(self, rows: Any, rngs: Any) -> None:
+        self.velocity[rows] = [rng.random(2) for rng in rngs]
+        self.time_s[rows] = 0
+
+    def advance(self, period_s: float) -> None:
+        self.time_s = self.time_s + period_s
+
+    def water_velocity(self) -> Any:
+        return self.velocity
+
+    def force(self, eta: Any, nu: Any) -> Any:
+        return self.time_s[:, None] * [1.0, 0.0, 0.0]
+
+
+class FirstGenerator(Gusts):
+    def reset(self, rows: Any, rngs: Any) -> None:
+        super().reset(rows, [rngs[0]] + [copy.deepcopy(rngs[0]) for _ in rngs[1:]])
+
+
+class LastingTime(Gusts):
+    def reset(self, rows: Any, rngs: Any) -> None:
+        self.velocity[rows] = [rng.random(2) for rng in rngs]
+
+
+class ChangesArgument(Gusts):
+    def force(self, eta: Any, nu: Any) -> Any:
+        nu[:] = 0
+        return super().force(eta, nu)
+
+
+class Unsaveable(Gusts):
+    def __init__(self, boats: int) -> None:
+        super().__init__(boats)
+        self.scale = lambda: 1
+
+
+@pytest.mark.parametrize(
+    ("state", "rule"),
+    [
+        (Gusts, None),
+        (FirstGenerator, "independent_rows"),
+        (LastingTime, "deterministic"),
+        (ChangesArgument, "pure"),
+        (Unsaveable, "resumable"),
+    ],
+)
+def test_conditions_that_break_a_rule_are_rejected(state: type[Gusts], rule: Rule | None) -> None:
+    class Gusty(Condition):
+        kind: Literal["gusty"] = "gusty"
+
+        def build(self, num_boats: int) -> Disturbance:
+            return state(num_boats)
+
+    with own_registries():
+        register(CONDITIONS, group="water")(Gusty)
+        if rule is None:
+            testing.check_condition("gusty")
+        else:
+            assert_rejected(lambda: testing.check_condition("gusty"), rule)
+
+
+def test_commands_in_an_array_that_is_used_again_are_rejected() -> None:
+    arrays: dict[int, Any] = {}
+
+    @register(ACTIONS)
+    class Recycling(GridActions):
+        kind: Literal["recycling"] = "recycling"  # type: ignore[assignment]
+
+        def commands(self, actions: Any, vessel: Any) -> Any:
+            array = arrays.setdefault(len(actions), np.zeros((len(actions), 2)))
+            array[:] = super().commands(actions, vessel)
+            return array
+
+    assert_rejected(lambda: testing.check_action_type("recycling"), "unshared")
+
+
+def test_a_policy_that_mixes_boats_is_rejected() -> None:
+    class Largest:
+        def reset(self, rows: Any, info: Any) -> None:
+            pass
+
+        def act(self, observation: Any, info: Any) -> Any:
+            return np.full(len(observation), int(1e3 * np.abs(observation[:, 1]).max()) % 77)
+
+    assert_rejected(lambda: testing.check_policy(Largest(), DockingVectorEnv("s1", 3)), "independent_rows")
+
+
 def test_a_condition_whose_state_is_incomplete_is_rejected() -> None:
     class Flow(Disturbance):
         def __init__(self, boats: int) -> None:
-            self.velocity, self.episodes = np.zeros((boats, 2)), np.zeros(boats)
+            self.velocity, self.factor = np.zeros((boats, 2)), np.zeros((boats, 1))
 
         def reset(self, rows: Any, rngs: Any) -> None:
             self.velocity[rows] = [rng.random(2) for rng in rngs]
-            self.episodes[rows] += 1
+            self.factor[rows] = [rng.random(1) for rng in rngs]
 
         def water_velocity(self) -> Any:
-            return self.velocity * (1 + self.episodes[:, None])
+            return self.velocity * self.factor
 
         def state(self) -> dict[str, Any]:
             return {"velocity": self.velocity}

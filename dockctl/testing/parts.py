@@ -127,11 +127,15 @@ def check_condition(kind: str, **keys: Any) -> None:
     require, scenario = contract_of(f"condition '{kind}'"), _scenario(conditions={kind: spec})
     group = CONDITIONS.get(kind).kind
     require("valid", group in GROUPS, f"unknown group '{group}' (known: {', '.join(GROUPS)})")
-    many, few, other = (_simulate(scenario, boats) for boats in (BOATS, 2, BOATS))
+    some = slice(3, 5)
+    many, other, later = (_simulate(scenario, episodes=episodes) for episodes in (1, 1, 2))
     require("finite", all(np.isfinite(state).all() for state in many), "a boat's state is not finite")
     require("deterministic", np.array_equal(many, other), "the same generators give different episodes")
-    require("independent_rows", np.array_equal(many[:, :2], few), "a boat depends on the number of boats")
-    reset = _simulate(scenario, BOATS, reset_at=10)
+    require("deterministic", np.array_equal(many, later), "an episode depends on the one before it")
+    require(
+        "independent_rows", np.array_equal(many[:, some], _simulate(scenario, some)), "depends on other boats"
+    )
+    reset = _simulate(scenario, reset_at=10)
     others = np.arange(BOATS) != 1
     require(
         "independent_rows", np.array_equal(many[:, others], reset[:, others]), "a reset changes other boats"
@@ -315,6 +319,9 @@ def _check_rows(require: Require, function: Callable[[Rows], Rows], rows: Rows) 
                 f"a row of {key} depends on other rows",
             )
     copies = {key: value.copy() for key, value in result.items()}
+    function({key: value[::-1].copy() for key, value in rows.items()})
+    for key, value in result.items():
+        require("unshared", np.array_equal(value, copies[key]), f"{key} changes in a later call")
     for key, value in result.items():
         if value.flags.writeable and not any(np.shares_memory(value, given) for given in rows.values()):
             value[:] = -7.0
@@ -372,25 +379,34 @@ def _scenario(**changes: Any) -> Scenario:
     return Scenario.model_validate({**dict(scenario), "sensors": sensors, **changes})
 
 
-def _simulate(scenario: Scenario, boats: int, reset_at: int | None = None) -> Floats:
-    """Return the states (steps, boats, 6) of boats under random commands in open water."""
-    simulator = Simulator(scenario, [open_water()], boats)
+def _simulate(
+    scenario: Scenario, of: slice = slice(0, BOATS), *, episodes: int = 1, reset_at: int | None = None
+) -> Floats:
+    """Return the states (steps, k, 6) of k of the boats under random commands in open water.
+
+    Args:
+        of: which boats.
+        episodes: how many equal ones, of which the last is returned.
+        reset_at: step at which another episode of the second boat begins.
+    """
+    rows = np.arange(BOATS)[of]
+    simulator = Simulator(scenario, [open_water()], len(rows))
     site = own_site(scenario)
     start = given_start(site, scenario.task, site.initial[0], 0)
-    rngs = [np.random.default_rng(row) for row in range(boats)]
-    simulator.reset(np.arange(boats), [start] * boats, rngs)
     commands = np.random.default_rng(3).uniform(-1, 1, (30, BOATS, 2)) * simulator.vessel.command_limit
-    states = []
-    for step, command in enumerate(commands):
-        if step == reset_at:
-            simulator.reset(np.array([1]), [replace(start, seed=99)])
-        before, again = _hooks(simulator), _hooks(simulator)
-        for name, value in before.items():
-            contract_of(name)(
-                "pure", np.array_equal(value, again[name]), "changes without a reset or advance"
-            )
-        simulator.step(command[:boats])
-        states.append(np.hstack([simulator.eta, simulator.nu]))
+    for _ in range(episodes):
+        simulator.reset(np.arange(len(rows)), [start] * len(rows), [np.random.default_rng(r) for r in rows])
+        states = []
+        for step, command in enumerate(commands):
+            if step == reset_at:
+                simulator.reset(np.array([1]), [replace(start, seed=99)])
+            before, again = _hooks(simulator), _hooks(simulator)
+            for name, value in before.items():
+                contract_of(name)(
+                    "pure", np.array_equal(value, again[name]), "changes without a reset or advance"
+                )
+            simulator.step(command[rows])
+            states.append(np.hstack([simulator.eta, simulator.nu]))
     return np.array(states)
 
 
@@ -398,15 +414,18 @@ def _hooks(simulator: Simulator) -> Rows:
     """Return copies of what the hooks of the conditions return that may be called at any time."""
     values: Rows = {}
     for disturbance in simulator.disturbances:
+        who = type(disturbance).__name__
+        eta, nu = simulator.eta.copy(), simulator.nu.copy()
         hooks = {
             "water_velocity": disturbance.water_velocity(),
             "air_velocity": disturbance.air_velocity(),
-            "force": disturbance.force(simulator.eta, simulator.nu),
+            "force": disturbance.force(eta, nu),
             "pose_error": disturbance.pose_error(),
             "velocity_error": disturbance.velocity_error(),
             **disturbance.episode(),
         }
-        who = type(disturbance).__name__
+        for given, own in ((eta, simulator.eta), (nu, simulator.nu)):
+            contract_of(f"{who}.force")("pure", np.array_equal(given, own), "changes its arguments")
         values |= {f"{who}.{name}": np.array(value) for name, value in hooks.items()}
     return values
 
