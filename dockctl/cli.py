@@ -118,8 +118,8 @@ class _Command(TyperCommand):
 class _Notes(logging.Handler):
     """Prints the progress of long preparations.
 
-    A spinner on the terminal replaces standard error as long as it turns, so that texts appear above it. The
-    stream handler of `logging` keeps the stream that it was made with.
+    A spinner on the terminal replaces standard error as long as it turns, so that messages appear above it.
+    The stream handler of `logging` keeps the stream that it was made with.
     """
 
     def emit(self, record: logging.LogRecord) -> None:

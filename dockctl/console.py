@@ -21,7 +21,7 @@ from rich.text import Text
 WIDE = Console(width=10_000)
 """For measurements."""
 CONTROLS = re.compile(r"[\x00-\x08\x0b-\x1f\x7f-\x9f\u202a-\u202e\u2066-\u2069]")
-"""Characters in untrusted texts that control a terminal or reverse what it shows."""
+"""Characters in untrusted text that control a terminal or reverse what it shows."""
 
 
 class SafeStream(io.TextIOWrapper):
@@ -90,7 +90,7 @@ def print_table(console: Console, table: Table) -> None:
     """Print a table if it has rows; one that is too wide is printed in parts, each with the first column.
 
     Words longer than a line, such as paths, stay whole, as in `print_text`: the terminal breaks them.
-    Cells of type `str` are markup; texts from others are of type `Text`, with control characters as codes.
+    Cells of type `str` are markup; text from others is of type `Text`, with control characters as codes.
     """
     for cell in (cell for column in table.columns for cell in column.cells if isinstance(cell, Text)):
         cell.plain = printable(cell.plain)

@@ -165,7 +165,7 @@ class Ensemble(NamedTuple):
         if mirror is not None:
             for images, count in ((mirror.columns, inputs), (mirror.actions, actions)):
                 if images.dtype.kind != "i" or sorted(images.tolist()) != list(range(count)):
-                    raise ValueError(f"the mirror images {images} are no permutation of {count} numbers")
+                    raise ValueError(f"the mirror images {images} are not a permutation of {count} numbers")
             if mirror.signs.shape != (inputs,):
                 raise ValueError(f"signs of shape {mirror.signs.shape} for {inputs} inputs")
         if hysteresis is not None:

@@ -67,7 +67,7 @@ class TrainingState:
         try:
             return int(self.facts["progress"]["env_steps"])
         except (LookupError, TypeError, ValueError):
-            raise CheckpointError(f"{self.folder}: cannot be resumed: it gives no number of steps") from None
+            raise CheckpointError(f"{self.folder}: cannot be resumed: it has no step count") from None
 
     @property
     def blocks(self) -> set[str]:
@@ -215,7 +215,7 @@ def _blocks(facts: Mapping[str, Any], file: Path) -> dict[str, list[str]]:
     Raises:
         CheckpointError: they are not hashes.
     """
-    with suppress(AttributeError, TypeError):  # no dictionary, or not of lists of texts
+    with suppress(AttributeError, TypeError):  # not a dictionary of lists of strings
         blocks: dict[str, list[str]] = facts.get("blocks", {})
         if all(
             names and all(re.fullmatch("[0-9a-f]{64}", name) for name in names) for names in blocks.values()

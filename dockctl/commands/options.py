@@ -272,7 +272,7 @@ def save_figures(draw: Draw, folder: Path) -> list[Path]:
 
 
 def print_paths(paths: Iterable[Path]) -> None:
-    """Print the paths of written files, one a line, as `display_path` gives them."""
+    """Print the paths of written files, one per line, as `display_path` gives them."""
     from dockctl.scenarios.catalog import display_path
 
     for path in paths:

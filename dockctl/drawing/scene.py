@@ -116,7 +116,7 @@ def _polygons(rows: Iterable[dict[str, Any]]) -> Iterator[Polygon]:
     for row in rows:
         kind, name = row["kind"], row["name"]
         if not (isinstance(kind, str) and isinstance(name, str)):
-            raise TypeError("the kind and the name of a polygon must be texts")
+            raise TypeError("the kind and the name of a polygon must be strings")
         yield Polygon(kind, name, _outline(row["xy_m"]), float(row["height_m"]))
 
 
