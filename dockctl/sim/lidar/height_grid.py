@@ -328,6 +328,20 @@ def bands_near(grid: HeightGrid, level: int, x: float, y: float) -> int:
 
 
 @compiled(inline="always")
+def bands_in(grid: HeightGrid, x: float, y: float, reach_x: float, reach_y: float) -> int:
+    """Return the bands of height with obstacles in the cells that a box around (x, y) touches."""
+    nx, ny = grid.level_shape[0, 1], grid.level_shape[0, 2]
+    px, py = (x - grid.frame[0]) / grid.frame[2], (y - grid.frame[1]) / grid.frame[2]  # in cells
+    reach_x, reach_y = reach_x / grid.frame[2], reach_y / grid.frame[2]
+    bands = 0
+    for iy in range(max(0, math.floor(py - reach_y)), min(ny, math.floor(py + reach_y) + 1)):
+        for ix in range(max(0, math.floor(px - reach_x)), min(nx, math.floor(px + reach_x) + 1)):
+            place = in_tiles(ix, iy, nx)
+            bands |= grid.palette[grid.tiles[grid.directory[place >> 6], place & 63]]
+    return int(bands)
+
+
+@compiled(inline="always")
 def distance_at(grid: HeightGrid, x: float, y: float) -> float:
     """Return a lower bound of the distance from (x, y) to an obstacle [m]."""
     ny, nx = grid.distances.shape

@@ -4,9 +4,10 @@ Only the nearest return of each sector is needed. The scan therefore proceeds ou
 shell (rings of growing radius, divided into narrow bins of azimuth), and stops in a sector once its nearest
 return is nearer than the shell. A table in the body frame, built once per set of sensors, lists the rays that
 cross each cell of a shell and their bands of height. Rays that pass above or below everything in the harbor
-near a cell are skipped there, as is open water. The other rays are traversed through the fine grid of the
-harbor. A ray that hits something nearer than the nearest return so far is traversed again from its origin,
-because something else may be hit first.
+near a cell are skipped there, as is open water; near is first a circle around the cell, from a table, and
+where something is in it, the cell itself. The other rays are traversed through the fine grid of the harbor. A
+ray that hits something nearer than the nearest return so far is traversed again from its origin, because
+something else may be hit first.
 
 Noise moves the return of a ray along it. A hit at the radius r can then still be nearest where the nearest
 return is beyond r minus the error, in every sector that the ray can be moved to. The error of a ray is drawn
@@ -26,7 +27,17 @@ from numpy.typing import NDArray
 from dockctl.compute import compiled
 from dockctl.geometry import Bools, Floats, sector_index
 from dockctl.noise import Seeds
-from dockctl.sim.lidar.height_grid import HeightGrid, Line, band_at, bands_near, bits, distance_at, first_hit
+from dockctl.sim.lidar.height_grid import (
+    SLACK_M,
+    HeightGrid,
+    Line,
+    band_at,
+    bands_in,
+    bands_near,
+    bits,
+    distance_at,
+    first_hit,
+)
 from dockctl.sim.lidar.raycast import MISS, compiled_bare
 from dockctl.sim.lidar.return_noise import ReturnNoise, error_above, largest_error, share_above
 from dockctl.sim.lidar.shell_table import (
@@ -73,7 +84,8 @@ def sector_ranges(
     radii, middles = table.radii, table.bins
     sectors, shells = out.shape[1], len(radii) - 1
     bins = len(middles) // sectors
-    widening = 1.0 + math.pi / len(middles)  # the half-width of a bin grows with the radius
+    half_width = math.pi / len(middles)  # of a bin [rad]
+    widening = 1.0 + half_width  # a cell grows with the radius
     for row in range(len(poses)):
         x, y = poses[row, 0], poses[row, 1]
         c, s = math.cos(poses[row, 2]), math.sin(poses[row, 2])
@@ -92,6 +104,7 @@ def sector_ranges(
         for shell in range(nearest, shells):
             inner, outer = radii[shell], radii[shell + 1]
             middle = (inner + outer) / 2
+            depth, width = half_sides(inner, outer, half_width)
             margin = 0 if noise is None else math.ceil(_angle(error, inner) * len(middles) / (2 * math.pi))
             index = first[shell]
             while index >= 0:
@@ -105,7 +118,10 @@ def sector_ranges(
                     if near == 0:
                         clear = (distance_at(grid, wx, wy) + middle) / widening
                         upcoming = max(upcoming, shell_of(table, clear))
-                    else:
+                    else:  # the level covers a circle that is several times as large as the cell
+                        dx, dy = abs(wx - x) / middle, abs(wy - y) / middle
+                        near &= bands_in(grid, wx, wy, depth * dx + width * dy, depth * dy + width * dx)
+                    if near != 0:
                         cell = shell * len(middles) + index
                         _visit(table, grid, cell, near, inner, outer, reached, pose, noise, best)
                     if upcoming < shells:
@@ -118,6 +134,20 @@ def sector_ranges(
 def shell_of(table: ShellTable, radius: float) -> int:
     """Return the first shell, or an earlier one, that is not entirely within a radius [m]."""
     return int(table.shell_at[min(int(radius / SHELL_STEP_M), len(table.shell_at) - 1)])
+
+
+@compiled(inline="always")
+def half_sides(inner: float, outer: float, half_width: float) -> tuple[float, float]:
+    """Return half the depth and half the width [m] of a rectangle that contains a cell of a shell.
+
+    Its center is that of the cell, at the mean of the radii.
+
+    Args:
+        inner, outer: radii of the shell [m].
+        half_width: of the bin [rad].
+    """
+    nearest = inner * math.cos(half_width)  # ahead, of the corners
+    return (inner + outer) / 2 - nearest + SLACK_M, outer * half_width + SLACK_M
 
 
 @compiled(inline="always")

@@ -14,8 +14,17 @@ from dockctl.errors import DockctlError
 from dockctl.scenarios.loader import load
 from dockctl.sim.lidar import height_grid
 from dockctl.sim.lidar import spinning_sensor as lidar_module
-from dockctl.sim.lidar.height_grid import HeightGrid, band_at, bands_near, bits, distance_at, in_tiles
+from dockctl.sim.lidar.height_grid import (
+    HeightGrid,
+    band_at,
+    bands_in,
+    bands_near,
+    bits,
+    distance_at,
+    in_tiles,
+)
 from dockctl.sim.lidar.raycast import BoundingVolumes, closest_hits
+from dockctl.sim.lidar.scan import half_sides
 from dockctl.sim.lidar.spinning import LidarMount, SpinningLidars
 from dockctl.sim.lidar.spinning_sensor import Rays, SpinningSensor, rotation
 from dockctl.sim.world import build_worlds
@@ -236,8 +245,33 @@ def test_the_grid_is_conservative() -> None:
         for level, radius in enumerate(grid.radii):
             expected = np.bitwise_or.reduce(heights[away <= radius], initial=0)
             assert bands_near(grid, level, x, y) & expected == expected
+        reach_x, reach_y = rng.uniform(0, 1, 2)
+        inside = (np.abs(points[:, 0] - x) <= reach_x) & (np.abs(points[:, 1] - y) <= reach_y)
+        expected = np.bitwise_or.reduce(heights[inside], initial=0)
+        assert bands_in(grid, x, y, reach_x, reach_y) & expected == expected
     for (x, y, _), height in zip(points, heights, strict=True):
         assert bands_near(grid, 0, x, y) & height
+
+
+def test_bands_in_a_box_are_those_of_its_cells() -> None:
+    grid = HeightGrid.build(clutter(5), 2.0)
+    x0, y0, cell = grid.frame
+    rng = np.random.default_rng(1)
+    for ix, iy in rng.integers(20, 300, (200, 2)):
+        cells = [bands_near(grid, 0, x0 + (ix + i) * cell, y0 + (iy + j) * cell)
+                 for i in (-0.5, 0.5, 1.5) for j in (-1.5, -0.5, 0.5, 1.5, 2.5)]  # fmt: skip
+        x, y = x0 + (ix + 0.5) * cell, y0 + (iy + 0.5) * cell
+        assert bands_in(grid, x, y, 1.4 * cell, 2.4 * cell) == np.bitwise_or.reduce(cells)
+
+
+@given(inner=st.floats(0.5, 200), growth=st.floats(1.0001, 2), bins=st.integers(4, 2048), at=st.floats(-1, 1))
+def test_a_cell_of_a_shell_is_inside_its_rectangle(inner: float, growth: float, bins: int, at: float) -> None:
+    outer, half_width = inner * growth, math.pi / bins
+    depth, width = half_sides(inner, outer, half_width)
+    radii = np.linspace(inner, outer, 50)
+    ahead, aside = radii * math.cos(at * half_width), radii * math.sin(at * half_width)
+    assert (np.abs(ahead - (inner + outer) / 2) <= depth).all() and (np.abs(aside) <= width).all()
+    assert depth <= outer - inner * math.cos(half_width) + 1e-4 and width <= 1.6 * outer * half_width
 
 
 def test_triangles_of_a_cell_have_their_bands_of_height() -> None:
