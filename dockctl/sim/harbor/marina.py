@@ -185,30 +185,27 @@ def _furniture(spec: Marina, row: SideRow | EndRow, z: float) -> Iterator[Solid]
     """Yield a supply post at every finger and a bollard at every berth, on a deck of the height `z` [m]."""
     inland = 1.0 if z == QUAY_HEIGHT_M else PIER_POST_M
     post = Solid("roof", box((-inland - 0.15, -0.14, z), (0.15 - inland, 0.14, z + 1.1)))
-    bollard = [(-0.3, 0.0, z), (-0.3, 0.0, z + 0.3), (-0.3, 0.0, z + 0.42)]
-    for at in row.fingers:
-        yield QuayFrame.of_row(spec, row, at).to_world(post)
-    for at in row.berths:
-        yield QuayFrame.of_row(spec, row, at).to_world(
-            Solid("engine", tube(bollard, (0.1, 0.1, 0.16), sides=8))
-        )
+    path = [(-0.3, 0.0, z), (-0.3, 0.0, z + 0.3), (-0.3, 0.0, z + 0.42)]
+    bollard = Solid("engine", tube(path, (0.1, 0.1, 0.16), sides=8))
+    for kind, places in ((post, row.fingers), (bollard, row.berths)):
+        yield from (QuayFrame.of_row(spec, row, at).to_world(kind) for at in places)
 
 
 def _fingers(spec: Marina, row: SideRow | EndRow) -> Iterator[Part]:
     """Yield finger decks and their piles, with a mooring pile at the head of each finger."""
     length, half = row.finger_length_m, row.finger_width_m / 2
+    deck = Solid("finger", box((0.0, -half, FINGER_HEIGHT_M - 0.3), (length, half, FINGER_HEIGHT_M)))
+    cleats = [
+        Solid("rail", box((x, y - 0.04, FINGER_HEIGHT_M), (x + 0.3, y + 0.04, FINGER_HEIGHT_M + 0.1)))
+        for x in (0.3 * length, 0.78 * length)
+        for y in (half - 0.12, 0.12 - half)
+    ]
+    piles = [pile(x, y, 1.3) for x in (0.12 * length, 0.55 * length) for y in (half - 0.14, 0.14 - half)]
+    piles.append(pile(length - 0.2, 0.0, 1.9, radius=0.17))
     for at in row.fingers:
         frame = QuayFrame.of_row(spec, row, at)
         where = f"{row.side} {row.axis}={at:g}"
-        deck = Solid("finger", box((0.0, -half, FINGER_HEIGHT_M - 0.3), (length, half, FINGER_HEIGHT_M)))
-        cleats = [
-            Solid("rail", box((x, y - 0.04, FINGER_HEIGHT_M), (x + 0.3, y + 0.04, FINGER_HEIGHT_M + 0.1)))
-            for x in (0.3 * length, 0.78 * length)
-            for y in (half - 0.12, 0.12 - half)
-        ]
         yield Part(f"finger pier {where}", "finger", tuple(map(frame.to_world, (deck, *cleats))))
-        piles = [pile(x, y, 1.3) for x in (0.12 * length, 0.55 * length) for y in (half - 0.14, 0.14 - half)]
-        piles.append(pile(length - 0.2, 0.0, 1.9, radius=0.17))
         yield Part(f"piles of the finger pier {where}", "pile", tuple(map(frame.to_world, piles)))
 
 
