@@ -321,7 +321,7 @@ class Pilot:
             raise _Unusable(f"{name}: no data yet")
         try:
             age, value = now_s - float(reading.time_s), np.asarray(reading.value, float)
-        except (TypeError, ValueError):
+        except (OverflowError, TypeError, ValueError):
             raise _Unusable(f"{name}: not a time and an array of numbers") from None
         if not abs(age) <= self.checks.max_age_s:
             raise _Unusable(f"{name}: {age:.3g} s old, expected at most {self.checks.max_age_s:g} s")

@@ -171,6 +171,8 @@ BAD = {
     "velocity is NaN": {"velocity": (math.nan, 0.0, 0.0)},
     "pose without heading": {"pose": (23.0, -10.0)},
     "pose is text": {"pose": ("x", "y", "z")},
+    "pose is no floating-point number": {"pose": (10**400, 0, 0)},
+    "time is no floating-point number": {"cloud": Reading(10**400, CLOUD)},
     "points are NaN": {"cloud": np.array([[1.0, math.nan, 0.0]])},
     "points are infinite": {"cloud": np.array([[1.0, math.inf, 0.0]])},
     "points in a plane": {"cloud": CLOUD[:, :2]},
