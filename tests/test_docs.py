@@ -11,6 +11,7 @@ import shutil
 import subprocess
 import sys
 import tomllib
+from collections import Counter
 from collections.abc import Sequence
 from pathlib import Path
 from urllib.request import urlopen
@@ -185,10 +186,27 @@ def test_the_examples_run(
 
 def test_every_block_has_a_language_that_is_tested() -> None:
     """Scenario files are tested in tests/test_packaging.py, the blocks with a layout of files are text."""
+    found: Counter[str] = Counter()
     for document in DOCUMENTS:
         fences = re.findall(r"^(.*?(?:`{3,}|~{3,}).*)$", document.read_text(encoding="utf-8"), re.M)
         assert {*fences[::2]} <= {f"```{kind}" for kind in ("sh", "python", "yaml", "json", "toml", "text")}
         assert {*fences[1::2]} <= {"```"}, document
+        found.update(f"{document.name} {fence[3:]}" for fence in fences[::2])
+    data = {name: count for name, count in found.items() if name.endswith(("yaml", "json", "toml"))}
+    whole = {f"{name}.md yaml" for name in ("choices", "gallery", "plugins", "scenario")}  # any number
+    once = {"README.md yaml", "studies.md yaml", "scenario.md json", "plugins.md toml"}  # only the first
+    assert data.keys() == whole | once and all(data[name] == 1 for name in once)
+
+
+def test_every_python_block_is_an_example_or_a_plugin_that_a_command_or_a_scenario_uses() -> None:
+    for document in DOCUMENTS:
+        plugins = [block for block in blocks(document, "python") if block.startswith("# ")]
+        assert not plugins or document.name == "plugins.md"
+        for block in plugins:
+            name = re.match(r"# (\w+\.py)\n", block)
+            assert name, block
+            files = "".join([*blocks(document, "yaml"), *map(shlex.join, lines(document))])
+            assert name[1] in files
 
 
 def test_every_shell_line_is_run() -> None:
