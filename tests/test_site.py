@@ -171,6 +171,8 @@ class TestSite:
         assert all(f"<code>{key}</code>" in schema for key in ("max_propeller_n", "huber_delta", "sectors"))
         reference = (site / "reference/python.html").read_text(encoding="utf-8")
         assert all(f"{name}" in reference for name in names)
+        pilot = ("Pilot", "Pilot.load", "Pilot.decide", "Pilot.reset", "Reading", "Checks", "Decision")
+        assert all(f'id="dockctl.pilot.{name}"' in reference for name in pilot)
 
     def test_the_search_works_without_a_server(self, site: Path) -> None:
         index = (site / "search/search_index.js").read_text(encoding="utf-8")
