@@ -95,7 +95,8 @@ class Decision:
     """A command, and how it came about.
 
     Attributes:
-        propeller_n, rudder_rad: the command.
+        propeller_n: propeller force of the command [N].
+        rudder_rad: its rudder angle [rad].
         stop: why it is a stop; empty if the policy chose it.
         arrived: the final pose is reached.
         phase: 0 on the way to the intermediate pose, 1 on the way to the final pose.
@@ -150,6 +151,8 @@ class Pilot:
     networks: Networks
     goals: Floats
     checks: Checks = field(default_factory=Checks)
+    phase: int = field(init=False, repr=False)
+    flows: tuple[str, ...] = field(init=False, repr=False)
 
     def __post_init__(self) -> None:
         facts = self.description

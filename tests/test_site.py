@@ -173,6 +173,7 @@ class TestSite:
         assert all(f"{name}" in reference for name in names)
         pilot = ("Pilot", "Pilot.load", "Pilot.decide", "Pilot.reset", "Reading", "Checks", "Decision")
         assert all(f'id="dockctl.pilot.{name}"' in reference for name in pilot)
+        assert re.findall(r"[\w.]+,(?=</span></code></td>)", reference) == []  # an attribute per line
 
     def test_the_search_works_without_a_server(self, site: Path) -> None:
         index = (site / "search/search_index.js").read_text(encoding="utf-8")

@@ -124,7 +124,8 @@ class Columns:
     Attributes:
         names: k names.
         values: (n, k).
-        low, high: bounds after scaling, one number or (k,).
+        low: lower bound after scaling, one number or (k,).
+        high: upper bound, the same.
         scale: what the values are divided by, one number or (k,).
         units: of the values, one per name; none by default.
     """

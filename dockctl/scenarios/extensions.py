@@ -125,7 +125,8 @@ class RangeNoise:
     Attributes:
         seeds: of the scan, uint64.
         sigma_m: standard deviation of each return [m].
-        lost_returns, lost_sectors: shares that are lost.
+        lost_returns: share of the returns that are lost.
+        lost_sectors: share of the sectors that are lost.
     """
 
     seeds: NDArray[np.uint64]
