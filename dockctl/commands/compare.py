@@ -12,6 +12,7 @@ from rich.text import Text
 
 from dockctl.commands.options import Episodes, Json, Overrides, Plugins, StartSeed, Trust, save_figures
 from dockctl.console import make_table, numeric, print_table, print_text
+from dockctl.run_files import FIGURES
 from dockctl.runs.files import require_writable, require_writable_file, write_atomically
 from dockctl.runs.tables import EVALUATION, START_KINDS, to_csv
 
@@ -19,7 +20,7 @@ if TYPE_CHECKING:
     from dockctl.analysis.contrast import Compared, Contrast, Measure
     from dockctl.evaluation.compare import Comparison
 
-FOLDER = Path("figures") / "compare"
+FOLDER = Path(FIGURES) / "compare"
 
 
 def compare(
