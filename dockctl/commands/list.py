@@ -30,7 +30,7 @@ def list_registered(
 ) -> None:
     """List what is registered, with description, parameters and who provides it, and the named checkpoints.
 
-    Example: dockctl list rewards --plugin examples/local-term/gentle.py
+    Example: dockctl list rewards
     """
     from dockctl.scenarios import catalog
 

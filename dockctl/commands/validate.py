@@ -25,7 +25,7 @@ def validate(
 ) -> None:
     """Check scenario files, that their poses are free of obstacles, and that their plugins work.
 
-    Example: dockctl validate scenarios/s3.yaml --set task.max_steps=600
+    Example: dockctl validate s3 --set task.max_steps=600
     """
     from dockctl import plugins
     from dockctl.experiments.dry_run import dry_run
