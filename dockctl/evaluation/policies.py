@@ -32,6 +32,7 @@ from dockctl.plugins import OBSERVATION_PARTS, POLICIES, Entry
 from dockctl.reading import read_bytes
 from dockctl.run_files import POLICY, POLICY_JSON, RUNS, SCENARIO
 from dockctl.runs.directory import RunDirectory, named_checkpoints, shipped
+from dockctl.runs.listing import given_name
 from dockctl.scenarios import catalog
 from dockctl.scenarios.catalog import SUFFIXES, display_path
 from dockctl.scenarios.content import first_difference
@@ -297,7 +298,8 @@ def load_policy(
 def distinct_names(policies: Sequence[LoadedPolicy]) -> list[str]:
     """Return a short and unique name for each policy.
 
-    Where the short names are equal, those of runs are the folders by which their paths differ.
+    Where the short names are equal, those of runs are the ones of ``train --name``, or else the folders by
+    which their paths differ.
     """
     names = [policy.name for policy in policies]
     longer = [
@@ -314,6 +316,10 @@ def distinct_names(policies: Sequence[LoadedPolicy]) -> list[str]:
 
 def _longer_name(policy: LoadedPolicy, equal: Sequence[LoadedPolicy]) -> str:
     """Return a longer name for one of several policies whose short names are equal."""
+    given = [given_name(one.run) if one.run is not None else "" for one in equal]
+    own = given[equal.index(policy)]
+    if own and given.count(own) == 1:
+        return own
     paths = [one.run.path.resolve().parts for one in equal if one.run is not None]
     if len(paths) == len(equal):
         for folders in zip(*paths, strict=False):

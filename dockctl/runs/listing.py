@@ -52,13 +52,13 @@ class RunSummary:
 def summarize(run: RunDirectory) -> RunSummary:
     """Describe a run; damaged files are described as such."""
     facts = _facts(run)
-    seed, name, tags = (facts.get(key) for key in ("seed", "name", "tags"))
+    seed, tags = facts.get("seed"), facts.get("tags")
     success, measured = _success(run)
     latest = (rows[-1] for table in (TIMING_CSV, EPISODES_CSV) if (rows := _last_rows(run, table)))
     steps = [count for row in latest if (count := _whole(row.get("env_steps"))) is not None]
     return RunSummary(
         path=run.path,
-        name=name if isinstance(name, str) else "",
+        name=given_name(run),
         scenario=run.path.parent.name,
         seed=seed if isinstance(seed, int) else None,
         state=state_of(run),
@@ -80,6 +80,12 @@ def state_of(run: RunDirectory) -> str:
     if facts.get("stop_reason") == DIVERGED:
         return DIVERGED
     return FINISHED if facts.get("finished") else INTERRUPTED
+
+
+def given_name(run: RunDirectory) -> str:
+    """Return the name of ``dockctl train --name``; an empty string without one."""
+    name = _facts(run).get("name")
+    return name if isinstance(name, str) else ""
 
 
 def _facts(run: RunDirectory) -> dict[str, Any]:

@@ -69,6 +69,18 @@ def test_runs_of_one_scenario_and_seed_are_named_by_the_folders_that_differ(
     assert set(json.loads((tmp_path / "c.json").read_text())["policies"]) == names
 
 
+def test_runs_of_one_scenario_and_seed_have_the_names_they_were_given(
+    trained: Trained, tmp_path: Path
+) -> None:
+    copies = [shutil.copytree(trained[0], tmp_path / folder) for folder in ("first", "second", "third")]
+    for run, name in zip(copies[:2], ("narrow", "wide"), strict=True):
+        facts = json.loads((run / "provenance.json").read_text())
+        (run / "provenance.json").write_text(json.dumps({**facts, "name": name}))
+    outcome = dockctl("compare", *copies, "--trust", "--json", tmp_path / "c.json", "--out", tmp_path)
+    assert outcome.code == 0, outcome.err
+    assert list(json.loads((tmp_path / "c.json").read_text())["policies"]) == ["narrow", "wide", "third"]
+
+
 def test_a_policy_is_compared_with_itself_under_a_changed_value(trained: Trained, tmp_path: Path) -> None:
     fault = "conditions.lidar_faults={sectors: [1, 2]}"
     arguments = ("compare", trained[0], "--vary", fault, "--json", tmp_path / "c.json", "--out", tmp_path)
