@@ -11,7 +11,7 @@ from typing import Any
 from rich.console import Console
 from rich.table import Table
 
-from dockctl.console import make_table, numeric, print_table, print_text
+from dockctl.console import count, make_table, numeric, print_table, print_text
 from dockctl.errors import DockctlError
 from dockctl.experiments.runner import Ending, run_jobs
 from dockctl.experiments.study import Experiment, Job, make_jobs
@@ -138,7 +138,7 @@ def sweep(
     options = ["--device", device, *_repeated("--log", log)]
     labels = [*_repeated("--name", [] if name is None else [name]), *_repeated("--tag", tags)]
     console, jobs = Console(), make_jobs(chosen, folder, options, labels, plugin_files, trust)
-    print_text(console, f"{len(chosen)} combinations, {seeds} seeds; runs in {folder}")
+    print_text(console, f"{count(len(chosen), 'combination')}, {count(seeds, 'seed')}; runs in {folder}")
     ending, done = run_jobs(console, jobs, workers)
     rows = summary(done)
     if rows:
