@@ -50,9 +50,9 @@ def examine() -> Report:
     """Examine versions, machine, folders and extras."""
     hardware, problems = provenance.hardware(), list[str]()
     machine = {name.replace("_", " "): str(value) for name, value in hardware.items()}
-    threads = {
-        name: os.environ[name] for name in ("OMP_NUM_THREADS", "NUMBA_NUM_THREADS") if name in os.environ
-    }
+    names = ("OMP_NUM_THREADS", "NUMBA_NUM_THREADS")
+    threads = {"threads": f"{hardware['usable_cores']}, one for each usable core"}
+    threads |= {name: os.environ[name] for name in names if name in os.environ}
     machine |= {"devices": ", ".join(devices()), **threads}
     sections = {
         "Versions": _versions(),

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import os
 import platform
 from importlib import metadata
 from pathlib import Path
@@ -23,6 +24,7 @@ def test_the_report(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     assert versions["Python"] == platform.python_version()
     assert (versions["torch"], versions["numpy"]) == (metadata.version("torch"), metadata.version("numpy"))
     assert report["Machine"]["devices"].count("cuda") == torch.cuda.device_count()
+    assert report["Machine"]["threads"].split(",")[0] == str(len(os.sched_getaffinity(0)))
     page = dockctl("doctor")
     assert page.code == 0
     assert f"| torch | {torch.__version__} |" in page.out
