@@ -121,12 +121,13 @@ def scan_figure(lidar: Json) -> Figure:
 
 
 def docking_figure(optimal: Json) -> Figure:
-    """Return the plan view of the optimal ways of scenario 3 and of the policy's."""
+    """Return the plan view of the optimal ways of scenario 3 and s3-direct, and of their policies'."""
     loaded = load("s3")
     names = {
         "s3-direct": ("optimal, no intermediate pose", palette.PURPLE),
         "s3": ("optimal", palette.BLUE),
-        "policy": ("policy", PEER),
+        "s3-direct, policy": ("policy, no intermediate pose", palette.GREEN),
+        "s3, policy": ("policy", PEER),
     }
     tracks = []
     for path, (name, color) in names.items():

@@ -21,11 +21,10 @@ from planning import CLEARANCE_M, Docking, Optimum, Plan, followed, optimum, str
 from dockctl.evaluation import Rollout, load_policy
 from dockctl.evaluation.rollout import Episode
 from dockctl.geometry import Floats
-from dockctl.scenarios.loader import load
 from dockctl.sim.starts import given_start, own_site
 
-CASES = (("s1", "s1"), ("s2", "s2-poses"), ("s3", "s3"), (None, "s3-direct"))
-"""Shipped policy, if there is one, and scenario."""
+CASES = (("s1", "s1"), ("s2", "s2-poses"), ("s3", "s3"), ("s3-direct", "s3-direct"))
+"""Shipped policy and scenario."""
 SPEEDS_MPS = (0.3, 0.15)
 """Average speeds of the first guesses along straight lines; a plan has at most the time of its guess."""
 WEATHER = {
@@ -40,10 +39,14 @@ KNOWN_S = 38.7
 """Calm optimum of scenario 1 that another program found, in a corridor of 3.6 m in the berth."""
 
 
-def result(docking: Docking, found: Optimum | None, episode: Episode | None) -> dict[str, Any]:
+def result(docking: Docking, found: Optimum | None, episode: Episode) -> dict[str, Any]:
     """Return the row of one task: the optimum, its way through the simulator, and the episode of a policy."""
     x, y, heading = docking.start.eta.tolist()
-    row: dict[str, Any] = {"start": [x, y, round(math.degrees(heading), 6)]}
+    row: dict[str, Any] = {
+        "start": [x, y, round(math.degrees(heading), 6)],
+        "policy_outcome": episode.outcome,
+        "policy_s": episode.steps * docking.control_period_s,
+    }
     if found:
         row |= {
             "optimum_s": found.time_s,
@@ -52,8 +55,6 @@ def result(docking: Docking, found: Optimum | None, episode: Episode | None) -> 
             "off_deg": found.run.off_deg,
             "obstacles": found.obstacles,
         }
-    if episode:
-        row |= {"policy_outcome": episode.outcome, "policy_s": episode.steps * docking.control_period_s}
     return row
 
 
@@ -69,15 +70,15 @@ def calm(paths: dict[str, Any]) -> Iterator[dict[str, Any]]:
     """Yield a row for each start of the scenarios, and add the paths of scenario 3 to `paths`."""
     plans: list[Plan] = []
     for name, scenario in CASES:
-        policy = load_policy(name) if name else None
-        loaded = policy.scenario(scenario) if policy else load(scenario)
+        policy = load_policy(name)
+        loaded = policy.scenario(scenario)
         rollout, site, task = Rollout(loaded), own_site(loaded.scenario), loaded.scenario.task
         starts = [given_start(site, task, pose, index) for index, pose in enumerate(site.initial)]
-        episodes = rollout.run(policy.make(rollout.env()), starts) if policy else [None] * len(starts)
+        episodes = rollout.run(policy.make(rollout.env()), starts)
         for start, episode in zip(starts, episodes, strict=True):
             docking = Docking(loaded, rollout.worlds, start)
             guesses = [straight(docking, SPEEDS_MPS[0])]
-            if episode and episode.docked:
+            if episode.docked:
                 guesses.append(followed(docking, episode))
             if len(docking.goals) == 1:  # what docks by way of the intermediate pose also docks without it
                 guesses += [plan.in_one_leg for plan in plans if (plan.states[0, :3] == start.eta).all()]
@@ -88,8 +89,7 @@ def calm(paths: dict[str, Any]) -> Iterator[dict[str, Any]]:
             if scenario.startswith("s3"):
                 if found:
                     paths[scenario] = path(found.plan.states[:, :3], docking.control_period_s)
-                if episode:
-                    paths["policy"] = path(episode.trajectory["pose"], docking.control_period_s)
+                paths[f"{scenario}, policy"] = path(episode.trajectory["pose"], docking.control_period_s)
             yield {"scenario": scenario, "policy": name, **result(docking, found, episode)}
 
 

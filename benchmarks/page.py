@@ -294,13 +294,11 @@ def optimal_control_section(optimal: Json) -> str:
     facts = optimal["facts"]
 
     def policy(row: Json) -> str:
-        if row.get("policy_outcome") == "docked":
-            return f"{row['policy_s']:.1f}"
-        return row.get("policy_outcome", "")
+        return f"{row['policy_s']:.1f}" if row["policy_outcome"] == "docked" else row["policy_outcome"]
 
     def calm_row(row: Json) -> list[str]:
         x, y, heading = row["start"]
-        docked = "optimum_s" in row and row.get("policy_outcome") == "docked"
+        docked = "optimum_s" in row and row["policy_outcome"] == "docked"
         return [
             f"`{row['scenario']}` ({x:g}, {y:g}, {heading:g}°)",
             f"{row['optimum_s']:.1f}" if "optimum_s" in row else "not found",
@@ -334,7 +332,7 @@ shipped policies, one greedy episode from each start. The equations of motion, t
 tolerances are those of dockctl. "Executed" is the plan in whole control periods of 0.5 s, as the simulator
 followed it until the boat docked, without contact; the ratio is the time of the policy relative to it.
 Commands of a plan are continuous, those of a policy a grid of 77. Scenario 2 has five rows, the test poses of
-its table; `s3-direct` has no intermediate pose, and no shipped policy.
+its table; `s3-direct` has no intermediate pose.
 
 {table(calm_head, [calm_row(row) for row in facts["calm"]])}
 

@@ -80,7 +80,7 @@ def test_the_default_policy_is_the_latest_run_or_a_shipped_one(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.chdir(tmp_path)
-    assert [default_policy(name) for name in (None, "s1", "marina", "s3-direct")] == [
+    assert [default_policy(name) for name in (None, "s1", "marina", "s3-opposite")] == [
         "s3",
         "s1",
         "marina",
