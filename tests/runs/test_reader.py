@@ -79,7 +79,7 @@ def test_a_run_without_any_table(tmp_path: Path) -> None:
             '{"name": "x", "bounds_m": [0, 0, 1, 1], "hull_m": [[0, 0], [1, 0], [1, 1]], "polygons":'
             ' [{"kind": ["x"], "name": "x", "xy_m": [[0, 0], [1, 0], [1, 1]], "height_m": 1}]}',
             None,
-            "must be texts",
+            "polygon",
         ),
         ("scenario.yaml", "name: x\n", "not_readable", ""),
         ("scenario.yaml", "a: [", "yaml_syntax", "scenario.yaml:1:5"),
