@@ -124,9 +124,9 @@ def docking_figure(optimal: Json) -> Figure:
     """Return the plan view of the optimal ways of scenario 3 and s3-direct, and of their policies'."""
     loaded = load("s3")
     names = {
-        "s3-direct": ("optimal, no intermediate pose", palette.PURPLE),
+        "s3-direct": ("direct, optimal", palette.PURPLE),
         "s3": ("optimal", palette.BLUE),
-        "s3-direct, policy": ("policy, no intermediate pose", palette.GREEN),
+        "s3-direct, policy": ("direct, policy", palette.GREEN),
         "s3, policy": ("policy", PEER),
     }
     tracks = []

@@ -126,9 +126,10 @@ More sectors mean more nearest returns to find, each of which ends the search in
 
 {table(("sectors", *head), rows(sectors, "sectors"))}
 
-About half of the time is the traversal of rays through cells of 0.1 m and the intersection tests there; the
-rest is the selection of the rays. Both are bound by memory access, because every pose uses another part of
-the tables.
+A scan from a pose of a training looks up 890 cells of the shells and traverses 2,100 of the 115,200 rays
+through cells of 0.1 m; 80 of these hit something (means of 16,000 poses of scenario 3). On an Intel Xeon this
+is bound by arithmetic rather than by memory: scans from the same 256 poses again and again are 9 % faster,
+and tables in huge pages make no difference.
 
 Harbors in one training: {facts["boats"]} boats of `marinas`, with its eight LiDARs, in that many generated
 layouts. The memory is that of harbors, LiDAR tables and environment.
@@ -332,7 +333,7 @@ shipped policies, one greedy episode from each start. The equations of motion, t
 tolerances are those of dockctl. "Executed" is the plan in whole control periods of 0.5 s, as the simulator
 followed it until the boat docked, without contact; the ratio is the time of the policy relative to it.
 Commands of a plan are continuous, those of a policy a grid of 77. Scenario 2 has five rows, the test poses of
-its table; `s3-direct` has no intermediate pose.
+its table; `s3-direct`, in the figure "direct", has no intermediate pose.
 
 {table(calm_head, [calm_row(row) for row in facts["calm"]])}
 
