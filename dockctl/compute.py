@@ -8,7 +8,7 @@ import os
 import tempfile
 import zipfile
 from collections.abc import Callable, Iterable
-from concurrent.futures import ThreadPoolExecutor
+from concurrent.futures import Future, ThreadPoolExecutor
 from contextlib import suppress
 from functools import cache, wraps
 from pathlib import Path
@@ -42,6 +42,8 @@ def usable_cores() -> int:
 
 
 _WORKERS: list[ThreadPoolExecutor] = []
+_HELPERS: list[Future[None]] = []
+"""The pool's tasks of the latest call of `on_all_cores`."""
 
 
 def workers() -> ThreadPoolExecutor:
@@ -64,13 +66,34 @@ def on_all_cores(function: Callable[[T], object], items: Iterable[T]) -> None:
         for item in remaining:
             function(item)
 
-    others = [workers().submit(work) for _ in range(usable_cores() - 1)]
+    _HELPERS[:] = [workers().submit(work) for _ in range(usable_cores() - 1)]
     try:
         work()
     finally:
-        for other in others:
-            if not other.cancel():  # it started
-                other.result()
+        for helper in _HELPERS:
+            if not helper.cancel():  # it started
+                helper.result()
+
+
+def in_background(function: Callable[[], T]) -> Future[T]:
+    """Call a function in the pool when no task of `on_all_cores` waits, after earlier functions.
+
+    With one such function running and another waiting, the pool is never idle: it runs the one, then helps
+    the main thread with what that began meanwhile, then runs the other.
+    """
+    result: Future[T] = Future()
+
+    def begin() -> None:
+        if any(not (helper.running() or helper.done()) for helper in _HELPERS):
+            workers().submit(begin)
+            return
+        try:
+            result.set_result(function())
+        except BaseException as error:
+            result.set_exception(error)
+
+    workers().submit(begin)
+    return result
 
 
 if hasattr(os, "register_at_fork"):

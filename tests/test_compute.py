@@ -5,8 +5,10 @@ from __future__ import annotations
 import os
 import subprocess
 import sys
+from collections.abc import Iterator
 from concurrent.futures import ProcessPoolExecutor
 from pathlib import Path
+from threading import Event, current_thread, main_thread
 
 import numpy as np
 import pytest
@@ -157,3 +159,46 @@ def test_without_a_cache_folder_functions_are_compiled_in_every_process(tmp_path
     (tmp_path / "caller.py").write_text(CALLER)
     (tmp_path / "callee.py").write_text(CALLEE.format(added=1))
     assert ask(tmp_path, NOWHERE) == (20, 0)
+
+
+@pytest.fixture
+def _two_cores(monkeypatch: pytest.MonkeyPatch) -> Iterator[None]:
+    """The main thread and a pool of one thread."""
+    monkeypatch.setattr(compute, "usable_cores", lambda: 2)
+    monkeypatch.setattr(compute, "_WORKERS", [])
+    yield
+    compute.workers().shutdown()
+
+
+@pytest.mark.usefixtures("_two_cores")
+def test_the_pool_finishes_then_helps_then_begins_the_next() -> None:
+    order: list[str] = []
+    begun, released, helped = Event(), Event(), Event()
+
+    def first() -> None:
+        begun.set()
+        assert released.wait(10)
+        order.append("first")
+
+    def item(number: int) -> None:
+        released.set()
+        if current_thread() is main_thread():
+            assert helped.wait(10)
+        else:
+            order.append("help")
+            helped.set()
+
+    running = compute.in_background(first)
+    assert begun.wait(10)
+    waiting = compute.in_background(lambda: order.append("second"))
+    compute.on_all_cores(item, range(2))
+    running.result(10)
+    waiting.result(10)
+    assert order == ["first", "help", "second"]
+
+
+@pytest.mark.usefixtures("_two_cores")
+def test_results_and_errors_from_the_background() -> None:
+    assert compute.in_background(lambda: 7).result(10) == 7
+    with pytest.raises(ZeroDivisionError):
+        compute.in_background(lambda: 1 / 0).result(10)

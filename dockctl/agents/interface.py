@@ -86,7 +86,7 @@ class Algorithm(Protocol):
     """Learns a policy from the steps of n boats.
 
     The trainer calls `act`, then `learn`, of which it consumes the iterator in another thread while the
-    environment steps, then `store`.
+    environment steps, then `store`. Only an `Overlapping` algorithm acts before the iterator has ended.
 
     Attributes:
         policy: the greedy policy of what was learned so far.
@@ -141,6 +141,18 @@ class Algorithm(Protocol):
             KeyError, TypeError, ValueError, RuntimeError: the state belongs to another network.
         """
         ...
+
+
+@runtime_checkable
+class Overlapping(Protocol):
+    """An algorithm whose calls of `learn` may still be consumed while it acts and stores the next step.
+
+    If `acts_while_learning` holds, then at each call of `act` all calls of `learn` but the last one are
+    consumed; what `act` returns must not depend on the last one.
+    """
+
+    @property
+    def acts_while_learning(self) -> bool: ...
 
 
 @runtime_checkable

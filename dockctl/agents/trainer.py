@@ -4,8 +4,11 @@ from __future__ import annotations
 
 import shutil
 import time
+from collections import deque
 from collections.abc import Callable, Sequence
+from concurrent.futures import Future, wait
 from dataclasses import asdict
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -18,6 +21,7 @@ from dockctl.agents.divergence import DivergenceError, Monitor
 from dockctl.agents.interface import (
     Algorithm,
     Metrics,
+    Overlapping,
     Policy,
     Recoverable,
     Resumable,
@@ -25,9 +29,9 @@ from dockctl.agents.interface import (
     final_info,
     final_observation,
 )
-from dockctl.agents.progress import EpisodeRecorder, Progress, UpdateRecorder
+from dockctl.agents.progress import EpisodeRecorder, Progress, UpdateRecorder, as_text, from_text
 from dockctl.agents.training_state import TrainingState, checked_table, load_state, save_state
-from dockctl.compute import workers
+from dockctl.compute import in_background
 from dockctl.errors import DockctlError, PluginError
 from dockctl.plugins import runtime_error
 from dockctl.run_files import BEST, EPISODES_CSV, EVALUATIONS_CSV, TIMING_CSV, UPDATES_CSV
@@ -96,8 +100,11 @@ class Trainer:
         self.validate, self.evaluate = validate, evaluate
         self.on_progress, self.interrupted, self.until, self.warn = on_progress, interrupted, until, warn
         self._step_limit, self._warned = step_limit, set[str]()
+        self._overlaps = isinstance(algorithm, Overlapping) and algorithm.acts_while_learning
         self._monitor = self._new_monitor()
         self.progress = Progress()
+        self._learning: deque[tuple[int, Future[list[Metrics]]]] = deque()
+        """Environment steps before each call of `learn` that is not recorded yet, and its metrics."""
         self._observation: NDArray[Any] | None = None  # of a restored environment
         self._saved_at: int | None = None
         self._blocks = set[str]()  # of the latest checkpoint
@@ -124,6 +131,8 @@ class Trainer:
                     self._save_last(unfinished=False)
                     raise known from error
                 raise
+            finally:  # nothing is learned after an error has left the trainer
+                self._finish_learning()
 
     def _new_monitor(self) -> Monitor:
         numbers = [str(column) for column in range(self.card.observation_size)]
@@ -145,6 +154,8 @@ class Trainer:
             if progress.crossed(self.training.evaluate_every_steps, since=progress.evaluated_at):
                 self._evaluate()
             self.on_progress(progress)
+        if reason != "interrupted":
+            self._record_updates()
         if reason != "interrupted" and progress.validated_at < progress.env_steps:
             self._evaluate(validated=True)
         elif self._saved_at != progress.env_steps:
@@ -212,22 +223,23 @@ class Trainer:
         """Step all boats while the algorithm learns, store the step, and return the next observation."""
         progress = self.progress
         action = self.algorithm.act(observation, progress.env_steps)
-        learning = workers().submit(list, self.algorithm.learn(progress.env_steps))
-        try:
-            next_observation, reward, terminated, truncated, info = self.environment.step(action)
-            done = terminated | truncated
-            if done.any() and "final_obs" not in info:
-                self._warn_once("final_obs", NO_FINAL_OBSERVATION)
-                terminated = done
-            final = final_observation(next_observation, info, done)
-            last, step = (
-                final_info(info, done),
-                Step(observation, action, np.asarray(reward), final, terminated, truncated),
-            )
-            self._check(self._monitor.check_step, step, last)
-            rows = self.episode_recorder.add(reward, last, done)
-        finally:  # nothing is learned after an error has left the trainer, and what was is recorded
-            self._record_updates(learning.result())
+        learned = in_background(partial(list[Metrics], self.algorithm.learn(progress.env_steps)))
+        self._learning.append((progress.env_steps, learned))
+        next_observation, reward, terminated, truncated, info = self.environment.step(action)
+        done = terminated | truncated
+        if done.any() and "final_obs" not in info:
+            self._warn_once("final_obs", NO_FINAL_OBSERVATION)
+            terminated = done
+        final = final_observation(next_observation, info, done)
+        last, step = (
+            final_info(info, done),
+            Step(observation, action, np.asarray(reward), final, terminated, truncated),
+        )
+        self._check(self._monitor.check_step, step, last)
+        rows = self.episode_recorder.add(reward, last, done)
+        self._record_updates(later=1)
+        if not self._overlaps:
+            learned.result()
         self.algorithm.store(step)
         progress.env_steps += self.training.boats
         progress.epsilon = self.algorithm.epsilon
@@ -242,16 +254,21 @@ class Trainer:
         self.tables[EPISODES_CSV].append(rows)
         return np.asarray(next_observation)
 
-    def _record_updates(self, updates: Sequence[Metrics]) -> None:
-        """Check and record the metrics of the latest updates."""
-        progress, first, logged = self.progress, self.algorithm.updates - len(updates) + 1, False
-        for update, metrics in enumerate(updates, first):
-            progress.updates, progress.loss = update, metrics["loss"]
-            self._check(self._monitor.check_update, metrics)
-            if row := self.update_recorder.add(metrics):
-                labels = {"update": update, "env_steps": progress.env_steps}
-                self.tables[UPDATES_CSV].append([{**labels, **row}])
-                logged = True
+    def _finish_learning(self) -> None:
+        wait([learned for _, learned in self._learning])
+
+    def _record_updates(self, later: int = 0) -> None:
+        """Check and record the metrics of all calls of `learn` but of the latest ones, as many as `later`."""
+        progress, logged = self.progress, False
+        while len(self._learning) > later:
+            env_steps, learned = self._learning.popleft()
+            for metrics in learned.result():
+                progress.updates, progress.loss = progress.updates + 1, metrics["loss"]
+                self._check(self._monitor.check_update, metrics)
+                if row := self.update_recorder.add(metrics):
+                    labels = {"update": progress.updates, "env_steps": env_steps}
+                    self.tables[UPDATES_CSV].append([{**labels, **row}])
+                    logged = True
         if logged:
             self._check(self._monitor.check_networks, self.algorithm)
 
@@ -261,6 +278,7 @@ class Trainer:
         Args:
             validated: also validate when no validation is due.
         """
+        self._finish_learning()
         progress, every, is_best = self.progress, self.training.validation.every_steps, False
         poses, starts = list[dict[str, Value]](), list[dict[str, Value]]()
         if self.evaluate is not None and progress.evaluated_at < progress.env_steps:
@@ -300,6 +318,7 @@ class Trainer:
         Args:
             unfinished: also the unfinished episodes; False in the middle of a step.
         """
+        self._finish_learning()
         policy, (tensors, facts) = self.algorithm.policy_tensors(), self.algorithm.state()
         numbers = {name: values for name, values in tensors.items() if values.dtype.kind == "f"}
         if not self._check(self._monitor.check_parameters, {**policy, **numbers}):
@@ -322,6 +341,7 @@ class Trainer:
             "terms": terms,
             "monitor": counts,
             "updates": self.update_recorder.state(),
+            "learned": [[steps, as_text(learned.result())] for steps, learned in self._learning],
             "tables": tables,
         }
         state = flatten(groups, "/"), saved
@@ -339,6 +359,7 @@ class Trainer:
         Raises:
             CheckpointError: there is no intact checkpoint, or it does not fit.
         """
+        self._finish_learning()
         saved = load_state(self.run_directory)
         tensors, facts = nest(saved.tensors, "/"), saved.facts
         notes = [f"{text}; {saved.folder} is used instead" for text in saved.damaged]
@@ -347,6 +368,7 @@ class Trainer:
             self._saved_at, self._blocks = self.progress.env_steps, saved.blocks
             self.algorithm.restore(saved.policy, tensors["algorithm"], facts["algorithm"])
             self.update_recorder.restore(facts["updates"])
+            self._learning = deque((steps, _ended(made)) for steps, made in facts.get("learned", ()))
             environment: Any = None if facts["environment"] is None else self.environment
             same_episodes = isinstance(environment, Resumable)
             if "monitor" in facts:  # not in states of early versions, whose checks start over
@@ -381,6 +403,13 @@ class Trainer:
         if len(later) < len(folders):
             for folder in later:
                 shutil.rmtree(folder)
+
+
+def _ended(metrics: Sequence[dict[str, str]]) -> Future[list[Metrics]]:
+    """Return the call of `learn` that returned these metrics, which are text."""
+    ended: Future[list[Metrics]] = Future()
+    ended.set_result(from_text(metrics))
+    return ended
 
 
 def _without(key: KeyError, saved: TrainingState) -> str:

@@ -5,7 +5,8 @@ from __future__ import annotations
 import copy
 import json
 import math
-from collections.abc import Callable
+from collections import deque
+from collections.abc import Callable, Iterator
 from dataclasses import fields, replace
 from pathlib import Path
 from typing import Any, get_args
@@ -16,7 +17,7 @@ from gymnasium.vector.utils import batch_space
 from numpy.typing import NDArray
 
 from dockctl.agents.algorithms import AlgorithmSpec
-from dockctl.agents.interface import Algorithm, Spaces, Step, Tensors
+from dockctl.agents.interface import Algorithm, Metrics, Overlapping, Spaces, Step, Tensors
 from dockctl.envs.observation import Columns, ObservationEncoder, View
 from dockctl.geometry import Floats, nearest_in_sectors, rotate
 from dockctl.plugins import (
@@ -199,8 +200,8 @@ def check_algorithm(kind: str, action_space: Space[Any], **keys: Any) -> None:
     """Check the algorithm `kind` with these keys, on random steps.
 
     Actions are in the space; nothing is learned in the warm-up; metrics are finite; the same seed gives the
-    same policy; the greedy policy is deterministic and can be rebuilt from its tensors; a restored algorithm
-    learns on as if it had not stopped.
+    same policy, also if an `Overlapping` algorithm learns one step late; the greedy policy is deterministic
+    and can be rebuilt from its tensors; a restored algorithm learns on as if it had not stopped.
 
     Args:
         kind: registered name.
@@ -222,6 +223,9 @@ def check_algorithm(kind: str, action_space: Space[Any], **keys: Any) -> None:
     require("valid", spec.describe(), "no description")
     require("valid", first.updates > 0, "makes no updates")
     _require_equal(require, "deterministic", first.policy_tensors(), second.policy_tensors())
+    if isinstance(first, Overlapping) and first.acts_while_learning:
+        late = _learned(spec.build(spaces, training, "cpu"), spec, spaces, training, range(SAVED_AT), late=1)
+        _require_equal(require, "deterministic", first.policy_tensors(), late.policy_tensors())
 
     observation = np.random.default_rng(1).uniform(-1, 1, (BOATS, 5)).astype(np.float32)
     actions = first.policy.act(observation, {})
@@ -431,9 +435,26 @@ def _hooks(simulator: Simulator) -> Rows:
 
 
 def _learned(
-    algorithm: Algorithm, spec: AlgorithmSpec, spaces: Spaces, training: Training, steps: range
+    algorithm: Algorithm,
+    spec: AlgorithmSpec,
+    spaces: Spaces,
+    training: Training,
+    steps: range,
+    *,
+    late: int = 0,
 ) -> Algorithm:
-    """Return the algorithm after learning from random observations and rewards, the same for equal steps."""
+    """Return the algorithm after learning from random observations and rewards, the same for equal steps.
+
+    What a call of `learn` returns is consumed as many steps later as `late`.
+    """
+    learning: deque[Iterator[Metrics]] = deque()
+
+    def consume(unfinished: int) -> None:
+        while len(learning) > unfinished:
+            for metrics in learning.popleft():
+                require("finite", math.isfinite(metrics["loss"]), f"loss {metrics['loss']}")
+                require("valid", env_steps >= training.warmup_steps, "learns in the warm-up")
+
     require, space = contract_of(f"algorithm '{spec.kind}'"), batch_space(spaces.action, BOATS)
     rng = np.random.default_rng(steps.start)
     observation = rng.uniform(-1, 1, (BOATS, 5)).astype(np.float32)
@@ -445,13 +466,13 @@ def _learned(
         require(
             "in_range", space.contains(action.astype(space.dtype)), f"actions {action} are not in {space}"
         )
-        for metrics in algorithm.learn(env_steps):
-            require("valid", env_steps >= training.warmup_steps, "learns in the warm-up")
-            require("finite", math.isfinite(metrics["loss"]), f"loss {metrics['loss']}")
+        learning.append(algorithm.learn(env_steps))
+        consume(late)
         following = rng.uniform(-1, 1, observation.shape).astype(np.float32)
         terminated, truncated = rng.random((2, BOATS)) < 0.1
         algorithm.store(Step(observation, action, rng.normal(size=BOATS), following, terminated, truncated))
         observation = following
+    consume(0)
     return algorithm
 
 

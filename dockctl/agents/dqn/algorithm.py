@@ -50,6 +50,8 @@ class DQN:
         generator = torch.Generator().manual_seed(training.seed)
         network = DuelingQNetwork(observation_size, actions, training.hidden_sizes, generator).to(device)
         self.learner = DoubleDQN(network, training)
+        self._calls = 0  # of `learn`
+        self._scheduled = 0  # updates that these calls made or will make
         self.exploration = np.random.default_rng((training.seed, 1))
         self.n_step = NStep(training.boats, training.n_step, training.gamma, observation_size)
         sampling = np.random.default_rng((training.seed, 2))
@@ -68,12 +70,21 @@ class DQN:
     def updates(self) -> int:
         return self.learner.updates
 
+    @property
+    def acts_while_learning(self) -> bool:
+        """Whether `act` uses copies, and `learn` draws all transitions when it is called; see `Overlapping`.
+
+        The `act` of a subclass may use the networks that learn.
+        """
+        updates = self.training.boats // self.training.steps_per_update + 1
+        return type(self).act is DQN.act and updates <= self._drawn_updates
+
     def act(self, observation: NDArray[Any], env_steps: int) -> NDArray[np.int64]:
         """Return a random action with probability epsilon, otherwise the greedy one; see `Algorithm`."""
         self.epsilon = self.training.epsilon.at(env_steps)
         explore = self.exploration.random(len(observation)) < self.epsilon
         random_action = self.exploration.integers(self.actions, size=len(observation))
-        return np.where(explore, random_action, self.learner.greedy(observation))
+        return np.where(explore, random_action, self.learner.greedy(observation, self._calls % 2))
 
     def store(self, step: Step) -> None:
         """Store the n-step transitions that `step` completes; see `Algorithm`."""
@@ -81,17 +92,20 @@ class DQN:
 
     def learn(self, env_steps: int) -> Iterator[Metrics]:
         """Draw the transitions for the updates due after `env_steps`; the iterator makes these updates."""
-        due = self.training.updates_due(env_steps) - self.updates if len(self.replay) else 0
-        if due <= 0:
-            return iter(())
+        due = max(0, self.training.updates_due(env_steps) - self._scheduled) if len(self.replay) else 0
+        slot, self._calls, self._scheduled = self._calls % 2, self._calls + 1, self._scheduled + due
         rate = self.slowdown * self.training.learning_rate_at(env_steps)
-        return self._update(self._draw(due), due, rate)
+        return self._update(self._draw(due) if due else None, due, rate, slot)
+
+    @property
+    def _drawn_updates(self) -> int:
+        """Updates for which transitions are drawn at once."""
+        size = self.learner.online.observation_size
+        return max(1, DRAWN_BYTES // Replay.bytes_needed(self.training.batch_size, size))
 
     def _draw(self, due: int) -> Batch:
         """Return the transitions for `due` updates, or for as many of them as `DRAWN_BYTES` allow."""
-        size, batch = self.learner.online.observation_size, self.training.batch_size
-        updates = min(due, max(1, DRAWN_BYTES // Replay.bytes_needed(batch, size)))
-        drawn = self.replay.sample(updates * batch)
+        drawn = self.replay.sample(min(due, self._drawn_updates) * self.training.batch_size)
         if self.mirror:
             mirror_every_second(drawn, self.mirror)
         return drawn
@@ -104,6 +118,7 @@ class DQN:
         weights[:, known] = first[:, inputs[known]]
         for network in (self.learner.online, self.learner.target, self.learner.evaluated):
             load_parameters(network, {**newest, FIRST_LAYER: weights})
+        self.learner.publish_all()
 
     def learn_mirrored(self, mirror: Mirror) -> None:
         """Replace half of the transitions by their mirror images; see `Mirrorable`."""
@@ -113,8 +128,11 @@ class DQN:
         """Let the policy, not the exploration, keep its last action; see `Hysteretic`."""
         self.hysteresis = hysteresis
 
-    def _update(self, transitions: Batch, due: int, learning_rate: float) -> Iterator[Metrics]:
+    def _update(
+        self, transitions: Batch | None, due: int, learning_rate: float, slot: int
+    ) -> Iterator[Metrics]:
         while due:
+            transitions = transitions or self._draw(due)
             steps = len(transitions.action) // self.training.batch_size
             # The moments of unused units decay to denormal numbers, which are about ten times slower. The
             # mode is the thread's, so it is set back for what the thread computes next.
@@ -124,12 +142,12 @@ class DQN:
             finally:
                 torch.set_flush_denormal(False)
             yield from ({**row, "learning_rate": learning_rate} for row in metrics)
-            due -= steps
-            transitions = self._draw(due)
+            due, transitions = due - steps, None
+        self.learner.publish(slot)
 
     def advantages(self, observation: NDArray[Any]) -> NDArray[Any]:
-        """Return the output of the online network's advantage stream; see `Dueling`."""
-        network = self.learner.online
+        """Return the output of the advantage stream of the network that acts next; see `Dueling`."""
+        network = self.learner.acting[self._calls % 2]
         with torch.inference_mode():
             features = network.shared(torch.as_tensor(observation, dtype=torch.float32, device=self.device))
             values: NDArray[Any] = network.advantage(features).cpu().numpy()
@@ -155,6 +173,7 @@ class DQN:
         tensors = {
             "online": numpy_tensors(self.learner.online.state_dict()),
             "target": numpy_tensors(self.learner.target.state_dict()),
+            "acting": numpy_tensors(self.learner.acting[self._calls % 2].state_dict()),
             "optimizer": self.learner.steps.moments(),
             "replay": self.replay.state(),
             "unfinished": self.n_step.state(),
@@ -172,11 +191,15 @@ class DQN:
         load_parameters(self.learner.target, nested["target"])
         (newest, *self.learner.snapshots), *_ = split(policy)
         load_parameters(self.learner.evaluated, newest)
+        self.learner.publish_all()
+        if acting := nested["acting"]:  # not in states of early versions
+            load_parameters(self.learner.acting[self._calls % 2], acting)
         self.learner.steps.load_moments(nested["optimizer"])
         self.replay.load(nested["replay"], self.actions)
         if unfinished := nested["unfinished"]:
             self.n_step.load(unfinished, self.actions)
         counted = _Counted(facts["updates"], facts["slowdown"])
-        self.learner.updates, self.slowdown = counted.updates, counted.slowdown
+        self.learner.updates = self._scheduled = counted.updates
+        self.slowdown = counted.slowdown
         self.exploration.bit_generator.state = facts["exploration"]
         self.replay.rng.bit_generator.state = facts["sampling"]

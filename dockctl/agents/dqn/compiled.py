@@ -12,6 +12,7 @@ other actions are computed only where the largest is needed.
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -137,12 +138,14 @@ class CompiledSteps:
         self,
         online: DuelingQNetwork,
         target: DuelingQNetwork,
+        acting: Sequence[DuelingQNetwork],
         training: Training,
     ) -> None:
         limit_blas_threads()
         for parameter in online.parameters():
             parameter.grad = torch.zeros_like(parameter)
         self._online, self._target = Layers.parameters(online), Layers.parameters(target)
+        self._acting = [Layers.parameters(network) for network in acting]
         self._gradient, self._training = Layers.gradients(online), training
         weight, delta = (2.0, math.inf) if training.huber_delta is None else (1.0, training.huber_delta)
         bounds = training.largest_target, training.largest_gradient
@@ -167,13 +170,13 @@ class CompiledSteps:
             for row in metrics.tolist()
         ]
 
-    def greedy(self, observation: Floats32) -> NDArray[np.int64]:
-        """Return the action of the highest value, (n, observation_size) to (n,)."""
+    def greedy(self, observation: Floats32, slot: int) -> NDArray[np.int64]:
+        """Return the actions of the highest values of an acting network, (n, observation_size) to (n,)."""
         if len(observation) != self._boats:
             self._boats = len(observation)
-            self._acting = Outputs.allocate(self._online, self._boats)
+            self._outputs = Outputs.allocate(self._online, self._boats)
         actions: NDArray[np.int64] = _act(
-            self._online, np.ascontiguousarray(observation, np.float32), self._acting
+            self._acting[slot], np.ascontiguousarray(observation, np.float32), self._outputs
         )
         return actions
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import copy
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from typing import Any
 
 import numpy as np
@@ -52,11 +52,14 @@ class AutogradSteps:
     Args:
         online: trained in place.
         target: gives the values of the next observations.
+        acting: networks that act.
         training: loss, clipping and optimizer.
     """
 
-    def __init__(self, online: nn.Module, target: nn.Module, training: Training) -> None:
-        self.online, self.target, self.training = online, target, training
+    def __init__(
+        self, online: nn.Module, target: nn.Module, acting: Sequence[nn.Module], training: Training
+    ) -> None:
+        self.online, self.target, self.acting, self.training = online, target, acting, training
         self.device = next(online.parameters()).device
         mean, square, epsilon = DECAYS[training.optimizer]
         self.optimizer: torch.optim.Optimizer
@@ -90,9 +93,9 @@ class AutogradSteps:
         return dict(zip(("loss", "td_error", "q_mean", "gradient_norm"), metrics, strict=True))
 
     @torch.inference_mode()
-    def greedy(self, observation: NDArray[Any]) -> NDArray[np.int64]:
-        """Return the action of the highest value, (n, observation_size) to (n,)."""
-        values = self.online(torch.as_tensor(observation, dtype=torch.float32, device=self.device))
+    def greedy(self, observation: NDArray[Any], slot: int) -> NDArray[np.int64]:
+        """Return the actions of the highest values of an acting network, (n, observation_size) to (n,)."""
+        values = self.acting[slot](torch.as_tensor(observation, dtype=torch.float32, device=self.device))
         return np.asarray(values.argmax(dim=1).cpu())
 
     def moments(self) -> dict[str, NDArray[Any]]:
@@ -112,6 +115,7 @@ class DoubleDQN:
     next. Without averaging it is the online network itself.
 
     Attributes:
+        acting: copies of the online network at two times, which act while it learns.
         snapshots: parameters of the evaluated network at earlier times, newest first, for an ensemble.
 
     Args:
@@ -123,13 +127,25 @@ class DoubleDQN:
         self.online, self.target, self.training, self.updates = online, copy.deepcopy(online), training, 0
         self.evaluated = online if training.averaged_copies is None else copy.deepcopy(online)
         self.snapshots: list[Tensors] = []
+        self.acting = copy.deepcopy(online), copy.deepcopy(online)
         on_processor = next(online.parameters()).device.type == "cpu"
         steps = CompiledSteps if on_processor else AutogradSteps
-        self.steps = steps(online, self.target, training)
+        self.steps = steps(online, self.target, self.acting, training)
 
-    def greedy(self, observation: NDArray[Any]) -> NDArray[np.int64]:
-        """Return the action of the highest value of the online network, (n, observation_size) to (n,)."""
-        return self.steps.greedy(observation)
+    def greedy(self, observation: NDArray[Any], slot: int) -> NDArray[np.int64]:
+        """Return the actions of the highest values of a copy in `acting`, (n, observation_size) to (n,)."""
+        return self.steps.greedy(observation, slot)
+
+    @torch.no_grad()
+    def publish(self, slot: int) -> None:
+        """Copy the parameters of the online network to a copy in `acting`."""
+        for copied, parameter in zip(self.acting[slot].parameters(), self.online.parameters(), strict=True):
+            copied.copy_(parameter)
+
+    def publish_all(self) -> None:
+        """Copy the parameters of the online network to both copies in `acting`."""
+        for slot in range(len(self.acting)):
+            self.publish(slot)
 
     def update(self, transitions: Batch, learning_rate: float, steps: int = 1) -> list[Metrics]:
         """Make gradient steps, and copy to the target network whenever a copy is due.

@@ -112,7 +112,7 @@ def test_the_compiled_step_is_that_of_autograd(
         parameter.data += 0.1 * torch.randn(parameter.shape, generator=generator)
     settings = Training(reward_scale=1.0, target_update_interval=1000, **training)
     compiled, reference = DoubleDQN(online, settings), DoubleDQN(copy.deepcopy(online), settings)
-    reference.steps = AutogradSteps(reference.online, reference.target, settings)
+    reference.steps = AutogradSteps(reference.online, reference.target, reference.acting, settings)
     for update in range(3):
         for fast, slow in zip(
             (compiled.online, compiled.target), (reference.online, reference.target), strict=True
@@ -215,7 +215,7 @@ def test_several_steps_at_once_are_those_one_at_a_time(steps: type) -> None:
     """Also the metrics and the copies to the target network, of which two are due."""
     at_once, one_by_one = learner(), learner()
     for dqn in (at_once, one_by_one):
-        dqn.steps = steps(dqn.online, dqn.target, dqn.training)
+        dqn.steps = steps(dqn.online, dqn.target, dqn.acting, dqn.training)
     batches = [batch(seed, reward=100.0) for seed in range(7)]
     joined = Transitions(*(np.concatenate(arrays) for arrays in zip(*batches, strict=True)))
     metrics = at_once.update(joined, 1e-2, 7)
