@@ -71,6 +71,16 @@ GENERATIONS = 3
 """Number of checkpoints of a name that are kept."""
 
 
+def run_name(time: str, seed: int) -> str:
+    """Return the name of the folder of a run; a second one of that time has ``-2`` appended."""
+    return f"{time}-seed{seed}"
+
+
+def runs_of_seed(seed: int) -> tuple[str, str]:
+    """Return glob patterns for the names of all run folders of a seed."""
+    return run_name("*", seed), f"{run_name('*', seed)}-*"
+
+
 def generations(checkpoint: str) -> list[str]:
     """Return the names of the folders of the checkpoint `BEST` or `LAST`, the newest first."""
     return [checkpoint, *(f"{checkpoint}-{i}" for i in range(1, GENERATIONS))]

@@ -30,7 +30,7 @@ from dockctl.errors import DockctlError
 from dockctl.experiments.jobs import KilledError, LocalJob, log_line, open_log, remaining
 from dockctl.experiments.study import Experiment, Job, Stage
 from dockctl.reading import read_bytes
-from dockctl.run_files import CHECKPOINTS, LAST, LEARNER_JSON, PROVENANCE, SCENARIO
+from dockctl.run_files import CHECKPOINTS, LAST, LEARNER_JSON, PROVENANCE, SCENARIO, runs_of_seed
 from dockctl.runs.files import exclusive_lock, intact, is_locked, json_text, new_folder, writing
 from dockctl.scenarios.content import self_contained
 from dockctl.scenarios.loader import load
@@ -308,9 +308,8 @@ class RayJob:
 
     def _restore(self) -> None:
         """Restore a run folder whose replacement was killed halfway."""
-        seed = self.job.seed
-        for pattern in (f"*/.*-seed{seed}.old", f"*/.*-seed{seed}-*.old"):
-            for old in self.job.folder.glob(pattern):
+        for name in runs_of_seed(self.job.seed):
+            for old in self.job.folder.glob(f"*/.{name}.old"):
                 run = old.with_name(old.name[1 : -len(".old")])
                 if intact(run) == old:
                     old.replace(run)

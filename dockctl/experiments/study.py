@@ -8,6 +8,7 @@ import os
 import re
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
+from itertools import chain
 from pathlib import Path
 from typing import Annotated, Literal, Self
 
@@ -32,6 +33,7 @@ from dockctl.run_files import (
     SCENARIO,
     STUDY,
     TRANSFER,
+    runs_of_seed,
 )
 from dockctl.runs.directory import RunDirectory
 from dockctl.runs.results import policy_hash, read_results
@@ -236,7 +238,8 @@ class Job:
 
     def mismatched_runs(self) -> Iterator[tuple[Path, str]]:
         """Yield the run folders of this seed that are not of this job, each with the first difference."""
-        for path in sorted(self.folder.glob(f"*/*-seed{self.seed}*/{SCENARIO}")):
+        found = (self.folder.glob(f"*/{name}/{SCENARIO}") for name in runs_of_seed(self.seed))
+        for path in sorted(chain.from_iterable(found)):
             if differs := self.difference(path.parent):
                 yield path.parent, differs
 

@@ -15,7 +15,17 @@ from typing import Any
 import dockctl
 from dockctl.errors import DockctlError
 from dockctl.reading import read_json
-from dockctl.run_files import BEST, CHECKPOINTS, LAST, POLICY_JSON, PROVENANCE, RUNS, SCENARIO, generations
+from dockctl.run_files import (
+    BEST,
+    CHECKPOINTS,
+    LAST,
+    POLICY_JSON,
+    PROVENANCE,
+    RUNS,
+    SCENARIO,
+    generations,
+    run_name,
+)
 from dockctl.runs.files import exclusive_lock, make_folder, new_folder, sync, write_atomically, write_json
 from dockctl.runs.tables import Table, TableObserver
 from dockctl.scenarios.catalog import DEFAULT_SCENARIO
@@ -66,7 +76,7 @@ class RunDirectory:
         Raises:
             DockctlError: the folder cannot be created or written.
         """
-        stem = f"{datetime.now(UTC):%Y%m%d-%H%M%S}-seed{seed}"
+        stem = run_name(f"{datetime.now(UTC):%Y%m%d-%H%M%S}", seed)
         try:
             parent = root / scenario_name
             make_folder(parent)

@@ -22,7 +22,7 @@ from dockctl.experiments import jobs as jobs_module
 from dockctl.experiments.runner import Display, JobRunner, Progress
 from dockctl.experiments.study import Experiment, Job, Stage, make_jobs, nearest_failures
 from dockctl.scenarios.content import with_paths
-from dockctl.scenarios.loader import dump
+from dockctl.scenarios.loader import dump, load
 from tests.commands.conftest import QUICK, Outcome, dockctl
 
 Trained = tuple[Path, Outcome]
@@ -89,6 +89,14 @@ def test_mismatched_run_is_reported_and_not_used(out: Path) -> None:
     ((run, difference),) = job.mismatched_runs()
     assert run == the_run(out)
     assert difference.startswith("reward.terms")
+
+
+def test_run_of_a_seed_that_begins_with_the_same_digit_is_not_mismatched(out: Path) -> None:
+    other = shutil.copytree(the_run(out), the_run(out).with_name("20250101-000000-seed30"))
+    scenario = other / "scenario.yaml"
+    scenario.write_text(scenario.read_text().replace("seed: 3\n", "seed: 30\n"))
+    assert load(scenario).scenario.training.seed == 30
+    assert [*jobs(out)[3].mismatched_runs()] == []
 
 
 def test_mesh_is_compared_by_content(out: Path) -> None:
