@@ -25,6 +25,7 @@ Note = Callable[[str], None]
 RELOAD_S = 10
 """Time after which the browser reloads a page that follows a training."""
 POLL_S = 2.0
+UNFINISHED = "The training has not ended"
 REST = 4
 """Pause between reports, as a multiple of the time that one takes: the training is hardly slowed."""
 
@@ -129,7 +130,7 @@ def _best(run: RunDirectory) -> str | None:
 def _run_report(folder: Path) -> Page:
     run = RunDirectory.open(folder)
     facts = run.read_json(PROVENANCE) if (folder / PROVENANCE).is_file() else {}
-    reason = REASONS.get(str(facts.get("stop_reason")), "The training has not ended")
+    reason = REASONS.get(str(facts.get("stop_reason")), UNFINISHED)
     if (folder / RECORDING).is_file():
         reason = "A recording, without a training"
     return run_page(read_run(folder), f"{reason}.")

@@ -27,4 +27,4 @@ def test_summary() -> None:
 def test_the_verdict_compares_with_the_control_period() -> None:
     row = {"p50": 0.5, "max": 50.0}
     text = verdict(dict.fromkeys(PARTS, row), 500.0)
-    assert "10.0% of the control period of 500 ms" in text
+    assert "10.0%" in text and "500 ms" in text

@@ -6,6 +6,7 @@ from pathlib import Path
 
 import pytest
 
+from dockctl.experiments.report import UNFINISHED
 from tests.commands.conftest import dockctl
 
 
@@ -35,7 +36,7 @@ def test_without_a_run_the_report_is_of_a_shipped_policy(
     assert 'id="replay-page"' in page
     for section in ("Trajectories", "Evaluation", "Provenance"):
         assert f"<h2>{section}</h2>" in page
-    assert "The training has not ended" not in page
+    assert UNFINISHED not in page
 
 
 def test_a_page_with_another_suffix_is_refused(tmp_path: Path) -> None:

@@ -101,7 +101,7 @@ def test_resume_without_a_run_continues_the_latest_that_is_interrupted(
     for run in reversed(runs):
         outcome = dockctl("train", "--resume")
         assert outcome.code == 0, outcome.err
-        assert f"run folder: {run}\n" in outcome.out
+        assert f" {run}\n" in outcome.out
     outcome = dockctl("train", "--resume", "--device", "cpu")
     assert (outcome.code, outcome.error_code) == (2, "not_found")
 

@@ -6,6 +6,7 @@ import csv
 import hashlib
 import io
 import json
+import re
 import shutil
 import signal
 from pathlib import Path
@@ -279,6 +280,10 @@ def progress(**changes: Any) -> Progress:
     return Progress(env_steps=5_000, episodes=2, outcomes={"docked": 1, "collision": 1}, **changes)
 
 
+def numbers(line: str) -> list[str]:
+    return re.findall(r"-?\d[\d,:]*\b", line)
+
+
 def test_a_terminal_gets_a_panel() -> None:
     console = Console(file=io.StringIO(), force_terminal=True, width=100)
     with TrainingDisplay(Training(), "s1", console) as display:
@@ -298,7 +303,8 @@ def test_a_terminal_gets_a_panel() -> None:
         "5,000 of 500,000",
         "1 collision, 1 docked",
         "0.25",
-        "90 of 100 random starts, mean return 300",
+        "90 of 100",
+        "300",
         "Ctrl-C",
     ):
         assert words in text, words
@@ -312,9 +318,10 @@ def test_the_last_panel_shows_the_policy_that_the_end_selects() -> None:
         display.finish(progress(best=best, evaluated_at=1_000_000, **evaluation))
     assert isinstance(console.file, io.StringIO)
     before, _, panel = console.file.getvalue().rpartition("╭")
-    assert "1,000,000 steps: docked 1 of 1; best 90 of 100 random starts, mean return -12,345\n" in before
-    assert "none yet" in before
-    assert "90 of 100 random starts" in panel
+    (line,) = (line for line in before.splitlines() if "1,000,000" in line)
+    assert numbers(line)[-6:] == ["1,000,000", "1", "1", "90", "100", "-12,345"]
+    assert "90 of 100" not in before.partition(line)[0]
+    assert "90 of 100" in panel
 
 
 def test_without_a_terminal_there_are_plain_lines(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -328,10 +335,7 @@ def test_without_a_terminal_there_are_plain_lines(monkeypatch: pytest.MonkeyPatc
         display(first)
     assert isinstance(console.file, io.StringIO)
     (line,) = console.file.getvalue().splitlines()
-    assert (
-        "7,000 of 500,000 steps | 200 steps/s | 0:00, about 41:05 to the step limit | 0 of the last 2 docked"
-        in line
-    )
+    assert numbers(line)[:7] == ["7,000", "500,000", "200", "0:00", "41:05", "0", "2"]
 
 
 @pytest.mark.parametrize(

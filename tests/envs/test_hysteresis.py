@@ -71,7 +71,7 @@ def test_a_checkpoint_has_it() -> None:
 
 @pytest.mark.parametrize(
     ("change", "part"),
-    [("actions.kind=incremental", "discrete actions"), ("observation=[distance, lidar]", "command")],
+    [("actions.kind=incremental", "'incremental'"), ("observation=[distance, lidar]", "command")],
 )
 def test_what_it_needs(change: str, part: str) -> None:
     loaded = load("s3", overrides=[change, "training.hysteresis=600"])

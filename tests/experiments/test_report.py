@@ -11,6 +11,7 @@ from pathlib import Path
 import pandas as pd
 import pytest
 
+from dockctl.agents.progress import REASONS
 from dockctl.errors import DockctlError
 from dockctl.experiments import report
 from dockctl.runs.files import exclusive_lock
@@ -123,7 +124,7 @@ def test_a_training_that_has_ended_is_written_once(tmp_path: Path, monkeypatch: 
     page = report.follow(run, None, note=quiet)
     assert page == Path("report-run.html")
     assert shown(page)[1] is None
-    assert "The step limit is reached" in page.read_text(encoding="utf-8")
+    assert REASONS["steps"] in page.read_text(encoding="utf-8")
 
 
 def test_a_damaged_table_is_an_error(tmp_path: Path) -> None:

@@ -68,7 +68,7 @@ def test_what_a_damaged_table_has_lost_is_reported(
     lost = Table(path, ["env_steps", "x"]).restore(saved, 30)
     assert lost is not None
     assert lost.startswith(f"{path}: ")
-    assert f" {3 - len(left)} of 3 rows " in lost
+    assert f" {3 - len(left)} of 3 " in lost
     assert (path.read_bytes() if path.exists() else b"").splitlines(keepends=True)[1:] == left
 
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Sequence
 
 import pandas as pd
@@ -29,25 +30,30 @@ def track(
     return Track("a track", "red", table)
 
 
+def numbers(text: str) -> list[str]:
+    return re.findall(r"[\d.]*\d", text)
+
+
 def test_turn_counts_from_where_the_heading_stays_within_the_tolerance() -> None:
     there_and_off_again = track([20, 4, 9, 3, -2, 60, 1], [0, 0, 0, 0, 0, 1, 1])
     text = measures.turn([there_and_off_again], TASK)
-    assert text == "within 5° for the last 1.0 s before the intermediate pose; 1.0° off at the end"
+    assert numbers(text) == ["5", "1.0", "1.0"]
 
 
 @pytest.mark.parametrize(
     ("propeller_n", "expected"),
     [
-        ([0, -50, -50, 10, 40, 50], "1 of 1 end with thrust ahead, from 9.0 m on"),
-        ([0, 50, -50, 50, -50, 0], "0 of 1 end with thrust ahead"),
-        ([0, 50, 50, 50, 50, 50], "0 of 1 end with thrust ahead"),  # it never came astern
+        ([0, -50, -50, 10, 40, 50], ["1", "1", "9.0"]),
+        ([0, 50, -50, 50, -50, 0], ["0", "1"]),
+        ([0, 50, 50, 50, 50, 50], ["0", "1"]),  # it never came astern
     ],
 )
-def test_boat_astern_is_stopped_by_thrust_ahead(propeller_n: list[float], expected: str) -> None:
-    assert measures.stop([track([0.0] * 6, [1] * 6, propeller_n)], TASK).endswith(f"; {expected}")
+def test_boat_astern_is_stopped_by_thrust_ahead(propeller_n: list[float], expected: list[str]) -> None:
+    text = measures.stop([track([0.0] * 6, [1] * 6, propeller_n)], TASK)
+    assert numbers(text.rpartition(";")[2]) == expected
 
 
 def test_missed_intermediate_poses_are_counted() -> None:
     tracks = [track([0, 0, 0], [0, 0, 0]), track([0, 0, 0], [0, 0, 1])]
     text = measures.intermediate(tracks, TASK)
-    assert text.startswith("intermediate pose after 1 s; 1 of 2 never reach the intermediate pose; ")
+    assert numbers(text)[:3] == ["1", "1", "2"]
