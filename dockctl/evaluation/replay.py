@@ -20,7 +20,7 @@ from dockctl.drawing.scene import Scene
 from dockctl.evaluation.policies import LoadedPolicy, distinct_names, load_policy
 from dockctl.evaluation.rollout import Episode, Rollout
 from dockctl.evaluation.starts import checked_starts, trajectory_starts
-from dockctl.geometry import Floats, pose_label
+from dockctl.geometry import Floats, pose_label, sector_edges_deg
 from dockctl.scenarios.base import Pose
 from dockctl.scenarios.extensions import RangeSensor
 from dockctl.scenarios.layouts import layouts
@@ -288,6 +288,7 @@ def _episode(task: Task, track: Track, label: str, color: str) -> dict[str, Any]
         "text": text,
         "goals": goals,
         "flow": flows,
+        "sector_edges": np.radians(sector_edges_deg(arrays["ranges"].shape[1])).tolist(),
         "arrays": arrays,
     }
 

@@ -5,10 +5,12 @@ from __future__ import annotations
 import base64
 import gzip
 import json
+import math
 import re
 import shutil
 from collections.abc import Iterator
 from dataclasses import replace
+from itertools import pairwise
 from pathlib import Path
 from types import SimpleNamespace
 from typing import Any, cast
@@ -19,6 +21,7 @@ from numpy.typing import NDArray
 
 from dockctl.evaluation.replay import MAX_POINTS, Replay, _cloud, page_data, preview, replay
 from dockctl.evaluation.rollout import Rollout
+from dockctl.geometry import sector_index
 from dockctl.reports.replay import page
 from dockctl.runs.directory import SHIPPED
 from dockctl.scenarios.base import Pose
@@ -140,6 +143,14 @@ def test_currents_are_in_the_page() -> None:
     (given,) = header["episodes"]
     assert given["flow"] == ["current"]
     np.testing.assert_allclose(stored(block, given["arrays"]["current"]), [[0.0, 0.1]], atol=1e-6)
+
+
+def test_the_sectors_of_the_page_contain_the_points_of_their_index() -> None:
+    loaded = load("s1", overrides=["sensors.lidar.sectors=6"])
+    header, _ = contents(page(page_data(preview(loaded, POSES[:1]))))
+    edges = header["episodes"][0]["sector_edges"]
+    middles = [(right + left) / 2 for right, left in pairwise(edges)]
+    assert [sector_index(math.cos(angle), math.sin(angle), 6) for angle in middles] == [*range(6)]
 
 
 def test_wind_is_in_the_page_of_the_episode_that_has_it(html: str) -> None:

@@ -172,11 +172,10 @@ function episodeGroup(episode) {
     returns.add(new THREE.Points(cloud, pointMaterial));
     group.add(returns);
   }
-  const count = episode.ranges.columns;
-  for (let sector = 0; sector < count; sector++) {
-    const points = [[0, 0]];
+  for (let sector = 0; sector < episode.ranges.columns; sector++) {
+    const points = [[0, 0]], [right, left] = episode.sector_edges.slice(sector);
     for (let i = 0; i <= 10; i++) {
-      const angle = ((sector + i / 10) * 2 * Math.PI) / count - Math.PI;
+      const angle = right + ((left - right) * i) / 10;
       points.push([Math.cos(angle), Math.sin(angle)]);
     }
     arcs.add(outline(points, "#ffffff", 0, 0.75));
@@ -455,7 +454,7 @@ function drawCommand(episode, i) {
 
 /** Sectors from above, bow up; the radius grows with the square root of the range. */
 function drawSectors(episode, i) {
-  const { context: c, width, height } = pencil("sectors"), ranges = episode.ranges.row(i), count = ranges.length;
+  const { context: c, width, height } = pencil("sectors"), ranges = episode.ranges.row(i);
   const x = width / 2, y = height / 2, reach = height / 2 - 12, scale = (range) => reach * Math.sqrt(Math.min(range, 30) / 30);
   c.strokeStyle = ink("rule");
   c.fillStyle = ink("soft");
@@ -465,9 +464,9 @@ function drawSectors(episode, i) {
     c.arc(x, y, scale(ring), 0, 2 * Math.PI);
     c.stroke();
   }
-  for (let sector = 0; sector < count; sector++) {
+  for (let sector = 0; sector < ranges.length; sector++) {
     // Body angle a (counterclockwise from the bow) is drawn at -90° - a.
-    const from = -Math.PI / 2 - (((sector + 1) * 2 * Math.PI) / count - Math.PI), to = from + (2 * Math.PI) / count;
+    const [to, from] = episode.sector_edges.slice(sector, sector + 2).map((angle) => -Math.PI / 2 - angle);
     const known = ranges[sector] < header.range_m;
     c.globalAlpha = known ? 0.8 : 0.15;
     c.fillStyle = known ? tone(ranges[sector]) : ink("soft");
