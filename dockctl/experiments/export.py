@@ -103,7 +103,7 @@ def export_checkpoint(
             folder = write_checkpoint(best, candidates, loaded, episodes, out / name)
             print_text(Console(), f"{display_path(best.run.path)} exported to {folder}")
             if name in shipped():
-                note = f"note: {name} alone is the shipped policy; this one is {folder}"
+                note = f"note: the name {name} selects the shipped policy; give this one as {folder}"
                 print_text(Console(stderr=True), note, "yellow")
             return
         for episode in failures:

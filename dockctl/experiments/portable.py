@@ -79,7 +79,7 @@ def pilot_file(policy: CheckpointPolicy, scenario: Scenario) -> bytes:
         if part not in PARTS or OBSERVATION_PARTS.origin(part) != PACKAGE_ORIGIN:
             raise DockctlError(
                 f"{policy.file}: observes '{part}', which the pilot does not compute"
-                f" (it knows {', '.join(sorted(PARTS))}); export an ONNX model instead",
+                f" (known: {', '.join(sorted(PARTS))}); export an ONNX model instead",
                 code="unavailable",
             )
     content = io.BytesIO()
