@@ -1,6 +1,7 @@
 """dockctl: train a small underactuated boat to dock in reverse by deep reinforcement learning.
 
-`gymnasium.make("dockctl:dockctl/S3-v0")` and `import dockctl.envs` register the environments with Gymnasium.
+`import dockctl.envs` registers the environments with Gymnasium. So does
+`gymnasium.make("dockctl:dockctl/S3-v0")`, unless `dockctl` was imported before `gymnasium`.
 """
 
 import importlib
