@@ -110,7 +110,7 @@ def _build(spec: HarborSpec, base_dir: Path, versions: tuple[tuple[int, int] | N
         parts.append(part)
         triangles += sum(len(solid.mesh.faces) for solid in part.solids)
         if triangles > MAX_TRIANGLES:
-            message = f"has more than {MAX_TRIANGLES:,} triangles, which fit into memory; make it smaller"
+            message = f"has more than {MAX_TRIANGLES:,} triangles; larger harbors may not fit into memory"
             raise InputError([*problems, harbor_problem(spec, "harbor", message, "out_of_range")])
     if problems:
         raise InputError(problems)
