@@ -120,6 +120,50 @@ def test_an_algorithm_whose_state_is_incomplete_is_rejected(
     assert_rejected(lambda: testing.check_algorithm("dqn", Discrete(7)), "resumable")
 
 
+def learn_without_loss(algorithm: DQN, env_steps: int) -> Any:
+    for metrics in LEARN(algorithm, env_steps):
+        yield {"td_error": metrics["td_error"]}
+
+
+def learn_without_q(algorithm: DQN, env_steps: int) -> Any:
+    for metrics in LEARN(algorithm, env_steps):
+        yield {**metrics, "q_mean": np.nan}
+
+
+def store_and_change(algorithm: DQN, step: Any) -> None:
+    STORE(algorithm, step)
+    step.next_observation[:] = 0
+
+
+def state_with_numpy(algorithm: DQN) -> Any:
+    tensors, facts = STATE(algorithm)
+    return tensors, {**facts, "scale": np.float32(1)}
+
+
+def act_as_the_next_boat(policy: GreedyPolicy, observation: Any, info: Any) -> Any:
+    return np.arange(len(observation))[::-1]
+
+
+LEARN, STORE, STATE = DQN.learn, DQN.store, DQN.state
+
+
+@pytest.mark.parametrize(
+    ("owner", "method", "broken", "rule"),
+    [
+        (DQN, "learn", learn_without_loss, "valid"),
+        (DQN, "learn", learn_without_q, "finite"),
+        (DQN, "store", store_and_change, "pure"),
+        (DQN, "state", state_with_numpy, "resumable"),
+        (GreedyPolicy, "act", act_as_the_next_boat, "independent_rows"),
+    ],
+)
+def test_an_algorithm_that_breaks_a_rule_is_rejected(
+    monkeypatch: pytest.MonkeyPatch, owner: type[Any], method: str, broken: Any, rule: Rule
+) -> None:
+    monkeypatch.setattr(owner, method, broken)
+    assert_rejected(lambda: testing.check_algorithm("dqn", Discrete(7)), rule)
+
+
 @pytest.mark.parametrize("name", VESSELS.names())
 def test_vessels(name: str) -> None:
     testing.check_vessel(name)
@@ -323,6 +367,18 @@ def test_a_policy_that_mixes_boats_is_rejected() -> None:
     assert_rejected(lambda: testing.check_policy(Largest(), DockingVectorEnv("s1", 3)), "independent_rows")
 
 
+def test_a_policy_that_forgets_boats_that_continue_is_rejected() -> None:
+    class Counting:
+        def reset(self, rows: Any, info: Any) -> None:
+            self.steps = 0
+
+        def act(self, observation: Any, info: Any) -> Any:
+            self.steps += 1
+            return np.full(len(observation), self.steps)
+
+    assert_rejected(lambda: testing.check_policy(Counting(), DockingVectorEnv("s1", 3)), "independent_rows")
+
+
 def test_a_condition_whose_state_is_incomplete_is_rejected() -> None:
     class Flow(Disturbance):
         def __init__(self, boats: int) -> None:
@@ -375,6 +431,49 @@ def test_a_sensor_whose_points_do_not_agree_is_rejected() -> None:
         assert issubclass(scanner, RangeSensorSpec)
         kind = scanner.model_fields["kind"].default
         assert_rejected(lambda kind=kind: testing.check_range_sensor(kind), "consistent")  # type: ignore[misc]
+
+
+class Fixed(PlanarSensor):
+    """Does not turn with the boat."""
+
+    def sector_ranges(self, eta: Any) -> Any:
+        return super().sector_ranges(eta * [1, 1, 0] + [0, 0, 0.1])
+
+    def noisy_sector_ranges(self, eta: Any, noise: Any) -> Any:
+        return super().noisy_sector_ranges(eta * [1, 1, 0] + [0, 0, 0.1], noise)
+
+    def points(self, pose: Any, every: int = 1) -> Any:
+        return super().points(pose * [1, 1, 0] + [0, 0, 0.1], every)
+
+
+class Far(PlanarSensor):
+    """Scans farther than its range."""
+
+    def __init__(self, spec: Any, triangles: Any) -> None:
+        super().__init__(spec.model_copy(update={"range_m": 100.0}), triangles)
+
+
+@pytest.mark.parametrize(("sensor", "rule"), [(Fixed, "consistent"), (Far, "in_range")])
+def test_sensors_that_break_a_rule_are_rejected(sensor: type[PlanarSensor], rule: Rule) -> None:
+    class Scanner(PlanarScanner):
+        kind: Literal["wrong"] = "wrong"  # type: ignore[assignment]
+
+        def build(self, triangles: Any) -> Any:
+            return sensor(self, triangles)
+
+    with own_registries():
+        register(RANGE_SENSORS)(Scanner)
+        assert_rejected(lambda: testing.check_range_sensor("wrong"), rule)
+
+
+def test_a_sensor_with_a_list_is_rejected() -> None:
+    class Scanner(PlanarScanner):
+        kind: Literal["listed"] = "listed"  # type: ignore[assignment]
+        heights_m: list[float] = [1.0]
+
+    with own_registries():
+        register(RANGE_SENSORS)(Scanner)
+        assert_rejected(lambda: testing.check_range_sensor("listed"), "valid")
 
 
 def test_a_sensor_whose_noise_does_not_follow_the_seeds_is_rejected() -> None:

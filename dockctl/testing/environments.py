@@ -90,8 +90,10 @@ def check_policy(policy: Policy, env: DockingVectorEnv, *, steps: int = 40) -> N
             chosen.append(action.copy())
             made = np.concatenate([typed[:1], env.action_space.sample()[1:]])
             observation, _, terminated, truncated, info = env.step(made)
-            if (terminated | truncated).any():
-                policy.reset(np.flatnonzero(terminated | truncated), info)
+            done = terminated | truncated
+            done[1:] |= step == steps // 2  # as if the others began other episodes
+            if done.any():
+                policy.reset(np.flatnonzero(done), info)
         return chosen
 
     first, again, alone = actions(env), actions(env), actions(single)

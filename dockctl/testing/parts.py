@@ -19,7 +19,7 @@ from numpy.typing import NDArray
 from dockctl.agents.algorithms import AlgorithmSpec
 from dockctl.agents.interface import Algorithm, Metrics, Overlapping, Spaces, Step, Tensors
 from dockctl.envs.observation import Columns, ObservationEncoder, View
-from dockctl.geometry import Floats, nearest_in_sectors, rotate
+from dockctl.geometry import Floats, nearest_in_sectors, rotate, to_world
 from dockctl.plugins import (
     ACTIONS,
     ALGORITHMS,
@@ -40,11 +40,12 @@ from dockctl.sim.harbor.build import build_harbor, build_scene
 from dockctl.sim.simulator import Simulator
 from dockctl.sim.starts import given_start, own_site
 from dockctl.sim.vessel import ReferenceVesselModel, VesselModel
-from dockctl.testing.contract import Require, Rule, contract_of
+from dockctl.testing.contract import ContractError, Require, Rule, contract_of
 from dockctl.testing.environments import SECTORS, Rows, check_environment, open_water
 
 BOATS = 7
 SAMPLES = 1000
+BASIN_M = 20.0
 SAVED_AT, LEARNING_STEPS = 24, 36
 FEATURES = Box(-1.0, 1.0, (5,), np.float32)
 GROUPS = ("water", "air", "sensing", "actuation", "vessel")
@@ -156,9 +157,14 @@ def check_range_sensor(kind: str, **keys: Any) -> None:
     require(
         "in_range", (ranges >= 0).all() and (ranges <= spec.range_m).all(), f"not in 0 to {spec.range_m:g} m"
     )
+    reach_m = min(spec.range_m, 5.0)  # less than the distance of some walls
+    near = spec.model_copy(update={"range_m": reach_m}).build(_basin()).sector_ranges(poses)
+    require("in_range", (near >= 0).all() and (near <= reach_m).all(), f"not in 0 to {reach_m:g} m")
     for pose, row in zip(poses, ranges, strict=True):
         points = sensor.points(pose)
         require("shape", points.ndim == 2 and points.shape[1] == 3, f"points of shape {points.shape}")
+        beside_m = np.abs(np.abs(to_world(points, pose)[:, :2]).max(axis=1) - BASIN_M / 2)
+        require("consistent", (beside_m < 0.5).all(), "points not on the walls: are they in the body frame?")
         some = set(map(tuple, sensor.points(pose, 2)))
         require("consistent", some <= set(map(tuple, points)), "every second ray has points that no ray has")
         nearest = [  # a point on the edge of two sectors may belong to either
@@ -232,13 +238,20 @@ def check_algorithm(kind: str, action_space: Space[Any], **keys: Any) -> None:
     require(
         "deterministic", np.array_equal(actions, first.policy.act(observation, {})), "the policy is random"
     )
+    first.policy.reset(np.arange(1), {})
+    alone = first.policy.act(observation[:1], {})
+    require("independent_rows", np.allclose(actions[:1], alone), "an action depends on the other boats")
     rebuilt = spec.load_policy(first.policy_tensors(), spaces, training.hidden_sizes)
     require("consistent", np.allclose(actions, rebuilt.act(observation, {})), "the rebuilt policy differs")
 
     (tensors, facts), policy, updates = copy.deepcopy((first.state(), first.policy_tensors(), first.updates))
+    try:
+        written = json.dumps(facts)
+    except (TypeError, ValueError) as error:
+        raise ContractError(f"algorithm '{kind}'", "resumable", f"facts of its state: {error}") from error
     _learned(first, spec, spaces, training, range(SAVED_AT, LEARNING_STEPS))
     restored = spec.build(spaces, training, "cpu")
-    restored.restore(policy, tensors, json.loads(json.dumps(facts)))
+    restored.restore(policy, tensors, json.loads(written))
     require("resumable", restored.updates == updates, "restore changes the number of updates")
     _require_equal(require, "resumable", policy, restored.policy_tensors())
     _learned(restored, spec, spaces, training, range(SAVED_AT, LEARNING_STEPS))
@@ -301,7 +314,12 @@ def _spec(registry: Registry[type[Any]], base: type[Any], kind: str, keys: dict[
     again = model.model_validate(spec.model_dump(mode="json"))
     require("valid", again == spec, f"a dump loads as {again}, not as {spec}")
     if base is not AlgorithmSpec:  # whose options may be a dictionary
-        require("valid", hash(again) == hash(spec), "equal specs have different hashes")
+        try:
+            same = hash(again) == hash(spec)
+        except TypeError as error:
+            message = f"{error}: use tuples for lists"
+            raise ContractError(f"{registry.noun} '{kind}'", "valid", message) from error
+        require("valid", same, "equal specs have different hashes")
     return spec
 
 
@@ -452,11 +470,13 @@ def _learned(
     def consume(unfinished: int) -> None:
         while len(learning) > unfinished:
             for metrics in learning.popleft():
-                require("finite", math.isfinite(metrics["loss"]), f"loss {metrics['loss']}")
                 require("valid", env_steps >= training.warmup_steps, "learns in the warm-up")
+                require("valid", "loss" in metrics, f"metrics {[*metrics]} without 'loss'")
+                for name, value in metrics.items():
+                    require("finite", math.isfinite(value), f"{name} {value}")
 
     require, space = contract_of(f"algorithm '{spec.kind}'"), batch_space(spaces.action, BOATS)
-    rng = np.random.default_rng(steps.start)
+    rng, stored = np.random.default_rng(steps.start), list[tuple[Step, Step]]()
     observation = rng.uniform(-1, 1, (BOATS, 5)).astype(np.float32)
     for step in steps:
         env_steps = step * BOATS
@@ -470,9 +490,14 @@ def _learned(
         consume(late)
         following = rng.uniform(-1, 1, observation.shape).astype(np.float32)
         terminated, truncated = rng.random((2, BOATS)) < 0.1
-        algorithm.store(Step(observation, action, rng.normal(size=BOATS), following, terminated, truncated))
+        made = Step(observation, action, rng.normal(size=BOATS), following, terminated, truncated)
+        stored.append((made, copy.deepcopy(made)))
+        algorithm.store(made)
         observation = following
     consume(0)
+    for made, before_store in stored:
+        for name, value in vars(made).items():
+            require("pure", np.array_equal(value, vars(before_store)[name]), f"changes {name} of a step")
     return algorithm
 
 
@@ -483,8 +508,8 @@ def _require_equal(require: Require, rule: Rule, first: Tensors, second: Tensors
 
 
 def _basin() -> Floats:
-    """Return the four walls (8, 3, 3) of a square basin of 20 m, from -1 m to 6 m."""
-    corners = np.array([[10.0, 10.0], [-10.0, 10.0], [-10.0, -10.0], [10.0, -10.0]])
+    """Return the four walls (8, 3, 3) of a square basin of `BASIN_M`, from -1 m to 6 m."""
+    corners = BASIN_M / 2 * np.array([[1.0, 1.0], [-1.0, 1.0], [-1.0, -1.0], [1.0, -1.0]])
     walls = []
     for (x0, y0), (x1, y1) in zip(corners, np.roll(corners, -1, axis=0), strict=True):
         a, b, c, d = [x0, y0, -1.0], [x1, y1, -1.0], [x1, y1, 6.0], [x0, y0, 6.0]
