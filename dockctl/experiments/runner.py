@@ -25,7 +25,7 @@ from dockctl.experiments.archive import archive
 from dockctl.experiments.interrupt import on_interrupt
 from dockctl.experiments.jobs import LocalJob, RunningJob, last_line
 from dockctl.experiments.live import clock
-from dockctl.experiments.study import Job, load_study, make_jobs, require_own_results
+from dockctl.experiments.study import Job, load_study, make_jobs, require_own_results, with_archived
 from dockctl.run_files import STUDY
 from dockctl.runs.files import require_writable, write_json
 
@@ -74,7 +74,7 @@ def run_study(
             if (finished := job.finished())
         ]
         if archived:
-            write_json(results / STUDY, study.model_dump(mode="json"))
+            write_json(results / STUDY, with_archived(study, results).model_dump(mode="json"))
         print_text(console, f"{count(len(archived), 'run')} archived in {results}")
     return ending
 

@@ -167,6 +167,18 @@ def require_own_results(study: Study, results: Path) -> None:
             raise DockctlError(f"{message}; {remedy}", code="mismatch")
 
 
+def with_archived(study: Study, results: Path) -> Study:
+    """Return the study with the archived experiments that it does not have itself.
+
+    Raises:
+        DockctlError: the file of the archived study is damaged.
+    """
+    archived, names = archived_study(results), {experiment.name for experiment in study.experiments}
+    others = [e for e in archived.experiments if e.name not in names] if archived else []
+    kept = [experiment for experiment in others if (results / experiment.name).is_dir()]
+    return study.model_copy(update={"experiments": (*kept, *study.experiments)})
+
+
 @dataclass(frozen=True)
 class Stage:
     """One dockctl command.

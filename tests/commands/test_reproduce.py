@@ -20,7 +20,16 @@ import dockctl as package
 from dockctl.errors import DockctlError
 from dockctl.experiments import jobs as jobs_module
 from dockctl.experiments.runner import Display, JobRunner, Progress
-from dockctl.experiments.study import Experiment, Job, Stage, make_jobs, nearest_failures
+from dockctl.experiments.study import (
+    Experiment,
+    Job,
+    Stage,
+    Study,
+    make_jobs,
+    nearest_failures,
+    require_own_results,
+    with_archived,
+)
 from dockctl.scenarios.content import with_paths
 from dockctl.scenarios.loader import dump, load
 from tests.commands.conftest import QUICK, Outcome, dockctl
@@ -314,6 +323,18 @@ def test_results_of_another_study_of_the_same_name_are_not_replaced(
     shutil.rmtree(results / "tiny")
     monkeypatch.setattr("dockctl.experiments.runner.run_jobs", lambda *given: ("done", []))
     assert dockctl("reproduce", "--study", source).code == 0
+
+
+def test_a_study_of_the_same_name_keeps_what_is_archived_of_other_experiments(tmp_path: Path) -> None:
+    results, first = tmp_path / "results", Study(experiments=(tiny(), tiny(name="removed")))
+    (results / "tiny").mkdir(parents=True)
+    (results / "study.json").write_text(first.model_dump_json())
+    merged = with_archived(Study(experiments=(tiny(name="second"),)), results)
+    assert [experiment.name for experiment in merged.experiments] == ["tiny", "second"]
+    (results / "study.json").write_text(merged.model_dump_json())
+    with pytest.raises(DockctlError):
+        require_own_results(Study(experiments=(tiny(set=("training.gamma=0.9",)),)), results)
+    assert with_archived(first, results) == first
 
 
 def test_errors_come_before_anything_is_written(tmp_path: Path) -> None:
