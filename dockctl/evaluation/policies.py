@@ -268,7 +268,7 @@ class BuiltPolicy(LoadedPolicy):
 def load_policy(
     policy: str | Path | LoadedPolicy | None = None,
     *,
-    plugin_files: Sequence[Path] = (),
+    plugin_files: Sequence[str | Path] = (),
     trust: bool = False,
     **params: Any,
 ) -> LoadedPolicy:
@@ -286,13 +286,14 @@ def load_policy(
     """
     if isinstance(policy, LoadedPolicy):
         return policy
-    for plugin in plugin_files:
-        plugins.load_file(plugin)
+    files = tuple(map(Path, plugin_files))
+    for file in files:
+        plugins.load_file(file)
     loaded = None if policy is None else _from_code(str(policy), params, trust=trust)
     if loaded is None:
         path = None if policy is None else Path(policy)
-        return load_checkpoint(path, plugin_files=plugin_files, trust=trust)
-    return replace(loaded, plugin_files=tuple(plugin_files), trust=trust)
+        return load_checkpoint(path, plugin_files=files, trust=trust)
+    return replace(loaded, plugin_files=files, trust=trust)
 
 
 def distinct_names(policies: Sequence[LoadedPolicy]) -> list[str]:

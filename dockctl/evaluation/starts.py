@@ -111,8 +111,11 @@ def testing_starts(scenario: Scenario, worlds: Sequence[World], episodes: int, s
     """Return random starts around the initial poses, at the held-out berths if the task has any.
 
     Raises:
-        DockctlError: no pose around an initial pose is reachable, or no berth is free.
+        DockctlError: a number is negative, no pose around an initial pose is reachable, or no berth is free.
     """
+    if episodes < 0 or seed < 0:
+        message = f"{episodes} episodes with seed {seed}: must not be negative"
+        raise DockctlError(message, code="out_of_range")
     if not episodes:
         return []
     held_out = not all(map(is_trained, sites(scenario)))

@@ -45,6 +45,10 @@ class Grid:
 
     def __post_init__(self) -> None:
         angles = self.headings_deg
+        if not (0 <= self.reach_m < math.inf and 0 < self.step_m < math.inf):
+            size = f"reach {self.reach_m:g} m and step {self.step_m:g} m"
+            message = f"{size}: expected finite numbers, not negative, and a step above 0"
+            raise DockctlError(message, code="out_of_range")
         if len({angle % 360 for angle in angles}) < len(angles) or not all(
             abs(angle) <= MAX_HEADING_DEG for angle in angles
         ):

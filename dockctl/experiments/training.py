@@ -65,8 +65,8 @@ def train(
     start_from: str | Path | None = None,
     on_divergence: str | None = None,
     overrides: Sequence[str] = (),
-    plugin_files: Sequence[Path] = (),
-    out: Path = RUNS,
+    plugin_files: Sequence[str | Path] = (),
+    out: str | Path = RUNS,
     device: str = "cpu",
     trust: bool = False,
     name: str | None = None,
@@ -98,13 +98,14 @@ def train(
     """
     torch_device(device)
     require_logs(log)
+    out, plugins = Path(out), [Path(file) for file in plugin_files]
     changes = {
         "training.seed": seed,
         "training.total_steps": steps,
         "training.on_divergence": on_divergence,
     }
     given = [f"{key}={value}" for key, value in changes.items() if value is not None]
-    loaded = load_checked(scenario, overrides=[*overrides, *given], plugin_files=plugin_files, trust=trust)
+    loaded = load_checked(scenario, overrides=[*overrides, *given], plugin_files=plugins, trust=trust)
     if loaded.is_given_by_others("training.algorithm.model"):
         require_imports(algorithm_of(loaded.scenario.training), trust=trust)
     initial = None if start_from is None else InitialPolicy.load(start_from, trust=trust)
@@ -130,7 +131,7 @@ def train(
 
 
 def resume(
-    path: Path,
+    path: str | Path,
     *,
     steps: int | None = None,
     on_divergence: str | None = None,
@@ -155,7 +156,7 @@ def resume(
             or is in use, or device or memory are not available; nothing has been written then.
     """
     torch_device(device)
-    run = RunDirectory.open(path)
+    run = RunDirectory.open(Path(path))
     with exclusive_lock(run.path):
         facts = _facts(run)
         own = facts.get("log", [])

@@ -151,7 +151,7 @@ def test_the_users_own_copy_runs_instead(
     received: Path, made_here: Path, marker: Path, tmp_path: Path
 ) -> None:
     own = made_here.parents[2] / "gentle.py"
-    loaded = load_policy(received, plugin_files=[own]).scenario()
+    loaded = load_policy(received, plugin_files=[str(own)]).scenario()
     assert loaded.plugin_files == (own,)
     assert marker.exists()
     unload(marker)

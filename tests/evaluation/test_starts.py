@@ -7,6 +7,7 @@ import math
 import numpy as np
 import pytest
 
+from dockctl.errors import DockctlError
 from dockctl.evaluation import starts as drawn
 from dockctl.evaluation.starts import random_starts
 from dockctl.geometry import Floats
@@ -33,6 +34,13 @@ def test_they_are_bounded_free_and_do_not_depend_on_their_number() -> None:
     assert (many[:, 0] <= 20.5).all()
     assert np.array_equal(draw(5, 3), many[:5])
     assert not np.array_equal(draw(5, 4), many[:5])
+
+
+@pytest.mark.parametrize(("episodes", "seed"), [(-1, 0), (1, -1)])
+def test_negative_numbers_are_an_error(episodes: int, seed: int) -> None:
+    with pytest.raises(DockctlError) as caught:
+        drawn.testing_starts(S1, OPEN, episodes, seed)
+    assert caught.value.code == "out_of_range"
 
 
 @pytest.mark.parametrize("scenario", [S1, MARINA])

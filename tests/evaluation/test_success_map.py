@@ -2,8 +2,11 @@
 
 from __future__ import annotations
 
+import math
+
 import pytest
 
+from dockctl.errors import DockctlError
 from dockctl.evaluation import Grid
 
 
@@ -24,3 +27,21 @@ def test_the_reference_pose_is_on_the_grid(reach: float, step: float, places: li
     assert offsets.shape == (len(places) ** 2, 3)
     assert len({tuple(row) for row in offsets}) == len(offsets)
     assert (offsets[len(offsets) // 2] == (0, 0, 90)).all()
+
+
+@pytest.mark.parametrize(
+    ("reach", "step"),
+    [
+        (-1.0, 1.0),
+        (math.nan, 1.0),
+        (math.inf, 1.0),
+        (1.0, 0.0),
+        (1.0, -1.0),
+        (1.0, math.nan),
+        (1.0, math.inf),
+    ],
+)
+def test_a_grid_without_a_size_is_an_error(reach: float, step: float) -> None:
+    with pytest.raises(DockctlError) as caught:
+        Grid(reach, step)
+    assert caught.value.code == "out_of_range"

@@ -23,10 +23,10 @@ from tests.commands.conftest import QUICK
 
 def test_a_run_is_trained_and_extended(tmp_path: Path) -> None:
     console = Console(file=io.StringIO())
-    run = train("s1", seed=2, steps=60, overrides=QUICK, out=tmp_path, console=console)
+    run = train("s1", seed=2, steps=60, overrides=QUICK, out=str(tmp_path), console=console)
     assert (run.reason, run.progress.env_steps) == ("steps", 60)
     assert json.loads((run.path / "provenance.json").read_text())["seed"] == 2
-    extended = resume(run.path, steps=80, console=console)
+    extended = resume(str(run.path), steps=80, console=console)
     assert (extended.path, extended.progress.env_steps) == (run.path, 80)
     with pytest.raises(DockctlError):
         resume(run.path, console=console)
