@@ -159,7 +159,7 @@ def png(figure: Figure) -> bytes:
 
 
 def build(results: Path = RESULTS, docs: Path = DOCS) -> None:
-    """Write all pages and figures; remove figures that no page shows.
+    """Write all pages and figures; other files stay.
 
     Raises:
         DockctlError: an archived run is missing or damaged, or a file cannot be written.
@@ -174,10 +174,6 @@ def build(results: Path = RESULTS, docs: Path = DOCS) -> None:
         with figure_style():
             for name, draw in page.figures.items():
                 write_atomically(figures / f"{name}.png", png(draw()))
-    shown = {f"{name}.png" for page, _ in pages for name in page.figures}
-    for file in figures.glob("*.png"):
-        if file.name not in shown:
-            file.unlink()
 
 
 if __name__ == "__main__":

@@ -225,10 +225,11 @@ def test_build_writes_pages_and_figures_and_nothing_else(
     monkeypatch.setattr(build, "rendered", lambda results: iter([(page, "text\n")]))
     figures = tmp_path / build.FIGURES
     figures.mkdir(parents=True)
-    for file in (tmp_path / "model.md", figures.parent / "other.png", figures / "old.png"):
+    for file in (tmp_path / "model.md", figures.parent / "other.png", figures / "other.png"):
         file.write_text("before")
     build.build(docs=tmp_path)
     files = {path.relative_to(tmp_path).as_posix() for path in tmp_path.rglob("*") if path.is_file()}
     own = {"results/a.md", "figures/results/a.png"}
-    assert files == own | {"model.md", "figures/other.png"}
-    assert (figures.parent / "other.png").read_text() == "before"
+    others = {"model.md", "figures/other.png", "figures/results/other.png"}
+    assert files == own | others
+    assert {(tmp_path / name).read_text() for name in others} == {"before"}
