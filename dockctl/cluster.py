@@ -24,7 +24,7 @@ def connected(on: str) -> Iterator[int]:
         on: ``ray``, or ``ray:ADDRESS`` with an address that `ray.init` takes.
 
     Raises:
-        DockctlError: Ray is not installed, or the cluster cannot be reached.
+        DockctlError: Ray is not installed or does not start, or the cluster cannot be reached.
     """
     place, _, address = on.partition(":")
     if place != "ray" or on.endswith(":"):
@@ -34,19 +34,22 @@ def connected(on: str) -> Iterator[int]:
         os.environ.setdefault(name, "0")
     try:
         import ray
+        from ray.exceptions import RayError
     except ImportError:
         message = "--on ray: the package ray is not installed; run: pip install 'dockctl[ray]'"
         raise DockctlError(message, code="unavailable") from None
-    quiet: dict[str, Any] = {"log_to_driver": False, "logging_level": "ERROR"}
+    settings: dict[str, Any] = {"log_to_driver": False, "logging_level": "ERROR"}
     if not address:
-        ray.init("local", num_cpus=usable_cores(), include_dashboard=False, **quiet)
-    else:
-        if address != "auto":
-            _require_listener(address)
-        try:
-            ray.init(address, **quiet)
-        except (OSError, RuntimeError, ValueError) as error:  # ConnectionError, another version of Python
-            raise _unreachable(address, str(error).strip().splitlines()[0]) from None
+        settings |= {"num_cpus": usable_cores(), "include_dashboard": False}
+    elif address != "auto":
+        _require_listener(address)
+    try:
+        ray.init(address or "local", **settings)
+    except (OSError, RayError, RuntimeError, ValueError) as error:  # also no token, another version of Python
+        reason = str(error).strip().splitlines()[0]
+        if not address:
+            raise DockctlError(f"--on ray: Ray does not start: {reason}", code="unavailable") from None
+        raise _unreachable(address, reason) from None
     try:
         yield max(1, int(ray.cluster_resources().get("CPU", 1)))
     finally:

@@ -168,6 +168,21 @@ def test_an_address_that_cannot_be_reached_is_an_error_at_once() -> None:
             assert f"ray:{given}" in str(caught.value)
 
 
+@needs_ray
+@pytest.mark.slow
+@pytest.mark.parametrize("to_cluster", [False, True])
+def test_a_missing_token_is_an_error(to_cluster: bool, tmp_path: Path) -> None:
+    """Ray reads its environment once, so this runs in another process."""
+    with socket.create_server(("127.0.0.1", 0)) as server:
+        place = f"ray:127.0.0.1:{server.getsockname()[1]}" if to_cluster else "ray"
+        token = {"RAY_AUTH_MODE": "token", "RAY_AUTH_TOKEN_PATH": str(tmp_path / "missing")}
+        command = [sys.executable, "-m", "dockctl", "evaluate", "s1", "--episodes", "0", "--on", place]
+        ended = subprocess.run(command, env=os.environ | token, capture_output=True, text=True, check=False)
+    assert ended.returncode == DockctlError.exit_code
+    assert f"--on {place}: " in ended.stderr and "RAY_AUTH_TOKEN" in ended.stderr
+    assert "Traceback" not in ended.stderr
+
+
 def test_without_ray_the_error_names_what_to_install(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setitem(sys.modules, "ray", None)
     with (
