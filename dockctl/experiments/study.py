@@ -18,7 +18,6 @@ from dockctl.analysis.success_map import SMALL_OFFSET_DEG
 from dockctl.errors import DockctlError, nearest
 from dockctl.reading import read_json, reading
 from dockctl.run_files import (
-    BEST,
     DRAWN,
     EVALUATION,
     FAILURES,
@@ -26,7 +25,6 @@ from dockctl.run_files import (
     LATENCY,
     LEARNER_JSON,
     MAP,
-    POLICY_JSON,
     PROVENANCE,
     RECORDING,
     RETURNS,
@@ -36,7 +34,7 @@ from dockctl.run_files import (
     runs_of_seed,
 )
 from dockctl.runs.directory import RunDirectory
-from dockctl.runs.results import policy_hash, read_results
+from dockctl.runs.results import measured_policy, policy_hash, read_results
 from dockctl.scenarios.base import NAME, Count, FieldError, Model, Name
 from dockctl.scenarios.catalog import SUFFIXES, display_path, packaged_folder
 from dockctl.scenarios.content import first_difference
@@ -271,7 +269,7 @@ class Job:
     def measurements(self) -> Iterator[Stage]:
         """Return the remaining stages after the training."""
         run = self.runs()[0]
-        measured = _policy_hash(run)
+        measured = measured_policy(run)
         stages = (replace(stage, policy=measured) for stage in self._measurements(run))
         return (stage for stage in stages if not stage.is_done)
 
@@ -360,16 +358,6 @@ def make_jobs(
 
 def _finished(run: Path) -> bool:
     return RunDirectory(run).is_finished
-
-
-def _policy_hash(run: Path) -> str | None:
-    """Return the SHA-256 of the policy that is measured: the best one, or the last if there is no other."""
-    for name in (BEST, LAST):
-        try:
-            return str(RunDirectory(RunDirectory(run).checkpoint(name)).read_json(POLICY_JSON)["sha256"])
-        except (DockctlError, KeyError):
-            pass
-    return None
 
 
 def _resumable(run: Path) -> bool:

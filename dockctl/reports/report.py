@@ -49,6 +49,7 @@ from dockctl.run_files import (
 )
 from dockctl.runs.directory import RunDirectory
 from dockctl.runs.reader import Run, read_run, read_table
+from dockctl.runs.results import is_outdated
 from dockctl.runs.tables import EPISODE_RESULT, START_KINDS, TIMING
 from dockctl.runs.tables import RETURNS as RETURNS_COLUMNS
 from dockctl.scenarios.yaml_tree import read_file
@@ -132,7 +133,7 @@ class Page:
 
 
 def run_page(run: Run, state: str) -> Page:
-    """Return the report of a run; what has not been measured is left out.
+    """Return the report of a run; what has not been measured of its current policy is left out.
 
     Args:
         state: whether and why the training ended, in words.
@@ -190,7 +191,7 @@ def _run_facts(run: Run) -> Iterator[tuple[str, str, str]]:
 
 def summaries(run: Run, stem: str) -> dict[str, dict[str, Any]]:
     """Return the summary of each kind of start of an evaluation; empty if there is none."""
-    table = read_table(run.folder / f"{stem}.csv", ("start_kind", *EPISODE_RESULT))
+    table = _measured(run, stem, ("start_kind", *EPISODE_RESULT))
     if table is None:
         return {}
     period_s = _control_period_s(run)
@@ -199,6 +200,13 @@ def summaries(run: Run, stem: str) -> dict[str, dict[str, Any]]:
         str(kind): summarize([dict(row) for _, row in rows.iterrows()], period_s)
         for kind, rows in complete.groupby("start_kind", sort=False)
     }
+
+
+def _measured(run: Run, stem: str, columns: Sequence[str]) -> pd.DataFrame | None:
+    """Return the table of a measurement; None if there is none of the current policy."""
+    if is_outdated(run.folder, f"{stem}.json"):
+        return None
+    return read_table(run.folder / f"{stem}.csv", columns)
 
 
 def _control_period_s(run: Run) -> float:
@@ -235,7 +243,7 @@ def _evaluation_section(page: Page, run: Run) -> None:
 
 def _failure_section(page: Page, run: Run) -> None:
     """Add the episodes of the evaluation that do not dock."""
-    table = read_table(run.folder / f"{EVALUATION}.csv", ("start_kind", "heading_deg", *EPISODE_RESULT))
+    table = _measured(run, EVALUATION, ("start_kind", "heading_deg", *EPISODE_RESULT))
     if table is None or not len(failed := table[table["outcome"] != "docked"]):
         return
     listed = failed.head(MOST_ROWS).round(2).assign(heading_deg=failed["heading_deg"].map(shown_heading))
@@ -302,7 +310,7 @@ def success_row(label: str, summary: Mapping[str, Any]) -> Chart:
 
 
 def _map_section(page: Page, run: Run) -> None:
-    table = read_table(run.folder / f"{MAP}.csv", COLUMNS)
+    table = _measured(run, MAP, COLUMNS)
     if table is None:
         return
     free, limit = free_starts(table), half_width(table)
@@ -323,6 +331,8 @@ def _map_section(page: Page, run: Run) -> None:
 def _transfer_section(page: Page, run: Run) -> None:
     section = add_section(page, "On other scenarios", "Recorded episodes of the same policy.")
     for folder in sorted((run.folder / TRANSFER).glob(f"*/{SCENARIO}")):
+        if is_outdated(run.folder, (folder.parent / RECORDING).relative_to(run.folder).as_posix()):
+            continue
         recording = read_run(folder.parent)
         if recording.trajectories is not None:
             tracks = split_tracks(recording.trajectories)
@@ -331,7 +341,7 @@ def _transfer_section(page: Page, run: Run) -> None:
 
 
 def _returns_section(page: Page, run: Run) -> None:
-    table = read_table(run.folder / f"{RETURNS}.csv", RETURNS_COLUMNS)
+    table = _measured(run, RETURNS, RETURNS_COLUMNS)
     if table is None:
         return
     section = add_section(
@@ -349,7 +359,7 @@ def _returns_section(page: Page, run: Run) -> None:
 
 
 def _latency_section(page: Page, run: Run) -> None:
-    samples = read_table(run.folder / f"{LATENCY}.csv", tuple(PARTS))
+    samples = _measured(run, LATENCY, tuple(PARTS))
     if samples is None:
         return
     summary, period_ms = summarize_latency(samples), 1000 * _control_period_s(run)

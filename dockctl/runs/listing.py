@@ -13,6 +13,7 @@ from dockctl.reading import read_bytes
 from dockctl.run_files import EPISODES_CSV, EVALUATION, EVALUATIONS_CSV, PROVENANCE, TIMING_CSV
 from dockctl.runs.directory import RunDirectory
 from dockctl.runs.files import is_locked
+from dockctl.runs.results import is_outdated
 from dockctl.runs.tables import MAX_TABLE_BYTES, START_KEYS
 
 TRAINING, FINISHED, INTERRUPTED, DIVERGED, DAMAGED = (
@@ -28,7 +29,7 @@ class RunSummary:
         name: that the user gave it, or an empty string.
         state: training, finished, interrupted, diverged or damaged.
         env_steps: environment steps at the last evaluation or at the end of the last training episode.
-        success: fraction that docked in ``dockctl evaluate``, else in the last validation.
+        success: of the current policy in ``dockctl evaluate``, else the fraction of the last validation.
         measured: what `success` is of, ``evaluation`` or ``validation``; an empty string without any.
         size: of all files [bytes].
     """
@@ -109,7 +110,7 @@ def size_of(path: Path) -> int:
 
 def _success(run: RunDirectory) -> tuple[float | None, str]:
     try:
-        facts = run.read_json(f"{EVALUATION}.json")
+        facts = {} if is_outdated(run.path, f"{EVALUATION}.json") else run.read_json(f"{EVALUATION}.json")
         for kind in ("random", "held_out", "pose"):
             rate = facts.get(START_KEYS[kind], {}).get("success")
             if isinstance(rate, int | float):

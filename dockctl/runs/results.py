@@ -14,6 +14,7 @@ from typing import Any
 
 from dockctl.errors import DockctlError
 from dockctl.reading import read_bytes
+from dockctl.run_files import BEST, LAST, POLICY_JSON
 from dockctl.runs.directory import RunDirectory
 from dockctl.runs.files import write_atomically, write_json
 
@@ -102,3 +103,23 @@ def policy_hash(facts: Mapping[str, Any]) -> str | None:
     """Return the SHA-256 of the policy that the facts name, if any."""
     policy = facts.get("policy")
     return policy.get("sha256") if isinstance(policy, dict) else None
+
+
+def measured_policy(run: Path) -> str | None:
+    """Return the SHA-256 of the policy that is measured: the best one, or the last if there is no other."""
+    for name in (BEST, LAST):
+        try:
+            return str(RunDirectory(RunDirectory(run).checkpoint(name)).read_json(POLICY_JSON)["sha256"])
+        except (DockctlError, KeyError):
+            pass
+    return None
+
+
+def is_outdated(run: Path, name: str) -> bool:
+    """Return whether the results in a JSON file of a run are of an earlier policy, as after more training."""
+    try:
+        found = policy_hash(RunDirectory(run).read_json(name))
+    except DockctlError:
+        return False
+    current = measured_policy(run)
+    return None not in (found, current) and found != current

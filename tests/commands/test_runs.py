@@ -85,6 +85,14 @@ def test_success_is_that_of_the_evaluation(root: Path) -> None:
     assert listed(root)["finished"]["measured"] == "validation"
 
 
+def test_an_evaluation_of_an_earlier_policy_does_not_count(root: Path) -> None:
+    current = json.loads(find_policy(root / "s1/finished").read_text())["sha256"]
+    for policy, measured in ((current, "evaluation"), ("of an earlier one", "validation")):
+        facts = {"policy": {"sha256": policy}, "random_starts": {"success": 0.75}}
+        (root / "s1/finished/evaluation.json").write_text(json.dumps(facts))
+        assert listed(root)["finished"]["measured"] == measured
+
+
 def test_clean_deletes_only_with_yes_and_only_what_it_lists(root: Path) -> None:
     before = files(root)
     outcome = dockctl("runs", "clean", "--root", root, "--json", "-")

@@ -138,6 +138,21 @@ def test_what_was_not_measured_is_left_out(tmp_path: Path) -> None:
     assert 'id="replay"' not in html
 
 
+def test_measurements_of_an_earlier_policy_are_left_out(tmp_path: Path) -> None:
+    folder = run_folder(tmp_path / "run", count=20)
+    best = folder / "checkpoints/best"
+    best.mkdir(parents=True)
+    (best / "policy.json").write_text(json.dumps({"sha256": "current"}))
+    measured = ["Evaluation", "Failures", "Success map", "Latency"]
+    for policy, titles in (("current", measured), ("earlier", [])):
+        for name in ("evaluation", "map", "figures/latency"):
+            (folder / f"{name}.json").write_text(json.dumps({"policy": {"sha256": policy}}))
+        page = page_of(folder)
+        shown = re.findall(r"<h2>(.*?)</h2>", page.html())
+        assert shown == ["Trajectories", "Training", "Network updates", *titles, "Provenance"]
+        assert ("Random starts" in [name for name, _, _ in page.facts]) == bool(titles)
+
+
 def test_a_study_pools_its_seeds(tmp_path: Path) -> None:
     runs = [read_run(run_folder(tmp_path / f"seed{i}", count=30)) for i in range(2)]
     page = study_page("Does it help?", tmp_path, [Trial("large", "batch", "a larger batch", runs)])
