@@ -25,6 +25,7 @@ from dockctl.run_files import (
     RETURNS,
     SCENARIO,
     SCENE,
+    SCENES,
     TIMING_CSV,
     TRAJECTORIES_CSV,
     TRANSFER,
@@ -49,7 +50,6 @@ HARDWARE = ("processor", "cores")
 UPDATE_ROWS = 400
 TRAJECTORIES = 16
 """Largest number of archived trajectories per run."""
-SCENES = "scenes"
 
 
 def archive(run: Path, results: Path, experiment: str, seed: int) -> Path:

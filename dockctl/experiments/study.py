@@ -29,6 +29,7 @@ from dockctl.run_files import (
     RECORDING,
     RETURNS,
     SCENARIO,
+    SCENES,
     STUDY,
     TRANSFER,
     runs_of_seed,
@@ -88,8 +89,10 @@ class Study(Model):
     def _unique_names(self) -> Self:
         names: set[str] = set()
         for index, experiment in enumerate(self.experiments):
+            field = f"experiments.{index}.name"
+            if experiment.name in (STUDY, SCENES):
+                raise FieldError(field, f"{experiment.name} is a file of every study", "invalid")
             if experiment.name in names:
-                field = f"experiments.{index}.name"
                 raise FieldError(field, f"another experiment is named {experiment.name}", "duplicate")
             names.add(experiment.name)
         return self

@@ -66,6 +66,14 @@ def test_every_problem_has_its_location(tmp_path: Path) -> None:
     }
 
 
+@pytest.mark.parametrize("name", ["study.json", "scenes"])
+def test_an_experiment_is_not_named_like_a_file_of_the_archive(name: str, tmp_path: Path) -> None:
+    with pytest.raises(InputError) as caught:
+        load_study(write(tmp_path, f"experiments:\n  - {{name: {name}, group: g, scenario: s1}}\n"))
+    (problem,) = caught.value.problems
+    assert (problem.line, problem.field, problem.code) == (2, "experiments.0.name", "invalid")
+
+
 def test_names_are_unique(tmp_path: Path) -> None:
     row = "  - {name: a, group: g, scenario: s1}\n"
     with pytest.raises(InputError) as caught:
