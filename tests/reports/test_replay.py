@@ -215,11 +215,20 @@ def test_a_narrow_window_shows_start_and_goal(browser: Any, played: Replay) -> N
     wait(browser, "return document.documentElement.dataset.ready")
     goal = played.scenario.task.final
     points = [played.tracks[0].episode.trajectory["pose"][0][:2].tolist(), [goal.x_m, goal.y_m]]
-    seen = browser.execute_script("return arguments[0].map(([x, y]) => replay.screen(x, y))", points)
-    assert (np.abs(np.array(seen)) < 1).all()
+
+    def seen() -> NDArray[np.float64]:
+        """Points as shares of the width and height of the window, from its upper left corner."""
+        shown = browser.execute_script("return arguments[0].map(([x, y]) => replay.screen(x, y))", points)
+        return np.array(shown)[:, :2] * [0.5, -0.5] + 0.5
+
+    assert ((seen() > 0) & (seen() < 1)).all()
     browser.execute_script(
         "document.body.classList.contains('wide') && document.getElementById('panel-toggle').click()"
     )
     edges = "const edge = (tag) => document.querySelector(tag).getBoundingClientRect();"
-    panel, controls = browser.execute_script(f"{edges} return [edge('aside').bottom, edge('footer').top]")
-    assert 0 < panel <= controls
+    top, panel, bottom, controls, height = browser.execute_script(
+        f"{edges} const panel = edge('aside');"
+        "return [edge('header').bottom, panel.top, panel.bottom, edge('footer').top, innerHeight]"
+    )
+    assert 0 < bottom <= controls
+    assert ((seen()[:, 1] > top / height) & (seen()[:, 1] < panel / height)).all()

@@ -323,16 +323,24 @@ function cameraFor(index, aspect) {
     const ahead = episodes[index].phase.data[rowOf(episodes[index])] === 0 && episodes[index].goals.length > 1 ? 8 : -8;
     camera.lookAt(x + ahead * c, y + ahead * s, -0.4);
   }
-  camera.updateProjectionMatrix();
   return camera;
+}
+
+/** What header, controls and panel leave free, from the left edge of the window [CSS pixels]. */
+function freeArea() {
+  const edges = (tag) => document.querySelector(tag).getBoundingClientRect();
+  const open = !document.body.classList.contains("wide"), beside = innerWidth >= 820;
+  return {
+    top: edges("header").bottom + 12,
+    right: open && beside ? edges("aside").left - 12 : innerWidth,
+    bottom: edges(open && !beside ? "aside" : "footer").top - 12,
+  };
 }
 
 /** Rectangles of the tiles in CSS pixels: [left, top, width, height, episode]. */
 function tiles() {
   if (now.layout !== "side by side" || episodes.length < 2) return [[0, 0, innerWidth, innerHeight, now.selected]];
-  // What header, footer and panel leave free.
-  const top = document.querySelector("header").getBoundingClientRect().bottom + 12, bottom = document.querySelector("footer").getBoundingClientRect().top - 12;
-  const beside = innerWidth >= 820 && !document.body.classList.contains("wide"), right = beside ? $("panel").getBoundingClientRect().left - 12 : innerWidth;
+  const { top, right, bottom } = freeArea();
   const columns = Math.max(1, Math.round(Math.sqrt((episodes.length * right) / (bottom - top) / 1.3))), rows = Math.ceil(episodes.length / columns);
   const width = right / columns, height = (bottom - top) / rows;
   return episodes.map((_, i) => [(i % columns) * width, top + Math.floor(i / columns) * height, width, height, i]);
@@ -340,7 +348,7 @@ function tiles() {
 
 function draw() {
   episodes.forEach((_, index) => place(index));
-  const layout = tiles();
+  const layout = tiles(), { top: above, right, bottom: below } = freeArea();
   renderer.setScissorTest(false);
   if (layout.length > 1) renderer.clear();
   renderer.setScissorTest(layout.length > 1);
@@ -354,6 +362,10 @@ function draw() {
     renderer.setViewport(left, bottom, width, height);
     renderer.setScissor(left, bottom, width, height);
     const camera = cameraFor(index, width / height);
+    // The center of the picture is that of the free area; a boat that is followed fits into it also in a narrow window.
+    const tall = camera === follow && innerWidth < 820 ? Math.max(below - above, height / 4) : height;
+    if (layout.length > 1) camera.clearViewOffset();
+    else camera.setViewOffset(width, tall, (width - right) / 2, (tall - above - below) / 2, width, height);
     pointMaterial.size = Math.min(2.6, 0.0045 * height); // of a small tile they would cover the harbor
     // Haze over what is far away, not over a harbor that is seen from afar, as a narrow screen needs it.
     scene.fog.near = extent + (camera === free ? camera.position.distanceTo(controls.target) : 0);
