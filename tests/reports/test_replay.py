@@ -209,6 +209,18 @@ def test_in_a_browser(browser: Any, played: Replay, tmp_path: Path) -> None:
 
 @pytest.mark.slow
 @pytest.mark.thorough  # a browser takes long to start
+def test_a_long_list_of_episodes_leaves_the_view_free(browser: Any) -> None:
+    browser.set_window_size(900, 700)
+    covered = browser.execute_script(
+        "const list = document.getElementById('episodes'), first = list.firstChild;"
+        "for (let i = 0; i < 60; i++) list.append(first.cloneNode(true));"
+        "return document.querySelector('header').getBoundingClientRect().bottom / innerHeight"
+    )
+    assert covered < 0.5
+
+
+@pytest.mark.slow
+@pytest.mark.thorough  # a browser takes long to start
 def test_a_narrow_window_shows_start_and_goal(browser: Any, played: Replay) -> None:
     browser.set_window_size(500, 1300)
     browser.refresh()
