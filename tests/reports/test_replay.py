@@ -221,8 +221,9 @@ def test_a_long_list_of_episodes_leaves_the_view_free(browser: Any) -> None:
 
 @pytest.mark.slow
 @pytest.mark.thorough  # a browser takes long to start
-def test_a_narrow_window_shows_start_and_goal(browser: Any, played: Replay) -> None:
-    browser.set_window_size(500, 1300)
+@pytest.mark.parametrize("width", [500, 820])
+def test_a_narrow_window_shows_start_and_goal(browser: Any, played: Replay, width: int) -> None:
+    browser.set_window_size(width, 1300)
     browser.refresh()
     wait(browser, "return document.documentElement.dataset.ready")
     goal = played.scenario.task.final
@@ -233,10 +234,10 @@ def test_a_narrow_window_shows_start_and_goal(browser: Any, played: Replay) -> N
         shown = browser.execute_script("return arguments[0].map(([x, y]) => replay.screen(x, y))", points)
         return np.array(shown)[:, :2] * [0.5, -0.5] + 0.5
 
+    assert browser.execute_script("return innerWidth") == width
     assert ((seen() > 0) & (seen() < 1)).all()
-    browser.execute_script(
-        "document.body.classList.contains('wide') && document.getElementById('panel-toggle').click()"
-    )
+    assert browser.execute_script("return document.body.classList.contains('wide')")  # without the panel
+    browser.find_element("id", "panel-toggle").click()
     edges = "const edge = (tag) => document.querySelector(tag).getBoundingClientRect();"
     top, panel, bottom, controls, height = browser.execute_script(
         f"{edges} const panel = edge('aside');"

@@ -19,6 +19,8 @@ const episodes = header.episodes.map((given) => {
   return { ...given, ...arrays, last: arrays.pose.rows - 1 };
 });
 const lastStep = Math.max(...episodes.map((e) => e.last));
+/** Is the panel under the view instead of beside it, as in viewer.css? */
+const isNarrow = () => matchMedia("(max-width: 820px)").matches;
 const now = { step: 0, playing: false, selected: 0, camera: "free", layout: "one", lidar: true };
 
 /** How velocities of water and air are drawn: the length of an arrow grows with the root of the speed [m/s]. */
@@ -329,11 +331,11 @@ function cameraFor(index, aspect) {
 /** What header, controls and panel leave free, from the left edge of the window [CSS pixels]. */
 function freeArea() {
   const edges = (tag) => document.querySelector(tag).getBoundingClientRect();
-  const open = !document.body.classList.contains("wide"), beside = innerWidth >= 820;
+  const open = !document.body.classList.contains("wide"), narrow = isNarrow();
   return {
     top: edges("header").bottom + 12,
-    right: open && beside ? edges("aside").left - 12 : innerWidth,
-    bottom: edges(open && !beside ? "aside" : "footer").top - 12,
+    right: open && !narrow ? edges("aside").left - 12 : innerWidth,
+    bottom: edges(open && narrow ? "aside" : "footer").top - 12,
   };
 }
 
@@ -363,7 +365,7 @@ function draw() {
     renderer.setScissor(left, bottom, width, height);
     const camera = cameraFor(index, width / height);
     // The center of the picture is that of the free area; a boat that is followed fits into it also in a narrow window.
-    const tall = camera === follow && innerWidth < 820 ? Math.max(below - above, height / 4) : height;
+    const tall = camera === follow && isNarrow() ? Math.max(below - above, height / 4) : height;
     if (layout.length > 1) camera.clearViewOffset();
     else camera.setViewOffset(width, tall, (width - right) / 2, (tall - above - below) / 2, width, height);
     pointMaterial.size = Math.min(2.6, 0.0045 * height); // of a small tile they would cover the harbor
@@ -692,7 +694,7 @@ radio("episodes", "selected", episodes.map((episode, index) => {
 radio("cameras", "camera", Object.entries(CAMERAS).map(([value, text], index) => [value, text, `Camera: ${text.toLowerCase()} (${index + 1})`]));
 radio("layouts", "layout", episodes.length < 2 ? [] : [["one", "One"], ["together", "Together"], ["side by side", "Side by side"]]);
 for (const [group, key] of [["cameras", "camera"], ["episodes", "selected"], ["layouts", "layout"]]) choose(group, key, now[key]);
-if (innerWidth < 820) $("panel-toggle").click();
+if (isNarrow()) $("panel-toggle").click();
 resize();
 theme(matchMedia("(prefers-color-scheme: dark)").matches ? "dark" : "light");
 
