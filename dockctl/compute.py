@@ -42,8 +42,8 @@ def usable_cores() -> int:
 
 
 _WORKERS: list[ThreadPoolExecutor] = []
-_HELPERS: list[Future[None]] = []
-"""The pool's tasks of the latest call of `on_all_cores`."""
+_BACKGROUND: list[Callable[[], None]] = []
+"""What was given to `in_background` and has not begun."""
 
 
 def workers() -> ThreadPoolExecutor:
@@ -60,40 +60,46 @@ def workers() -> ThreadPoolExecutor:
 
 def on_all_cores(function: Callable[[T], object], items: Iterable[T]) -> None:
     """Call a function, which releases the GIL, with each item; this thread and the pool share the items."""
-    remaining = iter(list(items))  # the iterator of a list may be used by several threads
+    items = list(items)
+    remaining = iter(items)  # the iterator of a list may be used by several threads
 
     def work() -> None:
         for item in remaining:
             function(item)
 
-    _HELPERS[:] = [workers().submit(work) for _ in range(usable_cores() - 1)]
+    others = [workers().submit(work) for _ in range(min(usable_cores(), len(items)) - 1)]
+    begin_background()
     try:
         work()
     finally:
-        for helper in _HELPERS:
-            if not helper.cancel():  # it started
-                helper.result()
+        for other in others:
+            if not other.cancel():  # it started
+                other.result()
 
 
 def in_background(function: Callable[[], T]) -> Future[T]:
-    """Call a function in the pool when no task of `on_all_cores` waits, after earlier functions.
+    """Call a function in the pool, behind the next tasks of `on_all_cores` or after `begin_background`.
 
-    With one such function running and another waiting, the pool is never idle: it runs the one, then helps
-    the main thread with what that began meanwhile, then runs the other.
+    A function that is given in every step runs while this thread does what no other can help with, to the
+    middle of the next step; then the pool helps. Otherwise it would begin with the step and delay the help.
     """
+    begin_background()
     result: Future[T] = Future()
 
-    def begin() -> None:
-        if any(not (helper.running() or helper.done()) for helper in _HELPERS):
-            workers().submit(begin)
-            return
+    def run() -> None:
         try:
             result.set_result(function())
         except BaseException as error:
             result.set_exception(error)
 
-    workers().submit(begin)
+    _BACKGROUND.append(run)
     return result
+
+
+def begin_background() -> None:
+    """Let the pool call the function that was last given to `in_background`, if it has not begun."""
+    while _BACKGROUND:
+        workers().submit(_BACKGROUND.pop())
 
 
 if hasattr(os, "register_at_fork"):

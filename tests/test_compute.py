@@ -171,7 +171,7 @@ def _two_cores(monkeypatch: pytest.MonkeyPatch) -> Iterator[None]:
 
 
 @pytest.mark.usefixtures("_two_cores")
-def test_the_pool_finishes_then_helps_then_begins_the_next() -> None:
+def test_the_pool_helps_before_it_begins_what_was_given_last() -> None:
     order: list[str] = []
     begun, released, helped = Event(), Event(), Event()
 
@@ -188,17 +188,19 @@ def test_the_pool_finishes_then_helps_then_begins_the_next() -> None:
             order.append("help")
             helped.set()
 
-    running = compute.in_background(first)
+    earlier = compute.in_background(first)
+    later = compute.in_background(lambda: order.append("second"))
     assert begun.wait(10)
-    waiting = compute.in_background(lambda: order.append("second"))
     compute.on_all_cores(item, range(2))
-    running.result(10)
-    waiting.result(10)
+    earlier.result(10)
+    later.result(10)
     assert order == ["first", "help", "second"]
 
 
 @pytest.mark.usefixtures("_two_cores")
 def test_results_and_errors_from_the_background() -> None:
-    assert compute.in_background(lambda: 7).result(10) == 7
+    seven, error = compute.in_background(lambda: 7), compute.in_background(lambda: 1 / 0)
+    compute.begin_background()
+    assert seven.result(10) == 7
     with pytest.raises(ZeroDivisionError):
-        compute.in_background(lambda: 1 / 0).result(10)
+        error.result(10)

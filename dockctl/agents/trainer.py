@@ -31,7 +31,7 @@ from dockctl.agents.interface import (
 )
 from dockctl.agents.progress import EpisodeRecorder, Progress, UpdateRecorder, as_text, from_text
 from dockctl.agents.training_state import TrainingState, checked_table, load_state, save_state
-from dockctl.compute import in_background
+from dockctl.compute import begin_background, in_background, workers
 from dockctl.errors import DockctlError, PluginError
 from dockctl.plugins import runtime_error
 from dockctl.run_files import BEST, EPISODES_CSV, EVALUATIONS_CSV, TIMING_CSV, UPDATES_CSV
@@ -155,6 +155,7 @@ class Trainer:
                 self._evaluate()
             self.on_progress(progress)
         if reason != "interrupted":
+            self._finish_learning()
             self._record_updates()
         if reason != "interrupted" and progress.validated_at < progress.env_steps:
             self._evaluate(validated=True)
@@ -223,7 +224,8 @@ class Trainer:
         """Step all boats while the algorithm learns, store the step, and return the next observation."""
         progress = self.progress
         action = self.algorithm.act(observation, progress.env_steps)
-        learned = in_background(partial(list[Metrics], self.algorithm.learn(progress.env_steps)))
+        learn = partial(list[Metrics], self.algorithm.learn(progress.env_steps))
+        learned = in_background(learn) if self._overlaps else workers().submit(learn)
         self._learning.append((progress.env_steps, learned))
         next_observation, reward, terminated, truncated, info = self.environment.step(action)
         done = terminated | truncated
@@ -255,6 +257,7 @@ class Trainer:
         return np.asarray(next_observation)
 
     def _finish_learning(self) -> None:
+        begin_background()
         wait([learned for _, learned in self._learning])
 
     def _record_updates(self, later: int = 0) -> None:
