@@ -247,7 +247,9 @@ def training_section(training: Json) -> str:
 
 From the command to mastery: in scenarios 1 to 3 the stop rule ends the training, in the marina the first
 validation does that docks from 99 of 100 starts. "Docked" is the share of the last validation's starts. Steps
-per second are those while learning, without validations.
+per second are those from 20,000 to 90,000 steps, with the evaluations every 10,000 steps; cores in use are
+those of the whole process. [Acting while learning](choices.md#acting-while-learning) has both without
+start-up and evaluations.
 
 {table(head, rows)}"""
 
