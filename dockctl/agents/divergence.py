@@ -57,7 +57,6 @@ class Monitor:
         self._first_scale: float | None = None
         self._lasted = np.zeros(training.boats, np.int64)
         self._unchanged = 0
-        self._observation: NDArray[np.float64] | None = None  # of the latest step
         self._probes: deque[NDArray[np.float64]] = deque(maxlen=max(2, PROBES // training.boats))
 
     def state(self) -> tuple[Tensors, dict[str, Any]]:
@@ -101,7 +100,6 @@ class Monitor:
         Raises:
             DivergenceError: an observation or a reward is not finite, or the environment is stuck.
         """
-        self._observation = np.asarray(step.observation, float)
         if not np.isfinite(step.next_observation).all():
             column = int(np.flatnonzero(~np.isfinite(step.next_observation).all(axis=0))[0])
             name = self._names[column] if self._names else column
@@ -164,16 +162,17 @@ class Monitor:
             if not _finite(values):
                 raise DivergenceError(f"parameter '{name}'", "is not finite", env_steps)
 
-    def check_networks(self, algorithm: Algorithm, env_steps: int) -> None:
+    def check_networks(self, algorithm: Algorithm, observation: NDArray[Any], env_steps: int) -> None:
         """Check the parameters of the policy, and the advantages if it has such a stream; once per interval.
+
+        Args:
+            observation: (n, observation_size) before the step; the advantages are those of the latest ones.
 
         Raises:
             DivergenceError: a parameter is not finite, or the observations make no difference to the actions.
         """
         self.check_parameters(algorithm.policy_tensors(), env_steps)
-        if self._observation is None:  # the first step failed
-            return
-        self._probes.append(self._observation)
+        self._probes.append(np.asarray(observation, float))
         if len(self._probes) < (self._probes.maxlen or 0) or not isinstance(algorithm, Dueling):
             return
         observations = np.concatenate(self._probes)

@@ -176,12 +176,12 @@ class UpdateRecorder:
         self._metrics: list[Metrics] = []
 
     def state(self) -> list[dict[str, str]]:
-        """Return the metrics since the last row, as text."""
-        return as_text(self._metrics)
+        """Return the metrics since the last row, as text because JSON has no NaN."""
+        return [{name: repr(value) for name, value in metrics.items()} for metrics in self._metrics]
 
     def restore(self, state: Sequence[Mapping[str, str]]) -> None:
         """Continue with what `state` returned."""
-        self._metrics = from_text(state)
+        self._metrics = [{name: float(value) for name, value in metrics.items()} for metrics in state]
 
     def add(self, metrics: Metrics) -> dict[str, Value] | None:
         """Add metrics, and return the means since the last row when a row is due."""
@@ -191,13 +191,3 @@ class UpdateRecorder:
         means = {name: float(np.mean([m[name] for m in self._metrics if name in m])) for name in metrics}
         self._metrics.clear()
         return dict(means)
-
-
-def as_text(updates: Sequence[Metrics]) -> list[dict[str, str]]:
-    """Return the metrics of updates for JSON, which has no NaN."""
-    return [{name: repr(float(value)) for name, value in metrics.items()} for metrics in updates]
-
-
-def from_text(updates: Sequence[Mapping[str, str]]) -> list[Metrics]:
-    """Return the metrics from which `as_text` returned these texts."""
-    return [{name: float(value) for name, value in metrics.items()} for metrics in updates]

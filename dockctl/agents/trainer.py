@@ -29,7 +29,7 @@ from dockctl.agents.interface import (
     final_info,
     final_observation,
 )
-from dockctl.agents.progress import EpisodeRecorder, Progress, UpdateRecorder, as_text, from_text
+from dockctl.agents.progress import EpisodeRecorder, Progress, UpdateRecorder
 from dockctl.agents.training_state import TrainingState, checked_table, load_state, save_state
 from dockctl.compute import begin_background, in_background, workers
 from dockctl.errors import DockctlError, PluginError
@@ -103,8 +103,8 @@ class Trainer:
         self._overlaps = isinstance(algorithm, Overlapping) and algorithm.acts_while_learning
         self._monitor = self._new_monitor()
         self.progress = Progress()
-        self._learning: deque[tuple[int, Future[list[Metrics]]]] = deque()
-        """Environment steps before each call of `learn` that is not recorded yet, and its metrics."""
+        self._learning: deque[tuple[int, NDArray[Any], Future[list[Metrics]]]] = deque()
+        """Steps and observation before each call of `learn` that is not recorded yet, and its metrics."""
         self._observation: NDArray[Any] | None = None  # of a restored environment
         self._saved_at: int | None = None
         self._blocks = set[str]()  # of the latest checkpoint
@@ -154,9 +154,7 @@ class Trainer:
             if progress.crossed(self.training.evaluate_every_steps, since=progress.evaluated_at):
                 self._evaluate()
             self.on_progress(progress)
-        if reason != "interrupted":
-            self._finish_learning()
-            self._record_updates()
+        self._record_updates()
         if reason != "interrupted" and progress.validated_at < progress.env_steps:
             self._evaluate(validated=True)
         elif self._saved_at != progress.env_steps:
@@ -226,7 +224,7 @@ class Trainer:
         action = self.algorithm.act(observation, progress.env_steps)
         learn = partial(list[Metrics], self.algorithm.learn(progress.env_steps))
         learned = in_background(learn) if self._overlaps else workers().submit(learn)
-        self._learning.append((progress.env_steps, learned))
+        self._learning.append((progress.env_steps, observation, learned))
         next_observation, reward, terminated, truncated, info = self.environment.step(action)
         done = terminated | truncated
         if done.any() and "final_obs" not in info:
@@ -258,13 +256,15 @@ class Trainer:
 
     def _finish_learning(self) -> None:
         begin_background()
-        wait([learned for _, learned in self._learning])
+        wait([learned for *_, learned in self._learning])
 
     def _record_updates(self, later: int = 0) -> None:
         """Check and record the metrics of all calls of `learn` but of the latest ones, as many as `later`."""
-        progress, logged = self.progress, False
+        if not later:
+            self._finish_learning()
+        progress = self.progress
         while len(self._learning) > later:
-            env_steps, learned = self._learning.popleft()
+            logged, (env_steps, observation, learned) = False, self._learning.popleft()
             for metrics in learned.result():
                 progress.updates, progress.loss = progress.updates + 1, metrics["loss"]
                 self._check(self._monitor.check_update, metrics)
@@ -272,8 +272,8 @@ class Trainer:
                     labels = {"update": progress.updates, "env_steps": env_steps}
                     self.tables[UPDATES_CSV].append([{**labels, **row}])
                     logged = True
-        if logged:
-            self._check(self._monitor.check_networks, self.algorithm)
+            if logged:
+                self._check(self._monitor.check_networks, self.algorithm, observation)
 
     def _evaluate(self, *, validated: bool = False) -> None:
         """Run the greedy episodes that are due, save the policy if it is the best so far, and save the state.
@@ -281,7 +281,7 @@ class Trainer:
         Args:
             validated: also validate when no validation is due.
         """
-        self._finish_learning()
+        self._record_updates()
         progress, every, is_best = self.progress, self.training.validation.every_steps, False
         poses, starts = list[dict[str, Value]](), list[dict[str, Value]]()
         if self.evaluate is not None and progress.evaluated_at < progress.env_steps:
@@ -321,7 +321,7 @@ class Trainer:
         Args:
             unfinished: also the unfinished episodes; False in the middle of a step.
         """
-        self._finish_learning()
+        self._record_updates()
         policy, (tensors, facts) = self.algorithm.policy_tensors(), self.algorithm.state()
         numbers = {name: values for name, values in tensors.items() if values.dtype.kind == "f"}
         if not self._check(self._monitor.check_parameters, {**policy, **numbers}):
@@ -344,7 +344,6 @@ class Trainer:
             "terms": terms,
             "monitor": counts,
             "updates": self.update_recorder.state(),
-            "learned": [[steps, as_text(learned.result())] for steps, learned in self._learning],
             "tables": tables,
         }
         state = flatten(groups, "/"), saved
@@ -363,6 +362,7 @@ class Trainer:
             CheckpointError: there is no intact checkpoint, or it does not fit.
         """
         self._finish_learning()
+        self._learning.clear()
         saved = load_state(self.run_directory)
         tensors, facts = nest(saved.tensors, "/"), saved.facts
         notes = [f"{text}; {saved.folder} is used instead" for text in saved.damaged]
@@ -371,7 +371,6 @@ class Trainer:
             self._saved_at, self._blocks = self.progress.env_steps, saved.blocks
             self.algorithm.restore(saved.policy, tensors["algorithm"], facts["algorithm"])
             self.update_recorder.restore(facts["updates"])
-            self._learning = deque((steps, _ended(made)) for steps, made in facts.get("learned", ()))
             environment: Any = None if facts["environment"] is None else self.environment
             same_episodes = isinstance(environment, Resumable)
             if "monitor" in facts:  # not in states of early versions, whose checks start over
@@ -406,13 +405,6 @@ class Trainer:
         if len(later) < len(folders):
             for folder in later:
                 shutil.rmtree(folder)
-
-
-def _ended(metrics: Sequence[dict[str, str]]) -> Future[list[Metrics]]:
-    """Return the call of `learn` that returned these metrics, which are text."""
-    ended: Future[list[Metrics]] = Future()
-    ended.set_result(from_text(metrics))
-    return ended
 
 
 def _without(key: KeyError, saved: TrainingState) -> str:
