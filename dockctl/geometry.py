@@ -7,7 +7,7 @@ port.
 from __future__ import annotations
 
 import math
-from typing import Protocol
+from typing import Any, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
@@ -86,12 +86,13 @@ def relocate_poses(poses: Floats, origin: Floats, to: Floats, mirrored: bool) ->
     return np.column_stack([to[0] + x, to[1] + y, heading])
 
 
-def sector_index(x: float, y: float, sectors: int) -> int:
-    """Return the index of the LiDAR sector that contains a point of the body frame (thesis Fig. 3.9).
+def sector_index(azimuth: Floats | float, sectors: int) -> Any:
+    """Return the index of the LiDAR sector at an azimuth from -pi to pi in the body frame (thesis Fig. 3.9).
 
-    The circle is cut into equal sectors of azimuth from -pi to pi. The LiDAR scan compiles this function.
+    The circle is cut into equal sectors from -pi to pi. The result has the shape of `azimuth`. The LiDAR scan
+    compiles this function for numbers.
     """
-    return min(int((math.atan2(y, x) + math.pi) / (2 * math.pi) * sectors), sectors - 1)
+    return np.int64(np.minimum((azimuth + np.pi) / (2 * np.pi) * sectors, sectors - 1))
 
 
 def sector_edges_deg(sectors: int) -> Floats:
@@ -107,11 +108,8 @@ def nearest_in_sectors(points: Floats, sectors: int, range_m: float) -> Floats:
         range_m: the value of a sector without a nearer point.
     """
     x, y = points[:, 0], points[:, 1]
-    share = (np.arctan2(y, x) + np.pi) / (2 * np.pi)
     nearest = np.full(sectors, range_m, float)
-    # As `sector_index`, for all points at once.
-    sector = np.minimum((share * sectors).astype(np.int64), sectors - 1)
-    np.minimum.at(nearest, sector, np.sqrt(x * x + y * y))
+    np.minimum.at(nearest, sector_index(np.arctan2(y, x), sectors), np.sqrt(x * x + y * y))
     return nearest
 
 

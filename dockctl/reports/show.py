@@ -271,7 +271,7 @@ def draw_sectors(ax: Axes, points: Floats, ranges_m: Floats, hull: Floats, range
         ax.add_patch(Circle((0, 0), radius, fc="none", ec=palette.WATER_SHADE, lw=0.6, zorder=1))
     x, y = on_page(points)
     ax.plot(x, y, ".", ms=1.6, mew=0, color=palette.INK_SOFT, alpha=0.55, rasterized=True, zorder=2)
-    sector = np.array([sector_index(x, y, count) for x, y, _ in points.tolist()])
+    sector = sector_index(np.arctan2(points[:, 1], points[:, 0]), count)
     for i, nearest in enumerate(ranges_m):
         inside = points[sector == i]
         is_hit = nearest < range_m and len(inside) > 0

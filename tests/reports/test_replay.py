@@ -5,7 +5,6 @@ from __future__ import annotations
 import base64
 import gzip
 import json
-import math
 import re
 import shutil
 from collections.abc import Iterator
@@ -150,7 +149,7 @@ def test_the_sectors_of_the_page_contain_the_points_of_their_index() -> None:
     header, _ = contents(page(page_data(preview(loaded, POSES[:1]))))
     edges = header["episodes"][0]["sector_edges"]
     middles = [(right + left) / 2 for right, left in pairwise(edges)]
-    assert [sector_index(math.cos(angle), math.sin(angle), 6) for angle in middles] == [*range(6)]
+    assert [sector_index(angle, 6) for angle in middles] == [*range(6)]
 
 
 def test_wind_is_in_the_page_of_the_episode_that_has_it(html: str) -> None:

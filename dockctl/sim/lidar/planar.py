@@ -77,7 +77,9 @@ class PlanarSensor:
     @cached_property
     def _sectors(self) -> NDArray[np.int64]:
         """Sector of each ray, (rays,): all returns of a ray through the body's origin are in one sector."""
-        return np.array([sector_index(x, y, self.spec.sectors) for x, y, _ in self._rays[1]])
+        x, y, _ = self._rays[1].T
+        sectors: NDArray[np.int64] = sector_index(np.arctan2(y, x), self.spec.sectors)
+        return sectors
 
     def sector_ranges(self, eta: Floats) -> Floats:
         """Return the nearest return of each sector, (n, sectors) [m], from the poses (n, 3)."""

@@ -25,7 +25,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dockctl.compute import compiled
-from dockctl.geometry import Bools, Floats, sector_index
+from dockctl.geometry import Bools, Floats
 from dockctl.noise import Seeds
 from dockctl.sim.lidar.height_grid import (
     SLACK_M,
@@ -46,13 +46,13 @@ from dockctl.sim.lidar.shell_table import (
     Levels,
     ShellTable,
     exit_parameter,
+    sector_at,
+    sectors_between,
     turn,
 )
 
 Ints = NDArray[np.int32]
 Pose = tuple[float, float, float, float]  # x, y [m], cosine and sine of the heading
-
-sector_of = compiled()(sector_index)
 
 
 def work_arrays(table: ShellTable) -> tuple[Ints, Ints, Bools]:
@@ -183,9 +183,9 @@ def _search_core(
     for index in range(len(table.core)):
         ahead, lateral = table.core[index, 0], table.core[index, 1]
         distance = math.sqrt(ahead * ahead + lateral * lateral) - CORE_REACH_M
-        margin = 0.0 if noise is None else _angle(most, distance) * len(best) / (2 * math.pi)
+        margin = 0.0 if noise is None else _angle(most, distance)
         low, high = table.core_edges[index]
-        reached = math.floor(low - margin), math.floor(high + margin)
+        reached = sectors_between(low - margin, high + margin, len(best))
         if distance - most > _farthest(best, reached):
             continue
         near = bands_near(grid, level, x + (c * ahead - s * lateral), y + (s * ahead + c * lateral))
@@ -301,9 +301,9 @@ def _clear_up_to(origin: Floats, ray: Floats, core: float, t: float, error: floa
     begin, end = t_core - error, t + error
     theta = math.atan2(origin[1] + begin * ray[1], origin[0] + begin * ray[0])
     low, high = turn(theta, math.atan2(origin[1] + end * ray[1], origin[0] + end * ray[0]))
-    width = 2 * math.pi / len(best)
+    first, last = sectors_between(low, high, len(best))
     clear = MISS
-    for sector in range(math.floor((low + math.pi) / width), math.floor((high + math.pi) / width) + 1):
+    for sector in range(first, last + 1):
         clear = min(clear, best[sector % len(best)])
     return clear - error
 
@@ -325,4 +325,4 @@ def _in_world(origin: Floats, ray: Floats, pose: Pose) -> Line:
 def _polar(origin: Floats, ray: Floats, t: float, sectors: int) -> tuple[float, int]:
     """Return the radius [m] and the sector of a point of a ray."""
     px, py = origin[0] + t * ray[0], origin[1] + t * ray[1]
-    return math.sqrt(px * px + py * py), sector_of(px, py, sectors)
+    return math.sqrt(px * px + py * py), sector_at(math.atan2(py, px), sectors)

@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dockctl.compute import compiled
-from dockctl.geometry import Floats
+from dockctl.geometry import Floats, sector_index
 from dockctl.sim.lidar.height_grid import SLACK_M, HeightGrid, Indices, band_at
 from dockctl.sim.lidar.raycast import MISS
 
@@ -27,6 +27,9 @@ CORE_STEP_M = 0.04  # the reach is then the radius of the finest level of the gr
 # From the center of a core cell to the rays that are added to it by a point every step.
 CORE_REACH_M = CORE_CELL_M / math.sqrt(2) + CORE_STEP_M
 RUN = np.dtype([("first", np.uint32), ("length", np.uint16), ("low", np.uint8), ("high", np.uint8)])
+
+
+sector_at = compiled()(sector_index)
 
 
 class ShellTable(NamedTuple):
@@ -46,7 +49,7 @@ class ShellTable(NamedTuple):
         half_diagonals: (shells,) from the center of a cell to its farthest corner [m].
         starts, runs: the runs: first ray, number of rays, lowest and highest band.
         core: (cells, 2) centers of the core cells [m], the innermost first.
-        core_edges: (cells, 2) minimum and maximum azimuth of the rays in a core cell, in sectors.
+        core_edges: (cells, 2) minimum and maximum azimuth of the rays in a core cell [rad].
         shell_at: (k,) the first shell that is not entirely within each multiple of `SHELL_STEP_M`.
     """
 
@@ -87,9 +90,9 @@ class ShellTable(NamedTuple):
         half_width = np.arcsin(
             np.minimum(CORE_REACH_M / np.maximum(np.hypot(core[:, 0], core[:, 1]), 1e-9), 1.0)
         )
-        azimuth = np.arctan2(core[:, 1], core[:, 0]) + np.pi
-        edges = np.column_stack([azimuth - half_width, azimuth + half_width]) * (sectors / (2 * np.pi))
-        edges[half_width > 1.5] = 0, sectors - 1
+        azimuth = np.arctan2(core[:, 1], core[:, 0])
+        edges = np.column_stack([azimuth - half_width, azimuth + half_width])
+        edges[half_width > 1.5] = -np.pi, np.pi
         counts = np.zeros(shells * count + len(core) + 1, np.int32)
         _gather(origins, rays, channel, radii, count, side, rank, counts, np.empty(0, RUN))
         starts = np.concatenate([[0], np.cumsum(counts[:-1])]).astype(np.uint32)
@@ -149,7 +152,6 @@ def _gather(
     """
     shells = len(radii) - 1
     last = np.full(len(places), -2, np.int32)  # last ray added to each cell
-    width = 2 * math.pi / bins
     for ray in range(len(rays)):
         origin, (dx, dy, dz, reach) = origins[ray], rays[ray]
         ox, oy, oz = origin
@@ -170,10 +172,23 @@ def _gather(
             t_out = min(exit_parameter(origin, rays[ray], radii[shell + 1]), reach)
             theta_out = math.atan2(oy + t_out * dy, ox + t_out * dx)
             low, high = turn(theta, theta_out)
-            for index in range(math.floor((low + math.pi) / width), math.floor((high + math.pi) / width) + 1):
+            lowest, highest = sectors_between(low, high, bins)
+            for index in range(lowest, highest + 1):
                 cell = shell * bins + index % bins
                 _add(ray, cell, joined, oz + dz * t, oz + dz * t_out, last, places, runs)
             t, theta = t_out, theta_out
+
+
+@compiled(inline="always")
+def sectors_between(low: float, high: float, sectors: int) -> tuple[int, int]:
+    """Return the first and last sector between two azimuths, which may be beyond ±pi; modulo `sectors`."""
+    return _unwrapped_sector(low, sectors), _unwrapped_sector(high, sectors)
+
+
+@compiled(inline="always")
+def _unwrapped_sector(azimuth: float, sectors: int) -> int:
+    turns = math.floor((azimuth + math.pi) / (2 * math.pi))
+    return int(sector_at(azimuth - 2 * math.pi * turns, sectors)) + turns * sectors
 
 
 @compiled()
