@@ -323,7 +323,8 @@ class Pilot:
         if reading is None:
             raise _Unusable(f"{name}: no data yet")
         try:
-            age, value = now_s - float(reading.time_s), np.asarray(reading.value, float)
+            age = now_s - float(reading.time_s)
+            value = np.ma.filled(np.ma.asarray(reading.value, float), np.nan)  # masked: not measured
         except (OverflowError, TypeError, ValueError):
             raise _Unusable(f"{name}: not a time and an array of numbers") from None
         if not abs(age) <= self.checks.max_age_s:

@@ -174,6 +174,8 @@ BAD = {
     "pose is no floating-point number": {"pose": (10**400, 0, 0)},
     "time is no floating-point number": {"cloud": Reading(10**400, CLOUD)},
     "points are NaN": {"cloud": np.array([[1.0, math.nan, 0.0]])},
+    "points are masked": {"cloud": np.ma.masked_less(CLOUD, CLOUD.max())},
+    "pose is masked": {"pose": np.ma.array((23, -10, 1), mask=(0, 0, 1))},
     "points are infinite": {"cloud": np.array([[1.0, math.inf, 0.0]])},
     "points in a plane": {"cloud": CLOUD[:, :2]},
     "points in millimeters": {"cloud": 1000 * CLOUD},

@@ -104,6 +104,8 @@ def train(
     several = is_sweep(set_ or (), seeds)
     if json_ and not several:
         raise DockctlError("--json: only a sweep has a summary; give --seeds, or several values")
+    if jobs is not None and resume is None and not several:
+        raise DockctlError("--jobs: only a sweep has parallel runs; give --seeds, or several values")
     if resume is not None:
         if extra := [option for option, value in start.items() if value not in (None, [])]:
             raise DockctlError(f"--resume continues the run with its own settings: omit {', '.join(extra)}")

@@ -10,11 +10,11 @@ Import the module that registers the name first, or install its package. Values 
 every run.
 """
 
+from dockctl.testing.algorithms import check_algorithm
 from dockctl.testing.contract import ContractError
 from dockctl.testing.environments import check_policy, check_scenario, open_water
 from dockctl.testing.parts import (
     check_action_type,
-    check_algorithm,
     check_condition,
     check_harbor,
     check_observation_part,

@@ -1,28 +1,22 @@
-"""Contract tests of all extensions but policies: reward terms, actions, sensors, algorithms, harbors ..."""
+"""Contract tests of reward terms, observation parts, actions, conditions, sensors, vessels and harbors."""
 
 from __future__ import annotations
 
-import copy
-import json
-import math
-from collections import deque
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 from dataclasses import fields, replace
 from pathlib import Path
 from typing import Any, get_args
 
 import numpy as np
-from gymnasium.spaces import Box, Discrete, Space
+from gymnasium.spaces import Discrete, Space
 from gymnasium.vector.utils import batch_space
 from numpy.typing import NDArray
 
 from dockctl.agents.algorithms import AlgorithmSpec
-from dockctl.agents.interface import Algorithm, Metrics, Overlapping, Spaces, Step, Tensors
 from dockctl.envs.observation import Columns, ObservationEncoder, View
 from dockctl.geometry import Floats, nearest_in_sectors, rotate, to_world
 from dockctl.plugins import (
     ACTIONS,
-    ALGORITHMS,
     CONDITIONS,
     OBSERVATION_PARTS,
     RANGE_SENSORS,
@@ -34,20 +28,17 @@ from dockctl.scenarios import catalog
 from dockctl.scenarios.extensions import ActionType, Condition, NoisyRangeSensor, RangeNoise, RangeSensorSpec
 from dockctl.scenarios.loader import load, load_harbor, load_vessel
 from dockctl.scenarios.schema import ObservationPart, Scenario
-from dockctl.scenarios.training import Training
 from dockctl.sim.goal import StepStatus
 from dockctl.sim.harbor.build import build_harbor, build_scene
 from dockctl.sim.simulator import Simulator
 from dockctl.sim.starts import given_start, own_site
 from dockctl.sim.vessel import ReferenceVesselModel, VesselModel
-from dockctl.testing.contract import ContractError, Require, Rule, contract_of
+from dockctl.testing.contract import ContractError, Require, contract_of
 from dockctl.testing.environments import SECTORS, Rows, check_environment, open_water
 
 BOATS = 7
 SAMPLES = 1000
 BASIN_M = 20.0
-SAVED_AT, LEARNING_STEPS = 24, 36
-FEATURES = Box(-1.0, 1.0, (5,), np.float32)
 GROUPS = ("water", "air", "sensing", "actuation", "vessel")
 
 
@@ -91,7 +82,7 @@ def check_observation_part(name: str, **params: Any) -> None:
 
 def check_action_type(kind: str, *, vessel: str | Path = "eilbrecht", **keys: Any) -> None:
     """Check the action type `kind` with these keys: space, shape and limits of the commands, row by row."""
-    spec: ActionType = _spec(ACTIONS, ActionType, kind, keys)
+    spec: ActionType = registered_spec(ACTIONS, ActionType, kind, keys)
     require, boat = contract_of(f"action type '{kind}'"), load_vessel(vessel)
     spec.require_within_limits(boat)
     require("valid", spec.describe(), "no description")
@@ -125,7 +116,7 @@ def check_action_type(kind: str, *, vessel: str | Path = "eilbrecht", **keys: An
 
 def check_condition(kind: str, **keys: Any) -> None:
     """Check the condition `kind` with these keys: draws, row by row, and hooks without effects."""
-    spec: Condition = _spec(CONDITIONS, Condition, kind, keys)
+    spec: Condition = registered_spec(CONDITIONS, Condition, kind, keys)
     require, scenario = contract_of(f"condition '{kind}'"), _scenario(conditions={kind: spec})
     group = CONDITIONS.get(kind).kind
     require("valid", group in GROUPS, f"unknown group '{group}' (known: {', '.join(GROUPS)})")
@@ -147,7 +138,7 @@ def check_condition(kind: str, **keys: Any) -> None:
 
 def check_range_sensor(kind: str, **keys: Any) -> None:
     """Check the range sensor `kind` with these keys: shape, range, points by sector, noise, row by row."""
-    spec: RangeSensorSpec = _spec(RANGE_SENSORS, RangeSensorSpec, kind, keys)
+    spec: RangeSensorSpec = registered_spec(RANGE_SENSORS, RangeSensorSpec, kind, keys)
     require, sensor = contract_of(f"range sensor '{kind}'"), spec.build(_basin())
     rng = np.random.default_rng(0)
     poses = np.column_stack([rng.uniform(-8, 8, (BOATS, 2)), rng.uniform(-4, 4, BOATS)])
@@ -202,62 +193,6 @@ def _check_noise(require: Require, sensor: NoisyRangeSensor, poses: Floats, rang
     require("consistent", np.allclose(exact, ranges, rtol=0, atol=1e-6), "noisy ranges without noise differ")
 
 
-def check_algorithm(kind: str, action_space: Space[Any], **keys: Any) -> None:
-    """Check the algorithm `kind` with these keys, on random steps.
-
-    Actions are in the space; nothing is learned in the warm-up; metrics are finite; the same seed gives the
-    same policy, also if an `Overlapping` algorithm learns one step late; the greedy policy is deterministic
-    and can be rebuilt from its tensors; a restored algorithm learns on as if it had not stopped.
-
-    Args:
-        kind: registered name.
-        action_space: of one boat.
-        keys: of ``training.algorithm``.
-    """
-    spec: AlgorithmSpec = _spec(ALGORITHMS, AlgorithmSpec, kind, keys)
-    training = Training(
-        algorithm=spec, boats=BOATS, total_steps=BOATS * LEARNING_STEPS,
-        warmup_steps=BOATS * SAVED_AT // 2, batch_size=8, steps_per_update=BOATS, hidden_sizes=(8, 8),
-        replay_capacity=1000, n_step=1, target_update_interval=2,
-    )  # fmt: skip
-    spaces = Spaces(FEATURES, action_space)
-    first, second = (
-        _learned(spec.build(spaces, training, "cpu"), spec, spaces, training, range(SAVED_AT))
-        for _ in range(2)
-    )
-    require = contract_of(f"algorithm '{kind}'")
-    require("valid", spec.describe(), "no description")
-    require("valid", first.updates > 0, "makes no updates")
-    _require_equal(require, "deterministic", first.policy_tensors(), second.policy_tensors())
-    if isinstance(first, Overlapping) and first.acts_while_learning:
-        late = _learned(spec.build(spaces, training, "cpu"), spec, spaces, training, range(SAVED_AT), late=1)
-        _require_equal(require, "deterministic", first.policy_tensors(), late.policy_tensors())
-
-    observation = np.random.default_rng(1).uniform(-1, 1, (BOATS, 5)).astype(np.float32)
-    actions = first.policy.act(observation, {})
-    require(
-        "deterministic", np.array_equal(actions, first.policy.act(observation, {})), "the policy is random"
-    )
-    first.policy.reset(np.arange(1), {})
-    alone = first.policy.act(observation[:1], {})
-    require("independent_rows", np.allclose(actions[:1], alone), "an action depends on the other boats")
-    rebuilt = spec.load_policy(first.policy_tensors(), spaces, training.hidden_sizes)
-    require("consistent", np.allclose(actions, rebuilt.act(observation, {})), "the rebuilt policy differs")
-
-    (tensors, facts), policy, updates = copy.deepcopy((first.state(), first.policy_tensors(), first.updates))
-    try:
-        written = json.dumps(facts)
-    except (TypeError, ValueError) as error:
-        raise ContractError(f"algorithm '{kind}'", "resumable", f"facts of its state: {error}") from error
-    _learned(first, spec, spaces, training, range(SAVED_AT, LEARNING_STEPS))
-    restored = spec.build(spaces, training, "cpu")
-    restored.restore(policy, tensors, json.loads(written))
-    require("resumable", restored.updates == updates, "restore changes the number of updates")
-    _require_equal(require, "resumable", policy, restored.policy_tensors())
-    _learned(restored, spec, spaces, training, range(SAVED_AT, LEARNING_STEPS))
-    _require_equal(require, "resumable", first.policy_tensors(), restored.policy_tensors())
-
-
 def check_vessel(source: str | Path) -> None:
     """Check that a vessel loads, moves, stays finite, and that the fast step agrees with the matrices."""
     vessel, require = load_vessel(source), contract_of(f"vessel '{source}'")
@@ -302,7 +237,7 @@ def _all_actions(space: Space[Any]) -> NDArray[Any]:
     return np.asarray(many.sample())
 
 
-def _spec(registry: Registry[type[Any]], base: type[Any], kind: str, keys: dict[str, Any]) -> Any:
+def registered_spec(registry: Registry[type[Any]], base: type[Any], kind: str, keys: dict[str, Any]) -> Any:
     """Return the registered spec with these keys, after checks that hold for all of them."""
     catalog.fill()
     model = registry.get(kind).value
@@ -450,61 +385,6 @@ def _hooks(simulator: Simulator) -> Rows:
             contract_of(f"{who}.force")("pure", np.array_equal(given, own), "changes its arguments")
         values |= {f"{who}.{name}": np.array(value) for name, value in hooks.items()}
     return values
-
-
-def _learned(
-    algorithm: Algorithm,
-    spec: AlgorithmSpec,
-    spaces: Spaces,
-    training: Training,
-    steps: range,
-    *,
-    late: int = 0,
-) -> Algorithm:
-    """Return the algorithm after learning from random observations and rewards, the same for equal steps.
-
-    What a call of `learn` returns is consumed as many steps later as `late`.
-    """
-    learning: deque[Iterator[Metrics]] = deque()
-
-    def consume(unfinished: int) -> None:
-        while len(learning) > unfinished:
-            for metrics in learning.popleft():
-                require("valid", env_steps >= training.warmup_steps, "learns in the warm-up")
-                require("valid", "loss" in metrics, f"metrics {[*metrics]} without 'loss'")
-                for name, value in metrics.items():
-                    require("finite", math.isfinite(value), f"{name} {value}")
-
-    require, space = contract_of(f"algorithm '{spec.kind}'"), batch_space(spaces.action, BOATS)
-    rng, stored = np.random.default_rng(steps.start), list[tuple[Step, Step]]()
-    observation = rng.uniform(-1, 1, (BOATS, 5)).astype(np.float32)
-    for step in steps:
-        env_steps = step * BOATS
-        before = observation.copy()
-        action = np.asarray(algorithm.act(observation, env_steps))
-        require("pure", np.array_equal(before, observation), "act changes the observation")
-        require(
-            "in_range", space.contains(action.astype(space.dtype)), f"actions {action} are not in {space}"
-        )
-        learning.append(algorithm.learn(env_steps))
-        consume(late)
-        following = rng.uniform(-1, 1, observation.shape).astype(np.float32)
-        terminated, truncated = rng.random((2, BOATS)) < 0.1
-        made = Step(observation, action, rng.normal(size=BOATS), following, terminated, truncated)
-        stored.append((made, copy.deepcopy(made)))
-        algorithm.store(made)
-        observation = following
-    consume(0)
-    for made, before_store in stored:
-        for name, value in vars(made).items():
-            require("pure", np.array_equal(value, vars(before_store)[name]), f"changes {name} of a step")
-    return algorithm
-
-
-def _require_equal(require: Require, rule: Rule, first: Tensors, second: Tensors) -> None:
-    require(rule, first.keys() == second.keys(), "another set of tensors")
-    for name, tensor in first.items():
-        require(rule, np.array_equal(tensor, second[name]), f"tensor {name} differs")
 
 
 def _basin() -> Floats:

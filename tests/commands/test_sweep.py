@@ -57,6 +57,15 @@ def test_seeds_are_given_by_their_number(tmp_path: Path, wrong: str) -> None:
     assert not list(tmp_path.iterdir())
 
 
+@pytest.mark.parametrize("option", [("--jobs", 2), ("--json", "-")])
+def test_one_run_has_no_options_of_a_sweep(tmp_path: Path, option: tuple[str, object]) -> None:
+    outcome = dockctl("train", "s1", *option, "--out", tmp_path)
+    assert outcome.code == 2
+    assert option[0] in outcome.err
+    assert "--seeds" in outcome.err
+    assert not list(tmp_path.iterdir())
+
+
 def test_every_training_of_a_sweep_has_the_plugins(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     plugin = Path("examples/local-term/gentle.py").resolve()
     given: list[Job] = []

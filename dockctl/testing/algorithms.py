@@ -1,0 +1,135 @@
+"""Contract test of algorithms."""
+
+from __future__ import annotations
+
+import copy
+import json
+import math
+from collections import deque
+from collections.abc import Iterator
+from typing import Any
+
+import numpy as np
+from gymnasium.spaces import Box, Space
+from gymnasium.vector.utils import batch_space
+
+from dockctl.agents.algorithms import AlgorithmSpec
+from dockctl.agents.interface import Algorithm, Metrics, Overlapping, Spaces, Step, Tensors
+from dockctl.plugins import ALGORITHMS
+from dockctl.scenarios.training import Training
+from dockctl.testing.contract import ContractError, Require, Rule, contract_of
+from dockctl.testing.parts import BOATS, registered_spec
+
+SAVED_AT, LEARNING_STEPS = 24, 36
+FEATURES = Box(-1.0, 1.0, (5,), np.float32)
+
+
+def check_algorithm(kind: str, action_space: Space[Any], **keys: Any) -> None:
+    """Check the algorithm `kind` with these keys, on random steps.
+
+    Actions are in the space; nothing is learned in the warm-up; metrics are finite; the same seed gives the
+    same policy, also if an `Overlapping` algorithm learns one step late; the greedy policy is deterministic
+    and can be rebuilt from its tensors; a restored algorithm learns on as if it had not stopped.
+
+    Args:
+        kind: registered name.
+        action_space: of one boat.
+        keys: of ``training.algorithm``.
+    """
+    spec: AlgorithmSpec = registered_spec(ALGORITHMS, AlgorithmSpec, kind, keys)
+    training = Training(
+        algorithm=spec, boats=BOATS, total_steps=BOATS * LEARNING_STEPS,
+        warmup_steps=BOATS * SAVED_AT // 2, batch_size=8, steps_per_update=BOATS, hidden_sizes=(8, 8),
+        replay_capacity=1000, n_step=1, target_update_interval=2,
+    )  # fmt: skip
+    spaces = Spaces(FEATURES, action_space)
+    first, second = (
+        _learned(spec.build(spaces, training, "cpu"), spec, spaces, training, range(SAVED_AT))
+        for _ in range(2)
+    )
+    require = contract_of(f"algorithm '{kind}'")
+    require("valid", spec.describe(), "no description")
+    require("valid", first.updates > 0, "makes no updates")
+    _require_equal(require, "deterministic", first.policy_tensors(), second.policy_tensors())
+    if isinstance(first, Overlapping) and first.acts_while_learning:
+        late = _learned(spec.build(spaces, training, "cpu"), spec, spaces, training, range(SAVED_AT), late=1)
+        _require_equal(require, "deterministic", first.policy_tensors(), late.policy_tensors())
+
+    observation = np.random.default_rng(1).uniform(-1, 1, (BOATS, 5)).astype(np.float32)
+    actions = first.policy.act(observation, {})
+    require(
+        "deterministic", np.array_equal(actions, first.policy.act(observation, {})), "the policy is random"
+    )
+    first.policy.reset(np.arange(1), {})
+    alone = first.policy.act(observation[:1], {})
+    require("independent_rows", np.allclose(actions[:1], alone), "an action depends on the other boats")
+    rebuilt = spec.load_policy(first.policy_tensors(), spaces, training.hidden_sizes)
+    require("consistent", np.allclose(actions, rebuilt.act(observation, {})), "the rebuilt policy differs")
+
+    (tensors, facts), policy, updates = copy.deepcopy((first.state(), first.policy_tensors(), first.updates))
+    try:
+        written = json.dumps(facts)
+    except (TypeError, ValueError) as error:
+        raise ContractError(f"algorithm '{kind}'", "resumable", f"facts of its state: {error}") from error
+    _learned(first, spec, spaces, training, range(SAVED_AT, LEARNING_STEPS))
+    restored = spec.build(spaces, training, "cpu")
+    restored.restore(policy, tensors, json.loads(written))
+    require("resumable", restored.updates == updates, "restore changes the number of updates")
+    _require_equal(require, "resumable", policy, restored.policy_tensors())
+    _learned(restored, spec, spaces, training, range(SAVED_AT, LEARNING_STEPS))
+    _require_equal(require, "resumable", first.policy_tensors(), restored.policy_tensors())
+
+
+def _learned(
+    algorithm: Algorithm,
+    spec: AlgorithmSpec,
+    spaces: Spaces,
+    training: Training,
+    steps: range,
+    *,
+    late: int = 0,
+) -> Algorithm:
+    """Return the algorithm after learning from random observations and rewards, the same for equal steps.
+
+    What a call of `learn` returns is consumed as many steps later as `late`.
+    """
+    learning: deque[Iterator[Metrics]] = deque()
+
+    def consume(unfinished: int) -> None:
+        while len(learning) > unfinished:
+            for metrics in learning.popleft():
+                require("valid", env_steps >= training.warmup_steps, "learns in the warm-up")
+                require("valid", "loss" in metrics, f"metrics {[*metrics]} without 'loss'")
+                for name, value in metrics.items():
+                    require("finite", math.isfinite(value), f"{name} {value}")
+
+    require, space = contract_of(f"algorithm '{spec.kind}'"), batch_space(spaces.action, BOATS)
+    rng, stored = np.random.default_rng(steps.start), list[tuple[Step, Step]]()
+    observation = rng.uniform(-1, 1, (BOATS, 5)).astype(np.float32)
+    for step in steps:
+        env_steps = step * BOATS
+        before = observation.copy()
+        action = np.asarray(algorithm.act(observation, env_steps))
+        require("pure", np.array_equal(before, observation), "act changes the observation")
+        require(
+            "in_range", space.contains(action.astype(space.dtype)), f"actions {action} are not in {space}"
+        )
+        learning.append(algorithm.learn(env_steps))
+        consume(late)
+        following = rng.uniform(-1, 1, observation.shape).astype(np.float32)
+        terminated, truncated = rng.random((2, BOATS)) < 0.1
+        made = Step(observation, action, rng.normal(size=BOATS), following, terminated, truncated)
+        stored.append((made, copy.deepcopy(made)))
+        algorithm.store(made)
+        observation = following
+    consume(0)
+    for made, before_store in stored:
+        for name, value in vars(made).items():
+            require("pure", np.array_equal(value, vars(before_store)[name]), f"changes {name} of a step")
+    return algorithm
+
+
+def _require_equal(require: Require, rule: Rule, first: Tensors, second: Tensors) -> None:
+    require(rule, first.keys() == second.keys(), "another set of tensors")
+    for name, tensor in first.items():
+        require(rule, np.array_equal(tensor, second[name]), f"tensor {name} differs")
