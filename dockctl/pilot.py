@@ -324,7 +324,7 @@ class Pilot:
             raise _Unusable(f"{name}: no data yet")
         try:
             age = now_s - float(reading.time_s)
-            value = np.ma.filled(np.ma.asarray(reading.value, float), np.nan)  # masked: not measured
+            value: Floats = np.ma.filled(np.ma.asarray(reading.value, float), np.nan)  # masked: not measured
         except (OverflowError, TypeError, ValueError):
             raise _Unusable(f"{name}: not a time and an array of numbers") from None
         if not abs(age) <= self.checks.max_age_s:

@@ -5,7 +5,9 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Iterator, Sequence
 from functools import cache, cached_property, lru_cache
-from typing import Any
+from threading import Lock
+from typing import Any, ClassVar
+from weakref import WeakSet
 
 import fcl
 import numpy as np
@@ -21,6 +23,8 @@ SIZE_BY_TRIANGLES = 8
 """Memory of a checker, relative to the array of the harbor's triangles; measured on the reference marina."""
 CONTACT_RESOLUTION_M = 0.002
 """Motion of the hull between the poses at which contact is tested."""
+KEPT_TRIANGLES = 700_000
+"""Triangles, in all harbors together, that are kept as objects of fcl, at about 600 bytes each."""
 MAX_BOXES = 128
 """Boxes that are kept, of hulls with a margin."""
 SLACK_M = 1e-3
@@ -142,8 +146,13 @@ class CollisionChecker:
 class _Surfaces:
     """Some of the triangles of a harbor, as one object of fcl for each part, built when it is needed.
 
-    fcl takes ten times the memory of the triangles, and a boat comes near few parts of a harbor.
+    fcl takes ten times the memory of the triangles, and a boat comes near few parts of a harbor. In a training
+    in many harbors it comes near all of them in time: when `KEPT_TRIANGLES` have been built, all are dropped.
     """
+
+    _all: ClassVar[WeakSet[_Surfaces]] = WeakSet()
+    _built: ClassVar[int] = 0
+    _lock: ClassVar[Lock] = Lock()
 
     def __init__(self, harbor: Harbor, chosen: Bools) -> None:
         numbers = np.flatnonzero(chosen)
@@ -154,6 +163,8 @@ class _Surfaces:
         corners = [harbor.triangles[own, :, :2].reshape(-1, 2) for own in self._numbers]
         self._low = np.array([each.min(axis=0, initial=np.inf) for each in corners])
         self._high = np.array([each.max(axis=0, initial=-np.inf) for each in corners])
+        with self._lock:
+            self._all.add(self)
 
     def gaps(self, bounds: Floats) -> Floats:
         """Return the horizontal distance of each part from boxes, of their bounds, (n, 4) to (n, parts) [m].
@@ -168,9 +179,18 @@ class _Surfaces:
 
     def of_part(self, part: int) -> fcl.CollisionObject:
         """Return the surface of a part."""
-        if part not in self._objects:
-            self._objects[part] = fcl.CollisionObject(_bvh(self._triangles[self._numbers[part]]))
-        return self._objects[part]
+        found = self._objects.get(part)
+        if found is None:
+            numbers = self._numbers[part]
+            found = fcl.CollisionObject(_bvh(self._triangles[numbers]))
+            with self._lock:
+                _Surfaces._built += len(numbers)
+                if self._built > KEPT_TRIANGLES:
+                    _Surfaces._built = len(numbers)
+                    for surfaces in self._all:
+                        surfaces._objects.clear()
+                self._objects[part] = found
+        return found
 
 
 def _touch(one: fcl.CollisionObject, other: fcl.CollisionObject) -> bool:

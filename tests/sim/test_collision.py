@@ -261,6 +261,25 @@ def test_poses_do_not_influence_each_other() -> None:
         assert all(np.array_equal(result, together) for result in pool.map(boat.blocked, [eta] * 16))
 
 
+def test_surfaces_that_are_built_again_give_the_same_results(monkeypatch: pytest.MonkeyPatch) -> None:
+    rng = np.random.default_rng(6)
+    eta = np.column_stack((rng.uniform(5, 38, 60), rng.uniform(-38, 38, 60), rng.uniform(-3, 3, 60)))
+    boat, other = (CollisionChecker(reference_harbor(), HULL) for _ in range(2))
+    expected = boat.clearance_below(eta, 3.0)
+    other.clearance_below(eta, 3.0)
+    monkeypatch.setattr("dockctl.sim.collision.KEPT_TRIANGLES", 500)
+    monkeypatch.setattr("dockctl.sim.collision._Surfaces._built", 1000)
+    other._low.of_part(other._low._objects.popitem()[0])  # the first build beyond the limit
+    kept = [surfaces for checker in (boat, other) for surfaces in (checker._low, checker._high)]
+    assert sum(len(surfaces._objects) for surfaces in kept) == 1
+    np.testing.assert_array_equal(other.clearance_below(eta, 3.0), expected)
+    with ThreadPoolExecutor(4) as pool:
+        assert all(
+            np.array_equal(result, expected)
+            for result in pool.map(lambda poses: boat.clearance_below(poses, 3.0), [eta] * 8)
+        )
+
+
 def test_no_poses_give_empty_results() -> None:
     boat = CollisionChecker(reference_harbor(), HULL)
     for answer in (boat.collides, boat.blocked, boat.clearance):
