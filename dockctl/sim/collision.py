@@ -146,8 +146,8 @@ class CollisionChecker:
 class _Surfaces:
     """Some of the triangles of a harbor, as one object of fcl for each part, built when it is needed.
 
-    fcl takes ten times the memory of the triangles, and a boat comes near few parts of a harbor. In a training
-    in many harbors it comes near all of them in time: when `KEPT_TRIANGLES` have been built, all are dropped.
+    fcl takes ten times the memory of the triangles, and a boat comes near few parts of a harbor. In a
+    training in many harbors it comes near all: when `KEPT_TRIANGLES` have been built, all are dropped.
     """
 
     _all: ClassVar[WeakSet[_Surfaces]] = WeakSet()
