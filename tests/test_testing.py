@@ -144,7 +144,12 @@ def act_as_the_next_boat(policy: GreedyPolicy, observation: Any, info: Any) -> A
     return np.arange(len(observation))[::-1]
 
 
-LEARN, STORE, STATE = DQN.learn, DQN.store, DQN.state
+def tensors_that_are_in_use(algorithm: DQN) -> Any:
+    live = algorithm.learner.evaluated.state_dict()
+    return {name: live[name].numpy() if name in live else value for name, value in TENSORS(algorithm).items()}
+
+
+LEARN, STORE, STATE, TENSORS = DQN.learn, DQN.store, DQN.state, DQN.policy_tensors
 
 
 @pytest.mark.parametrize(
@@ -154,6 +159,7 @@ LEARN, STORE, STATE = DQN.learn, DQN.store, DQN.state
         (DQN, "learn", learn_without_q, "finite"),
         (DQN, "store", store_and_change, "pure"),
         (DQN, "state", state_with_numpy, "resumable"),
+        (DQN, "policy_tensors", tensors_that_are_in_use, "unshared"),
         (GreedyPolicy, "act", act_as_the_next_boat, "independent_rows"),
     ],
 )
@@ -453,7 +459,17 @@ class Far(PlanarSensor):
         super().__init__(spec.model_copy(update={"range_m": 100.0}), triangles)
 
 
-@pytest.mark.parametrize(("sensor", "rule"), [(Fixed, "consistent"), (Far, "in_range")])
+class Everywhere(PlanarSensor):
+    """Has a point for a ray that returns nothing."""
+
+    def points(self, pose: Any, every: int = 1) -> Any:
+        points = super().points(pose, every)
+        return points if len(points) else np.array([[self.spec.range_m, 0.0, 1.0]])
+
+
+@pytest.mark.parametrize(
+    ("sensor", "rule"), [(Fixed, "consistent"), (Far, "in_range"), (Everywhere, "consistent")]
+)
 def test_sensors_that_break_a_rule_are_rejected(sensor: type[PlanarSensor], rule: Rule) -> None:
     class Scanner(PlanarScanner):
         kind: Literal["wrong"] = "wrong"  # type: ignore[assignment]

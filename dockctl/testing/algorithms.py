@@ -66,12 +66,14 @@ def check_algorithm(kind: str, action_space: Space[Any], **keys: Any) -> None:
     rebuilt = spec.load_policy(first.policy_tensors(), spaces, training.hidden_sizes)
     require("consistent", np.allclose(actions, rebuilt.act(observation, {})), "the rebuilt policy differs")
 
-    (tensors, facts), policy, updates = copy.deepcopy((first.state(), first.policy_tensors(), first.updates))
+    given = first.policy_tensors()
+    (tensors, facts), policy, updates = copy.deepcopy((first.state(), given, first.updates))
     try:
         written = json.dumps(facts)
     except (TypeError, ValueError) as error:
         raise ContractError(f"algorithm '{kind}'", "resumable", f"facts of its state: {error}") from error
     _learned(first, spec, spaces, training, range(SAVED_AT, LEARNING_STEPS))
+    _require_equal(require, "unshared", policy, given)
     restored = spec.build(spaces, training, "cpu")
     restored.restore(policy, tensors, json.loads(written))
     require("resumable", restored.updates == updates, "restore changes the number of updates")

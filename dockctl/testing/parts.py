@@ -173,10 +173,12 @@ def check_range_sensor(kind: str, **keys: Any) -> None:
     if isinstance(sensor, NoisyRangeSensor):
         _check_noise(require, sensor, poses, ranges)
     require("valid", sensor.table_bytes >= 0, "negative table_bytes")
-    empty = spec.build(np.empty((0, 3, 3))).sector_ranges(poses)
+    nowhere = spec.build(np.empty((0, 3, 3)))
+    empty = nowhere.sector_ranges(poses)
     require(
         "consistent", (empty == spec.range_m).all(), f"nothing returns, but a range is not {spec.range_m:g} m"
     )
+    require("consistent", len(nowhere.points(poses[0])) == 0, "nothing returns, but there are points")
 
 
 def _check_noise(require: Require, sensor: NoisyRangeSensor, poses: Floats, ranges: Floats) -> None:
