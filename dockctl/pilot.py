@@ -325,7 +325,7 @@ class Pilot:
         try:
             age = now_s - float(reading.time_s)
             value: Floats = np.ma.filled(np.ma.asarray(reading.value, float), np.nan)  # masked: not measured
-        except (OverflowError, TypeError, ValueError):
+        except (AttributeError, OverflowError, TypeError, ValueError):
             raise _Unusable(f"{name}: not a time and an array of numbers") from None
         if not abs(age) <= self.checks.max_age_s:
             raise _Unusable(f"{name}: {age:.3g} s old, expected at most {self.checks.max_age_s:g} s")

@@ -243,6 +243,7 @@ def test_a_policy_that_observes_the_wind(weather: Pilot, pilot: Pilot) -> None:
 
 BAD_FLOWS = {
     "never arrived": None,
+    "without a time": (1.0, 0.0),
     "too old": Reading(9.4, (1.0, 0.0)),
     "NaN": Reading(10.0, (math.nan, 0.0)),
     "three numbers": Reading(10.0, (1.0, 0.0, 0.0)),

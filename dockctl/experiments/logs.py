@@ -18,6 +18,7 @@ from dockctl.errors import DockctlError, nearest
 from dockctl.run_files import EPISODES_CSV, EVALUATIONS_CSV, SCENARIO, TIMING_CSV, UPDATES_CSV
 from dockctl.runs.directory import RunDirectory
 from dockctl.runs.files import writing
+from dockctl.runs.listing import summarize
 from dockctl.runs.tables import Value
 from dockctl.scenarios.yaml_tree import read_file
 
@@ -85,13 +86,14 @@ class WeightsAndBiases:
 
     def __init__(self, run: RunDirectory) -> None:
         wandb = import_module("wandb")
-        scenario = run.path / SCENARIO
+        scenario, summary = run.path / SCENARIO, summarize(run)
         self._run = wandb.init(
             project="dockctl",
             dir=str(run.path),
             id=f"{run.path.parent.name}-{run.path.name}",
             group=run.path.parent.name,
-            name=run.path.name,
+            name=summary.name or run.path.name,
+            tags=summary.tags,
             config=read_file(scenario, str(scenario)).to_python(),
             mode="offline",
             settings=wandb.Settings(silent=True, console="off", disable_git=True),

@@ -177,7 +177,12 @@ def test_wandb_has_the_numbers_of_the_tables(tmp_path: Path, monkeypatch: pytest
     from wandb.proto import wandb_internal_pb2
 
     monkeypatch.setenv("WANDB_CONFIG_DIR", str(tmp_path / "config"))
-    assert quick_train(tmp_path / "runs", "s1", "--steps", 200, "--log", "wandb").code == 0
+    assert (
+        quick_train(
+            tmp_path / "runs", "s1", "--steps", 200, "--log", "wandb", "--tag", "a", "--name", "b"
+        ).code
+        == 0
+    )
     run = only_run(tmp_path / "runs")
     (file,) = (run / "wandb").glob("offline-run-*/*.wandb")
     deadline = time.monotonic() + 60  # the service process of wandb may still be writing
@@ -186,6 +191,8 @@ def test_wandb_has_the_numbers_of_the_tables(tmp_path: Path, monkeypatch: pytest
     ):
         assert time.monotonic() < deadline
         time.sleep(0.1)
+    (started,) = (record.run for record in records if record.HasField("run"))
+    assert (started.display_name, [*started.tags]) == ("b", ["a"])
     found: Points = {}
     for record in records:
         items = {
