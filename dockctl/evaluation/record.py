@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 from dataclasses import dataclass
+from hashlib import sha256
 from pathlib import Path
 
 from dockctl.drawing.scene import Scene
@@ -28,15 +29,28 @@ class Recording:
     episodes: list[Episode]
 
     def write(self, folder: Path) -> None:
-        """Write `FILES` and `RECORDING`, replacing the folder.
+        """Write `FILES` and `RECORDING`, replacing the folder, unless it has the same `FILES` already.
+
+        Figures that were drawn from the same files stay.
 
         Raises:
             DockctlError: the folder cannot be written.
         """
-        text = trajectories_csv(self.episodes, self.scenario.vessel.control_period_s)
-        with new_folder(folder.resolve()) as new:
-            (new / SCENARIO).write_text(dump(self.scenario), encoding="utf-8")
-            (new / SCENE).write_text(json.dumps(self.scene.to_json()), encoding="utf-8")
-            (new / TRAJECTORIES_CSV).write_text(text, encoding="utf-8")
-            hashes = hashes_of(new / name for name in FILES)
-            write_results(new / RECORDING, {"policy": self.policy.facts()}, hashes)
+        contents = {
+            SCENARIO: dump(self.scenario),
+            SCENE: json.dumps(self.scene.to_json()),
+            TRAJECTORIES_CSV: trajectories_csv(self.episodes, self.scenario.vessel.control_period_s),
+        }
+        folder = folder.resolve()
+        wanted = {folder / name: sha256(text.encode()).hexdigest() for name, text in contents.items()}
+        if hashes_of(wanted) == wanted:
+            self._describe(folder)
+            return
+        with new_folder(folder) as new:
+            for name, text in contents.items():
+                (new / name).write_text(text, encoding="utf-8")
+            self._describe(new)
+
+    def _describe(self, folder: Path) -> None:
+        hashes = hashes_of(folder / name for name in FILES)
+        write_results(folder / RECORDING, {"policy": self.policy.facts()}, hashes)

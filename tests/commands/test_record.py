@@ -79,3 +79,16 @@ def test_a_pose_that_cannot_be_used(run: Path, pose: str, code: str) -> None:
     assert (outcome.code, outcome.error_code) == (2, code)
     assert str(outcome.error).startswith("--pose")
     assert not (run / "transfer").exists()
+
+
+def test_figures_of_a_recording_stay_until_it_changes(run: Path, tmp_path: Path) -> None:
+    def record(pose: str) -> None:
+        assert dockctl("evaluate", run, "--pose", pose, "--record", tmp_path / "here").code == 0
+
+    record("20,2,160")
+    assert dockctl("plot", tmp_path / "here").code == 0
+    figure = tmp_path / "here" / "figures" / "docking-poses.png"
+    record("20,2,160")
+    assert figure.is_file()
+    record("21,2,160")
+    assert not figure.exists()
