@@ -88,7 +88,7 @@ class ContinuousActions(ActionType):
         return Box(-1.0, 1.0, (2,), np.float32)
 
     def commands(self, actions: NDArray[Any], vessel: Vessel) -> Floats:
-        limit = np.array([vessel.max_propeller_n, np.radians(vessel.max_rudder_deg)])
+        limit = vessel.command_limit
         return np.asarray(actions * limit, float)
 
 
@@ -120,7 +120,7 @@ class IncrementalActions(ActionType):
 
     def next_commands(self, actions: NDArray[Any], vessel: Vessel, previous: Floats) -> Floats:
         signs = np.column_stack(np.divmod(actions, 3)) - 1
-        limit = np.array([vessel.max_propeller_n, np.radians(vessel.max_rudder_deg)])
+        limit = vessel.command_limit
         steps = np.array([self.propeller_step_n, np.radians(self.rudder_step_deg)])
         changed: Floats = np.clip(previous + signs * steps, -limit, limit)
         return changed

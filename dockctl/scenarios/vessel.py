@@ -77,6 +77,16 @@ class Vessel(Model):
             ]
         )
 
+    @property
+    def command_limit(self) -> NDArray[np.float64]:
+        """Maximum propeller force [N] and rudder angle [rad], (2,)."""
+        return np.array([self.max_propeller_n, np.radians(self.max_rudder_deg)])
+
+    @property
+    def max_side_n(self) -> float:
+        """Maximum sway force of the propeller (eq. 2.23) [N]."""
+        return self.max_propeller_n * math.sin(math.radians(self.max_rudder_deg))
+
     def require_scalable(self, factors: Mapping[str, float], field: str) -> None:
         """Check that the vessel remains valid if its coefficients are multiplied by factors.
 
@@ -153,8 +163,7 @@ class Vessel(Model):
         slowest = max(np.linalg.eigvalsh(scale @ linear @ scale.T)[0], 0.0)
         own = np.diag(block) * (1 + abs(block[0, 1]) / math.sqrt(block[0, 0] * block[1, 1]))
         cubic = 1 / np.linalg.norm(own**1.5 / np.array([self.Y_vv_kgpm, self.N_rr_kgm2]))
-        side = self.max_propeller_n * math.sin(math.radians(self.max_rudder_deg))
-        turning = side * np.linalg.norm(scale @ np.array([-1.0, self.propeller_arm_m]))
+        turning = self.max_side_n * np.linalg.norm(scale @ np.array([-1.0, self.propeller_arm_m]))
         angle = np.concatenate([[0.0], np.arctan(np.geomspace(1e-6, 1e6, 241)), [np.pi / 2]])
         x, y = np.abs([np.cos(angle), np.sin(angle)])
         p = self.max_propeller_n / np.sqrt(surge) * x + turning * y

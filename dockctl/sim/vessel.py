@@ -89,7 +89,7 @@ class VesselModel:
     @property
     def command_limit(self) -> Floats:
         """Maximum propeller force [N] and rudder angle [rad], (2,)."""
-        return np.array([self.vessel.max_propeller_n, np.radians(self.vessel.max_rudder_deg)])
+        return self.vessel.command_limit
 
     def tau(self, command: Floats) -> Floats:
         """Return surge force, sway force and yaw moment (..., 3) [N, N, N m] of a command (eq. 2.23).

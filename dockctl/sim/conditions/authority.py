@@ -24,7 +24,7 @@ class ControlAuthority:
 
     @classmethod
     def of(cls, vessel: Vessel) -> ControlAuthority:
-        side = vessel.max_propeller_n * math.sin(math.radians(vessel.max_rudder_deg))
+        side = vessel.max_side_n
         top = _terminal_speed(vessel.X_u_kgps, vessel.X_uu_kgpm, vessel.max_propeller_n)
         return cls(vessel, side, vessel.propeller_arm_m * side, top)
 
