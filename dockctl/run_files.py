@@ -81,6 +81,11 @@ def runs_of_seed(seed: int) -> tuple[str, str]:
     return run_name("*", seed), f"{run_name('*', seed)}-*"
 
 
+def archived_name(seed: int | str) -> str:
+    """Return the name of the folder of an archived run in that of its experiment; ``*`` gives a pattern."""
+    return f"seed{seed}"
+
+
 def generations(checkpoint: str) -> list[str]:
     """Return the names of the folders of the checkpoint `BEST` or `LAST`, the newest first."""
     return [checkpoint, *(f"{checkpoint}-{i}" for i in range(1, GENERATIONS))]

@@ -30,6 +30,7 @@ from dockctl.run_files import (
     TRAJECTORIES_CSV,
     TRANSFER,
     UPDATES_CSV,
+    archived_name,
 )
 from dockctl.runs.directory import RunDirectory
 from dockctl.runs.files import new_folder, write_json, writing
@@ -58,7 +59,7 @@ def archive(run: Path, results: Path, experiment: str, seed: int) -> Path:
     Raises:
         DockctlError: a file of the run is damaged, or the folder cannot be written.
     """
-    archived = results / experiment / f"seed{seed}"
+    archived = results / experiment / archived_name(seed)
     with new_folder(archived) as folder:
         for file in dict.fromkeys(path for pattern in COPIED for path in sorted(run.glob(pattern))):
             (folder / file.name).write_bytes(read_bytes(file))

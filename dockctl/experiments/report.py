@@ -16,12 +16,14 @@ from dockctl.reading import read_json
 from dockctl.reports import replay as replay_page
 from dockctl.reports.report import Page, run_page
 from dockctl.reports.study_report import Trial, comparison_page, study_page
-from dockctl.run_files import BEST, POLICY_JSON, PROVENANCE, RECORDING, SCENARIO
+from dockctl.run_files import BEST, POLICY_JSON, PROVENANCE, RECORDING, SCENARIO, archived_name
 from dockctl.runs.directory import RunDirectory
 from dockctl.runs.files import exclusive_lock, write_atomically
 from dockctl.runs.reader import SOURCES, read_run
 
 Note = Callable[[str], None]
+ARCHIVED = f"{archived_name('*')}/{SCENARIO}"
+"""Pattern of the scenarios of archived runs, in the folder of their experiment."""
 RELOAD_S = 10
 """Time after which the browser reloads a page that follows a training."""
 POLL_S = 2.0
@@ -155,7 +157,7 @@ def _study_or_comparison(path: Path) -> Page:
     """
     if path.is_file():
         return comparison_page(read_json(path), path)
-    if any(path.glob(f"*/seed*/{SCENARIO}")):
+    if any(path.glob(f"*/{ARCHIVED}")):
         study = _study(path)
         trials = [trial for experiment in study.experiments if (trial := _trial(path, experiment)).runs]
         return study_page(study.title or study.name, path, trials)
@@ -171,7 +173,7 @@ def _study(folder: Path) -> Study:
     try:
         return load_study(folder.resolve().name)
     except DockctlError:
-        names = sorted({path.parent.parent.name for path in folder.glob(f"*/seed*/{SCENARIO}")})
+        names = sorted({path.parent.parent.name for path in folder.glob(f"*/{ARCHIVED}")})
         experiments = tuple(Experiment(name=name, group=name, scenario=name) for name in names)
         return Study(title=f"Study {folder.resolve().name}", experiments=experiments)
 
@@ -183,5 +185,5 @@ def _trial(folder: Path, experiment: Experiment) -> Trial:
 
 
 def _seeds(folder: Path) -> list[str]:
-    names = [path.parent.name for path in folder.glob(f"seed*/{SCENARIO}")]
+    names = [path.parent.name for path in folder.glob(ARCHIVED)]
     return sorted(names, key=lambda name: (len(name), name))

@@ -38,6 +38,7 @@ from dockctl.run_files import (
     TIMING_CSV,
     TRANSFER,
     UPDATES_CSV,
+    archived_name,
 )
 from dockctl.runs.reader import Run, read_run, read_table
 from dockctl.runs.tables import RECENT
@@ -360,7 +361,8 @@ class Archive:
         return [experiment for experiment in self.study.experiments if experiment.group == name]
 
     def _seeds(self, experiment: Experiment) -> list[ArchivedRun]:
-        folders = ((seed, self._folder / experiment.name / f"seed{seed}") for seed in range(experiment.seeds))
+        runs = self._folder / experiment.name
+        folders = ((seed, runs / archived_name(seed)) for seed in range(experiment.seeds))
         return [ArchivedRun(folder, seed) for seed, folder in folders if folder.is_dir()]
 
 
