@@ -80,8 +80,8 @@ def on_all_cores(function: Callable[[T], object], items: Iterable[T]) -> None:
 def in_background(function: Callable[[], T]) -> Future[T]:
     """Call a function in the pool, behind the next tasks of `on_all_cores` or after `begin_background`.
 
-    A function that is given in every step runs while this thread does what no other can help with, to the
-    middle of the next step; then the pool helps. Otherwise it would begin with the step and delay the help.
+    In a training the scan of a step then uses all cores, and the function runs beside the work that has only
+    one thread, until the scan of the next step. If it began at once, it would delay the scan.
     """
     begin_background()
     result: Future[T] = Future()

@@ -122,7 +122,7 @@ class Networks(Protocol):
 
     @property
     def sizes(self) -> tuple[int, int]:
-        """Numbers of an observation, and of actions."""
+        """Length of an observation, and number of actions."""
 
     def q_values(self, observation: NDArray[np.float32]) -> NDArray[np.float32]:
         """Return the action values (n, actions) of observations (n, observation_size)."""

@@ -1,4 +1,4 @@
-"""What this package registers keeps the contracts of dockctl."""
+"""What this package registers fulfills the contracts of dockctl."""
 
 from dockctl.testing import check_observation_part, check_reward_term, check_scenario, check_vessel
 
