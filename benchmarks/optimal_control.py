@@ -33,6 +33,10 @@ WEATHER = {
     "current out of the berth": ("current", (180,), np.arange(1, 9) * 0.05),
 }
 """Condition, directions in which it flows [deg], and speeds [m/s], each constant, from the start of s1."""
+STORMS = ((5.0, 0.1), (8.0, 0.15))
+"""Wind and current at once [m/s, m/s], each constant and from random directions."""
+STORM_SPEEDS_MPS = (*SPEEDS_MPS, 0.08)
+DRAWS = 30
 SLACK = 1.8
 """Periods of a guess in stronger weather, relative to those needed in weaker."""
 KNOWN_S = 38.7
@@ -125,6 +129,34 @@ def weather() -> Iterator[dict[str, Any]]:
                 weaker = [found.plan.resampled([periods])]
 
 
+def storms() -> Iterator[dict[str, Any]]:
+    """Yield a row for each draw: scenario 1 in constant wind and current at once, from random directions.
+
+    The policy is the one for weather, whose commands last 1 s; those of the plan last 0.5 s, as in scenario 1.
+    """
+    base, policy, rng = load_policy("s1"), load_policy("marinas-weather"), np.random.default_rng(0)
+    worlds = Rollout(base.scenario()).worlds
+    period = [f"vessel.{key}={value}" for key, value in (("control_period_s", 1.0), ("substeps", 10))]
+    for wind, current in STORMS:
+        for toward in rng.uniform(0, 360, (DRAWS, 2)).round().tolist():
+            flows = [
+                f"{kind}: {{speed_mps: {speed}, direction_deg: {direction}}}"
+                for kind, speed, direction in zip(("wind", "current"), (wind, current), toward, strict=True)
+            ]
+            weather = f"conditions={{{', '.join(flows)}}}"
+            loaded, given = base.scenario("s1", [weather]), policy.scenario("s1", [weather, *period])
+            site, task = own_site(loaded.scenario), loaded.scenario.task
+            start, rollout = given_start(site, task, site.initial[0], 0), Rollout(given)
+            (episode,) = rollout.run(policy.make(rollout.env()), [start], clearance=False)
+            docking = Docking(loaded, worlds, start)
+            tried = (optimum(docking, straight(docking, mps)) for mps in STORM_SPEEDS_MPS)
+            found = next((one for one in tried if one), None)
+            row = result(docking, found, episode) | {
+                "policy_s": episode.steps * given.scenario.vessel.control_period_s
+            }
+            yield {"wind_mps": wind, "current_mps": current, "toward_deg": toward, **row}
+
+
 def shown(rows: Iterator[dict[str, Any]]) -> Iterator[dict[str, Any]]:
     """Print each row when it is known: all of them take minutes."""
     for row in rows:
@@ -136,9 +168,11 @@ def main() -> None:
     argparse.ArgumentParser(description=__doc__.splitlines()[0]).parse_args()
     report = bench.Report("optimal_control", "Docking in minimum time, planned with full knowledge")
     paths: dict[str, Any] = {}
-    rows, storms = list(shown(calm(paths))), list(shown(weather()))
-    report.facts = {"calm": rows, "weather": storms, "paths": paths, "clearance_m": CLEARANCE_M}
-    found = [row for row in rows + storms if "optimum_s" in row]
+    rows, strengths, drawn = (list(shown(each)) for each in (calm(paths), weather(), storms()))
+    report.facts = {
+        "calm": rows, "weather": strengths, "storms": drawn, "paths": paths, "clearance_m": CLEARANCE_M
+    }  # fmt: skip
+    found = [row for row in rows + strengths + drawn if "optimum_s" in row]
     first = next(row for row in found if row["scenario"] == "s1")
     report.targets = [
         bench.Target(

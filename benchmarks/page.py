@@ -323,6 +323,16 @@ def optimal_control_section(optimal: Json) -> str:
             f"{docked[-1]['speed_mps']:g} m/s" if docked else "none",
         ]
 
+    def storm_row(wind: float, current: float) -> list[str]:
+        rows = [row for row in facts["storms"] if (row["wind_mps"], row["current_mps"]) == (wind, current)]
+        return [
+            f"{wind:g} m/s, {current:g} m/s",
+            f"{sum('optimum_s' in row for row in rows)} of {len(rows)}",
+            f"{sum(row['policy_outcome'] == 'docked' for row in rows)} of {len(rows)}",
+        ]
+
+    strengths = dict.fromkeys((row["wind_mps"], row["current_mps"]) for row in facts["storms"])
+    storm_head = ("wind, current", "solved", "policy docks")
     kinds = dict.fromkeys((row["what"], row["direction_deg"]) for row in facts["weather"])
     calm_head = ("start", "optimum [s]", "executed [s]", "policy [s]", "ratio")
     weather_head = ("s1 in", "strongest solved", "time [s]", "weakest unsolved", "policy docks up to")
@@ -348,7 +358,11 @@ steps are 1 m/s and 0.05 m/s; the weather is known to the plan and unknown to th
 calm water. IPOPT is a local solver that was started from a few guesses: a time is an upper bound on the
 minimum, and a failed search does not prove that no trajectory exists.
 
-{table(weather_head, [weather_row(*kind) for kind in kinds])}"""
+{table(weather_head, [weather_row(*kind) for kind in kinds])}
+
+Both at once, each constant and from a random direction, from the same start; the policy is `marinas-weather`.
+
+{table(storm_head, [storm_row(*strength) for strength in strengths])}"""
 
 
 FIGURES: dict[str, tuple[str, Callable[[Json], Figure]]] = {
