@@ -132,7 +132,7 @@ def weather() -> Iterator[dict[str, Any]]:
 def storms() -> Iterator[dict[str, Any]]:
     """Yield a row for each draw: scenario 1 in constant wind and current at once, from random directions.
 
-    The policy is the one for weather, whose commands last 1 s; those of the plan last 0.5 s, as in scenario 1.
+    The policy is the one for weather, whose commands last 1 s; those of the plan 0.5 s, as in scenario 1.
     """
     base, policy, rng = load_policy("s1"), load_policy("marinas-weather"), np.random.default_rng(0)
     worlds = Rollout(base.scenario()).worlds
