@@ -31,8 +31,8 @@ from dockctl.plugins import (
 )
 from dockctl.rewards.terms import reward_term
 from dockctl.scenarios import catalog
-from dockctl.scenarios.base import FieldError
-from dockctl.scenarios.extensions import Condition, Disturbance, RangeSensorSpec, register
+from dockctl.scenarios.base import FieldError, Number
+from dockctl.scenarios.extensions import Condition, Disturbance, Drawn, RangeSensorSpec, register
 from dockctl.sim.goal import StepStatus
 from dockctl.sim.lidar.planar import PlanarScanner, PlanarSensor
 from dockctl.testing.contract import Rule
@@ -408,6 +408,23 @@ def test_a_condition_whose_state_is_incomplete_is_rejected() -> None:
             return Flow(num_boats)
 
     assert_rejected(lambda: testing.check_condition("forgetful"), "resumable")
+
+
+@pytest.mark.parametrize("sectors", [4, 12, 360])
+def test_rays_on_the_edges_of_sectors_are_accepted(sectors: int) -> None:
+    testing.check_range_sensor("planar", sectors=sectors)
+
+
+def test_a_number_is_a_default_of_a_condition_that_draws() -> None:
+    class Tide(Condition):
+        kind: Literal["tide"] = "tide"  # type: ignore[assignment]
+        speed_mps: Drawn[Number] = 0.05  # type: ignore[assignment]
+
+        def build(self, num_boats: int) -> Disturbance:
+            return Disturbance()
+
+    assert Tide().speed_mps == (0.05,)
+    assert Tide().model_dump(mode="json")["speed_mps"] == 0.05
 
 
 def test_a_sensor_whose_points_do_not_agree_is_rejected() -> None:

@@ -337,7 +337,7 @@ def _shortest(bounds: tuple[T, ...]) -> T | list[T]:
 
 Drawn = Annotated[
     tuple[T, ...],
-    Field(min_length=1, max_length=2),
+    Field(min_length=1, max_length=2, validate_default=True),
     _NumberOrBounds(_as_bounds),
     AfterValidator(_ordered),
     PlainSerializer(_shortest),

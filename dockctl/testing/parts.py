@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 from dockctl.agents.algorithms import AlgorithmSpec
 from dockctl.envs.observation import Columns, ObservationEncoder, View
-from dockctl.geometry import Floats, nearest_in_sectors, rotate, to_world
+from dockctl.geometry import Floats, nearest_in_sectors, rotate, sector_index, to_world
 from dockctl.plugins import (
     ACTIONS,
     CONDITIONS,
@@ -158,13 +158,12 @@ def check_range_sensor(kind: str, **keys: Any) -> None:
         require("consistent", (beside_m < 0.5).all(), "points not on the walls: are they in the body frame?")
         some = set(map(tuple, sensor.points(pose, 2)))
         require("consistent", some <= set(map(tuple, points)), "every second ray has points that no ray has")
-        nearest = [  # a point on the edge of two sectors may belong to either
-            nearest_in_sectors(
-                np.column_stack(rotate(points[:, 0], points[:, 1], turn)), spec.sectors, spec.range_m
-            )
-            for turn in (-1e-6, 1e-6)
-        ]
-        low, high = np.min(nearest, axis=0) - 1e-3, np.max(nearest, axis=0) + 1e-3
+        # A point on the edge of two sectors may belong to either.
+        turned = [np.column_stack(rotate(points[:, 0], points[:, 1], turn)) for turn in (-1e-6, 1e-6)]
+        before, after = (sector_index(np.arctan2(xy[:, 1], xy[:, 0]), spec.sectors) for xy in turned)
+        nearest = [nearest_in_sectors(xy, spec.sectors, spec.range_m) for xy in turned]
+        low = np.min(nearest, axis=0) - 1e-3
+        high = nearest_in_sectors(points[before == after], spec.sectors, spec.range_m) + 1e-3
         require(
             "consistent",
             ((low <= row) & (row <= high)).all(),
