@@ -19,7 +19,7 @@ from typing import TYPE_CHECKING, Annotated, Any, ClassVar, Protocol, TypeVar, r
 
 import numpy as np
 from numpy.typing import NDArray
-from pydantic import AfterValidator, BeforeValidator, Field, GetJsonSchemaHandler, PlainSerializer
+from pydantic import AfterValidator, BeforeValidator, ConfigDict, Field, GetJsonSchemaHandler, PlainSerializer
 from pydantic_core import CoreSchema
 
 from dockctl.geometry import MAX_SECTORS, Floats, Ints
@@ -294,6 +294,8 @@ class Condition(Kind, ABC):
     range from which each episode draws.
     """
 
+    model_config = ConfigDict(validate_default=True)  # a number is a valid default of a `Drawn` key
+
     @abstractmethod
     def build(self, num_boats: int) -> Disturbance:
         """Return the condition for `num_boats` boats."""
@@ -337,7 +339,7 @@ def _shortest(bounds: tuple[T, ...]) -> T | list[T]:
 
 Drawn = Annotated[
     tuple[T, ...],
-    Field(min_length=1, max_length=2, validate_default=True),
+    Field(min_length=1, max_length=2),
     _NumberOrBounds(_as_bounds),
     AfterValidator(_ordered),
     PlainSerializer(_shortest),
