@@ -14,6 +14,7 @@ from types import ModuleType
 import numpy as np
 from numpy.typing import NDArray
 
+from dockctl import geometry
 from dockctl.compute import Arrays, cached, on_all_cores, usable_cores
 from dockctl.geometry import Floats, nearest_in_sectors
 from dockctl.scenarios.extensions import RangeNoise
@@ -211,7 +212,7 @@ def _shells(spec: SpinningLidars) -> ShellTable:
         beams = rays.origins, rays.directions, rays.reach, rays.channel
         return ShellTable.build(*beams, spec.sectors, spec.range_m)._asdict()
 
-    inputs = [spec.model_dump_json().encode(), _source(shell_table, height_grid)]
+    inputs = [spec.model_dump_json().encode(), _source(geometry, shell_table, height_grid)]
     return ShellTable(**cached("LiDAR rays", inputs, build))
 
 
