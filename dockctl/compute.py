@@ -27,6 +27,7 @@ Arrays = dict[str, NDArray[Any]]
 Function = TypeVar("Function", bound=Callable[..., object])
 P = ParamSpec("P")
 T = TypeVar("T")
+Result = TypeVar("Result")
 
 CACHE_BYTES = 4_000_000_000
 """Limit of the size of all cached tables on disk."""
@@ -51,7 +52,7 @@ def workers() -> ThreadPoolExecutor:
 
     All such work, scans and learning alike, runs in this pool and in the main thread, which together have one
     thread per core: of more threads, some would wait for one core while another is idle. A task must not wait
-    for another task of the pool.
+    for a task of the pool that may not have begun.
     """
     if not _WORKERS:
         _WORKERS.append(ThreadPoolExecutor(max(1, usable_cores() - 1), thread_name_prefix="core"))
@@ -59,7 +60,10 @@ def workers() -> ThreadPoolExecutor:
 
 
 def on_all_cores(function: Callable[[T], object], items: Iterable[T]) -> None:
-    """Call a function, which releases the GIL, with each item; this thread and the pool share the items."""
+    """Call a function, which releases the GIL, with each item; this thread and the pool share the items.
+
+    The function may use all cores itself: what the pool has not begun of that, it does in its own thread.
+    """
     items = list(items)
     remaining = iter(items)  # the iterator of a list may be used by several threads
 
@@ -75,6 +79,17 @@ def on_all_cores(function: Callable[[T], object], items: Iterable[T]) -> None:
         for other in others:
             if not other.cancel():  # it started
                 other.result()
+
+
+def map_on_all_cores(function: Callable[[T], Result], items: Iterable[T]) -> list[Result]:
+    """Return a function of each item, in their order; see `on_all_cores`."""
+    items, results = list(items), dict[int, Result]()
+
+    def keep(number: int) -> None:
+        results[number] = function(items[number])
+
+    on_all_cores(keep, range(len(items)))
+    return [results[number] for number in range(len(items))]
 
 
 def in_background(function: Callable[[], T]) -> Future[T]:

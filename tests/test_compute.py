@@ -6,7 +6,7 @@ import os
 import subprocess
 import sys
 from collections.abc import Iterator
-from concurrent.futures import ProcessPoolExecutor
+from concurrent.futures import ProcessPoolExecutor, ThreadPoolExecutor
 from pathlib import Path
 from threading import Event, current_thread, main_thread
 
@@ -204,3 +204,25 @@ def test_results_and_errors_from_the_background() -> None:
     assert seven.result(10) == 7
     with pytest.raises(ZeroDivisionError):
         error.result(10)
+
+
+@pytest.mark.parametrize("cores", [1, 2, 5])
+def test_a_function_on_all_cores_may_use_all_cores_itself(
+    cores: int, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(compute, "usable_cores", lambda: cores)
+    monkeypatch.setattr(compute, "_WORKERS", [])
+
+    def times_table(row: int) -> list[int]:
+        return compute.map_on_all_cores(lambda column: row * column, range(row))
+
+    with ThreadPoolExecutor(1) as watched:  # so that a deadlock fails the test
+        tables = watched.submit(compute.map_on_all_cores, times_table, range(40)).result(30)
+    compute.workers().shutdown()
+    assert tables == [[row * column for column in range(row)] for row in range(40)]
+
+
+@pytest.mark.usefixtures("_two_cores")
+def test_an_error_on_all_cores_is_raised() -> None:
+    with pytest.raises(ZeroDivisionError):
+        compute.map_on_all_cores(lambda number: 1 // number, [2, 1, 0])

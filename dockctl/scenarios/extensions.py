@@ -152,6 +152,8 @@ class RangeSensor(Protocol):
 
         It is the horizontal distance from the body's origin, and `range_m` where nothing returns; sectors
         are numbered as in `dockctl.geometry.sector_index`. Row i depends on pose i alone.
+
+        Called in several threads at once, in each for another harbor.
         """
         ...
 

@@ -8,6 +8,7 @@ from typing import Any, TypeVar, cast
 import numpy as np
 from numpy.typing import NDArray
 
+from dockctl.compute import map_on_all_cores
 from dockctl.errors import DockctlError, require_shape
 from dockctl.geometry import Bools, Floats, Ints, rotate
 from dockctl.plugins import CONDITIONS, RANGE_SENSORS, Guard
@@ -247,7 +248,7 @@ class Simulator:
             return sensor.noisy_sector_ranges(self.eta[rows], noise.of(rows))
 
         with self._sensor:
-            ranges = self.in_harbors(ranges_of, rows)
+            ranges = self.in_harbors(ranges_of, rows, on_all_cores=True)
             require_shape("the range sensor", ranges.shape, (boats if rows is None else len(rows), sectors))
         if noise is not None:
             from dockctl.noise import uniforms  # compiles on import
@@ -272,12 +273,19 @@ class Simulator:
                     return noise
         return None
 
-    def in_harbors(self, query: Callable[[World, Ints], Answer], rows: Ints | None = None) -> Answer:
+    def in_harbors(
+        self,
+        query: Callable[[World, Ints], Answer],
+        rows: Ints | None = None,
+        *,
+        on_all_cores: bool = False,
+    ) -> Answer:
         """Evaluate a function of world and boats for each boat, in the boat's own world.
 
         Args:
             query: takes a world and boats (m,), and returns m rows.
             rows: (k,) which boats; all by default.
+            on_all_cores: ask several worlds at once, of a function that releases the GIL.
 
         Returns:
             the answers in the order of the boats.
@@ -288,8 +296,12 @@ class Simulator:
         harbor = self.harbor[boats]
         order = np.argsort(harbor, kind="stable")
         numbers, first = np.unique(harbor[order], return_index=True)
-        groups = np.split(boats[order], first[1:])
-        answers = [query(self.worlds[i], group) for i, group in zip(numbers, groups, strict=True)]
+        worlds, groups = [self.worlds[i] for i in numbers], np.split(boats[order], first[1:])
+        if on_all_cores:
+            pairs = zip(worlds, groups, strict=True)
+            answers = map_on_all_cores(lambda pair: query(*pair), pairs)
+        else:
+            answers = [*map(query, worlds, groups)]
         return cast(Answer, np.concatenate(answers)[np.argsort(order)])
 
     def _move(self) -> Bools:
