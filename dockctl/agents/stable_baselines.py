@@ -16,7 +16,7 @@ import torch
 from gymnasium.spaces import Box
 from numpy.typing import NDArray
 from pydantic import ConfigDict, TypeAdapter, ValidationError
-from stable_baselines3.common.logger import configure
+from stable_baselines3.common.logger import Logger
 from stable_baselines3.common.noise import NormalActionNoise
 from stable_baselines3.common.off_policy_algorithm import OffPolicyAlgorithm
 from stable_baselines3.common.policies import BasePolicy
@@ -179,7 +179,7 @@ class StableBaselines:
             exploration_final_eps=epsilon.end,
             exploration_fraction=min(1.0, epsilon.decay_steps / training.total_steps),
         )  # fmt: skip
-        self.model.set_logger(configure(None, []))
+        self.model.set_logger(Logger(None, []))  # `configure` would leave a folder
         self.policy = GreedyPolicy(self.model.policy)
 
     @property

@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
+import tempfile
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
-from gymnasium.spaces import Box
+from gymnasium.spaces import Box, Discrete
 
 from dockctl.agents.checkpoint import load_policy
 from dockctl.agents.interface import Spaces
@@ -36,6 +37,14 @@ def test_dqn_learns(tmp_path: Path) -> None:
     rows = read_table(learner.run_directory.path / "updates.csv")
     assert all(float(row["loss"]) >= 0 for row in rows)
     assert float(rows[-1]["learning_rate"]) < float(rows[0]["learning_rate"])
+
+
+def test_the_logger_makes_no_folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(tempfile, "tempdir", str(tmp_path))
+    spaces = Spaces(Box(-1, 1, (2,), np.float32), Discrete(3))
+    training = Training(**DQN)
+    training.algorithm.build(spaces, training, "cpu")
+    assert not [*tmp_path.glob("SB3*")]
 
 
 def test_the_same_seed_gives_the_same_bytes(tmp_path: Path) -> None:
