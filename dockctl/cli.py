@@ -81,6 +81,9 @@ class _Commands(TyperGroup):
         except KeyboardInterrupt:
             raise typer.Exit(INTERRUPTED) from None
         except Exception as error:
+            # Compiled code turns it into a SystemError.
+            if isinstance(error, SystemError) and isinstance(error.__cause__, KeyboardInterrupt):
+                raise typer.Exit(INTERRUPTED) from None
             known = _known_error(error)
             if known is None:
                 raise

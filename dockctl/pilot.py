@@ -226,6 +226,8 @@ class Pilot:
         except (*FOREIGN, ArithmeticError, AttributeError, IndexError) as error:
             message = f"{file}: does not describe a policy: {type(error).__name__}: {error}"
             raise DockctlError(message, code="not_readable") from None
+        if intermediate is not None and final is None:
+            raise DockctlError("an intermediate pose needs the final pose, too", code="missing_key")
         if final is not None:
             try:
                 pilot.goals = np.stack([_pose(intermediate), _pose(final)])
@@ -306,6 +308,8 @@ class Pilot:
             self._vector(now_s, name, reading, 3)[None]
             for name, reading in (("pose", pose), ("velocity", velocity))
         )
+        if not isinstance(clouds or {}, Mapping):
+            raise _Unusable("clouds: not a mapping of names to readings")
         parts = [self._points(now_s, f"cloud '{name}'", cloud) for name, cloud in (clouds or {}).items()]
         points = np.concatenate([np.empty((0, 3)), *parts])
         if len(points) < self.checks.min_points:
@@ -323,9 +327,12 @@ class Pilot:
         if reading is None:
             raise _Unusable(f"{name}: no data yet")
         try:
-            age = now_s - float(reading.time_s)
-            value: Floats = np.ma.filled(np.ma.asarray(reading.value, float), np.nan)  # masked: not measured
-        except (AttributeError, OverflowError, TypeError, ValueError):
+            age = float(now_s) - float(reading.time_s)
+            given: NDArray[Any] = np.ma.asarray(reading.value)
+            if given.size and given.dtype.kind not in "iuf":  # also not booleans, times and complex numbers
+                raise TypeError
+            value: Floats = np.ma.filled(given.astype(float), np.nan)  # masked: not measured
+        except Exception:  # whatever the data raise
             raise _Unusable(f"{name}: not a time and an array of numbers") from None
         if not abs(age) <= self.checks.max_age_s:
             raise _Unusable(f"{name}: {age:.3g} s old, expected at most {self.checks.max_age_s:g} s")
@@ -337,7 +344,9 @@ class Pilot:
             raise _Unusable(f"{name}: shape {points.shape}, expected (points, 3)")
         if not np.isfinite(points).all():
             raise _Unusable(f"{name}: contains NaN or infinity; leave such points out")
-        farthest = math.sqrt(float((points * points).sum(axis=1).max(initial=0.0)))
+        farthest = float(np.abs(points).max(initial=0.0))  # first: the squares of larger numbers overflow
+        if farthest < MAX_MAGNITUDE:
+            farthest = math.sqrt(float((points * points).sum(axis=1).max(initial=0.0)))
         if farthest > RANGE_MARGIN * self._range_m:
             raise _Unusable(f"{name}: a point {farthest:.4g} m away, beyond the range of {self._range_m:g} m")
         return points

@@ -137,6 +137,12 @@ def test_an_interruption_exits_130() -> None:
     assert invoke(KeyboardInterrupt()) == (130, "")
 
 
+def test_an_interruption_in_compiled_code_exits_130() -> None:
+    error = SystemError("returned a result with an exception set")
+    error.__cause__ = KeyboardInterrupt()
+    assert invoke(error) == (130, "")
+
+
 def test_ctrl_c_during_the_exit_of_an_interrupted_command_has_no_traceback() -> None:
     code = """
 import atexit, os, signal

@@ -156,6 +156,13 @@ def test_it_stops_after_the_time_of_an_episode(pilot: Pilot) -> None:
     assert [bool(stop) for stop in stops] == [False] * TASK.max_steps + [True] * 2
 
 
+class Raising:
+    """An object whose numbers cannot be read."""
+
+    def __array__(self, *args: Any, **options: Any) -> Any:
+        raise RuntimeError
+
+
 BAD = {
     "no pose yet": {"pose": None},
     "no velocity yet": {"velocity": None},
@@ -171,6 +178,12 @@ BAD = {
     "velocity is NaN": {"velocity": (math.nan, 0.0, 0.0)},
     "pose without heading": {"pose": (23.0, -10.0)},
     "pose is text": {"pose": ("x", "y", "z")},
+    "pose is a number as text": {"pose": ("23", "-10", "1.5")},
+    "pose is true": {"pose": (True, True, True)},
+    "pose is a duration": {"pose": np.array([1, 2, 3], "m8[s]")},
+    "pose is complex": {"pose": np.array([23, -10, 1j])},
+    "pose raises": {"pose": Raising()},
+    "points are far beyond everything": {"cloud": np.array([[1e308, 0.0, 0.0]])},
     "pose is no floating-point number": {"pose": (10**400, 0, 0)},
     "time is no floating-point number": {"cloud": Reading(10**400, CLOUD)},
     "points are NaN": {"cloud": np.array([[1.0, math.nan, 0.0]])},
@@ -403,6 +416,24 @@ def test_action_values_that_are_not_finite_stop_the_boat(pilot: Pilot) -> None:
     decision = decide(Pilot(pilot.description, Overflowing(), pilot.goals))
     assert (decision.propeller_n, decision.rudder_rad) == (0.0, 0.0)
     assert decision.stop
+
+
+def test_clouds_without_names_stop_the_boat(pilot: Pilot) -> None:
+    readings = [Reading(1.0, CLOUD)]
+    decision = pilot.decide(1.0, Reading(1.0, AWAY), Reading(1.0, REST), readings)  # type: ignore[arg-type]
+    assert decision.stop.startswith("clouds")
+
+
+def test_a_time_that_is_no_number_stops_the_boat(pilot: Pilot) -> None:
+    now: Any = np.array([1.0, 2.0])
+    clouds = {"bow": Reading(1.0, CLOUD)}
+    assert pilot.decide(now, Reading(1.0, AWAY), Reading(1.0, REST), clouds).stop
+
+
+def test_an_intermediate_pose_needs_a_final_one(file: Path) -> None:
+    with pytest.raises(DockctlError) as caught:
+        Pilot.load(file, intermediate=INTERMEDIATE)
+    assert caught.value.code == "missing_key"
 
 
 def test_no_clouds_at_all_stop_the_boat(pilot: Pilot) -> None:

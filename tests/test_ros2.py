@@ -253,6 +253,35 @@ def test_messages_in_another_frame_are_not_used(node: Any) -> None:
     assert (node.pose, node.clouds["/bow"]) == (None, None)
 
 
+@pytest.mark.parametrize("flaw", ["data", "field", "datatype", "row_step", "point_step"])
+def test_a_malformed_cloud_stops_the_boat(node: Any, flaw: str) -> None:
+    node.callbacks["/odometry"](odometry(1.0))
+    node.callbacks["/bow"](cloud(1.0, POINTS))
+    broken = cloud(1.0, POINTS)
+    if flaw == "data":
+        broken.data = broken.data[:-7]
+    elif flaw == "field":
+        broken.fields.pop()
+    elif flaw == "datatype":
+        broken.fields[0].datatype = 3
+    else:
+        setattr(broken, flaw, 8 * (flaw == "point_step"))
+    node.callbacks["/bow"](broken)
+    assert node.warnings[-1].startswith("/bow")
+    published = tick(node, 1.1)
+    assert published["~/status"].startswith("stop: ")
+    assert (published["~/propeller"], published["~/rudder"]) == (0, 0)
+
+
+def test_odometry_without_an_orientation_stops_the_boat(node: Any) -> None:
+    node.callbacks["/odometry"](odometry(1.0))
+    node.callbacks["/bow"](cloud(1.0, POINTS))
+    blank = odometry(1.0)
+    blank.pose.pose.orientation = SimpleNamespace(x=0.0, y=0.0, z=0.0, w=0.0)
+    node.callbacks["/odometry"](blank)
+    assert tick(node, 1.1)["~/status"].startswith("stop: pose")
+
+
 def test_the_node_stops_the_boat_when_it_ends(node: Any, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(node.module, "DockingNode", lambda: node)
     node.published.update({"~/propeller": 50.0})

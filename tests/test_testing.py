@@ -101,8 +101,35 @@ def test_every_condition_sensor_and_algorithm_is_checked(registry: Registry[type
 
 def test_an_algorithm_whose_policy_explores_is_rejected(monkeypatch: pytest.MonkeyPatch) -> None:
     rng = np.random.default_rng()
-    monkeypatch.setattr(GreedyPolicy, "act", lambda self, rows, info: rng.random(len(rows)))
+    monkeypatch.setattr(GreedyPolicy, "act", lambda self, rows, info: rng.integers(7, size=len(rows)))
     assert_rejected(lambda: testing.check_algorithm("dqn", Discrete(7)), "deterministic")
+
+
+@pytest.mark.parametrize(
+    ("act", "rule"),
+    [
+        (lambda rows: np.full(len(rows), 7), "in_range"),
+        (lambda rows: np.full(len(rows), 3.4), "in_range"),
+        (lambda rows: np.full(len(rows), np.nan), "in_range"),
+        (lambda rows: np.zeros((len(rows), 1), int), "shape"),
+        (lambda rows: rows.__imul__(0)[:, 0].astype(int), "pure"),
+        (lambda rows: np.arange(len(rows)), "independent_rows"),
+        (lambda rows: (np.roll(rows, 1, axis=0)[:, 0] > 0).astype(int), "independent_rows"),
+    ],
+)
+def test_a_faulty_greedy_policy_is_rejected(monkeypatch: pytest.MonkeyPatch, act: Any, rule: str) -> None:
+    monkeypatch.setattr(GreedyPolicy, "act", lambda self, rows, info: act(rows))
+    assert_rejected(lambda: testing.check_algorithm("dqn", Discrete(7)), rule)
+
+
+def test_a_policy_that_is_not_the_newest_is_rejected(monkeypatch: pytest.MonkeyPatch) -> None:
+    newest, first = DQN.policy, dict[int, Any]()
+
+    def stale(algorithm: DQN) -> Any:
+        return first.setdefault(id(algorithm), newest.__get__(algorithm))
+
+    monkeypatch.setattr(DQN, "policy", property(stale))
+    assert_rejected(lambda: testing.check_algorithm("dqn", Discrete(7)), "consistent")
 
 
 @pytest.mark.parametrize("lost", ["exploration", "replay"])
@@ -217,11 +244,26 @@ def test_impure_terms_are_rejected() -> None:
         with np.errstate(divide="ignore"):
             return 1 / status.distance_m
 
+    @reward_term("number", kind="dense")
+    def number(status: StepStatus) -> Any:
+        return 0.0
+
+    @reward_term("nothing", kind="dense")
+    def nothing(status: StepStatus) -> Any:
+        return None
+
+    @reward_term("column", kind="dense")
+    def column(status: StepStatus) -> Any:
+        return status.distance_m[:, None]
+
     rules: dict[str, Rule] = {
         "drifting": "independent_rows",
         "relative": "independent_rows",
         "greedy": "pure",
         "inverse": "finite",
+        "number": "shape",
+        "nothing": "valid",
+        "column": "shape",
     }
     for name, rule in rules.items():
         assert_rejected(lambda name=name: testing.check_reward_term(name), rule)  # type: ignore[misc]  # bound now
@@ -316,6 +358,16 @@ class ChangesArgument(Gusts):
         return super().force(eta, nu)
 
 
+class NotFinite(Gusts):
+    def force(self, eta: Any, nu: Any) -> Any:
+        return np.full((len(eta), 3), np.nan)
+
+
+class LosesSectors(Gusts):
+    def reported_ranges(self, ranges: Any, rows: Any, range_m: float) -> Any:
+        return np.full_like(ranges, np.nan)
+
+
 class Unsaveable(Gusts):
     def __init__(self, boats: int) -> None:
         super().__init__(boats)
@@ -329,6 +381,8 @@ class Unsaveable(Gusts):
         (FirstGenerator, "independent_rows"),
         (LastingTime, "deterministic"),
         (ChangesArgument, "pure"),
+        (NotFinite, "finite"),
+        (LosesSectors, "finite"),
         (Unsaveable, "resumable"),
     ],
 )
@@ -484,8 +538,17 @@ class Everywhere(PlanarSensor):
         return points if len(points) else np.array([[self.spec.range_m, 0.0, 1.0]])
 
 
+class ChangesSurface(PlanarSensor):
+    """Moves the harbor that it is built in."""
+
+    def __init__(self, spec: Any, triangles: Any) -> None:
+        triangles += 1.0
+        super().__init__(spec, triangles)
+
+
 @pytest.mark.parametrize(
-    ("sensor", "rule"), [(Fixed, "consistent"), (Far, "in_range"), (Everywhere, "consistent")]
+    ("sensor", "rule"),
+    [(Fixed, "consistent"), (Far, "in_range"), (Everywhere, "consistent"), (ChangesSurface, "pure")],
 )
 def test_sensors_that_break_a_rule_are_rejected(sensor: type[PlanarSensor], rule: Rule) -> None:
     class Scanner(PlanarScanner):

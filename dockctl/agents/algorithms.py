@@ -157,7 +157,7 @@ def discrete_sizes(spaces: Spaces) -> tuple[int, int]:
     """Return the length of an observation and the number of actions.
 
     Raises:
-        FieldError: the observation is not a vector, or the actions are not discrete.
+        FieldError: the observation is not a vector, or the actions are not discrete from 0.
     """
     from gymnasium.spaces import Box, Discrete
 
@@ -165,10 +165,10 @@ def discrete_sizes(spaces: Spaces) -> tuple[int, int]:
     if not isinstance(observation, Box) or len(observation.shape) != 1:
         message = f"dqn takes observations that are vectors, not {observation}"
         raise FieldError("training.algorithm", message, "mismatch")
-    if not isinstance(action, Discrete):
+    if not isinstance(action, Discrete) or action.start != 0:
         message = (
-            f"dqn needs discrete actions, not {action}: use 'actions: {{kind: grid}}', or an algorithm for"
-            " continuous actions, such as 'algorithm: {kind: sb3, model: SAC}'"
+            f"dqn needs discrete actions from 0, not {action}: use 'actions: {{kind: grid}}', or an algorithm"
+            " for continuous actions, such as 'algorithm: {kind: sb3, model: SAC}'"
         )
         raise FieldError("actions", message, "mismatch")
     return observation.shape[0], int(action.n)

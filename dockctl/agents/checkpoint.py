@@ -95,18 +95,21 @@ class PolicyCard(Model):
         """Return the card of a new policy for these spaces, with the other fields.
 
         Raises:
-            CheckpointError: observations are not vectors, or actions neither discrete nor vectors.
+            CheckpointError: observations are not vectors, or actions are neither discrete from 0 nor vectors
+                of float32.
         """
         observation, action = spaces
         if isinstance(observation, Box) and len(observation.shape) == 1:
             fields |= {"observation_size": observation.shape[0], "env_steps": 0}
-            if isinstance(action, Discrete):
+            if isinstance(action, Discrete) and action.start == 0:
                 return cls(**fields, actions=int(action.n))
-            if isinstance(action, Box) and len(action.shape) == 1:
+            if isinstance(action, Box) and len(action.shape) == 1 and action.dtype == np.float32:
                 low, high = (tuple(bound.tolist()) for bound in (action.low, action.high))
                 return cls(**fields, actions=len(low), action_bounds=(low, high))
-        what = f"observations {observation} and actions {action}"
-        raise CheckpointError(f"checkpoints need vectors, and discrete or continuous actions, not {what}")
+        raise CheckpointError(
+            "checkpoints need observations that are vectors, and actions that are discrete from 0 or vectors"
+            f" of float32; the observations are {observation}, the actions {action}"
+        )
 
     @property
     def spaces(self) -> Spaces:

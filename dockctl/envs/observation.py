@@ -301,15 +301,16 @@ class ObservationEncoder:
         default = OBSERVATION_PARTS.get(HISTORY).parameters["steps"]
         histories = [given.params for given in parts if given.part == HISTORY]
         self.past_steps: int = max((params.get("steps", default) for params in histories), default=0)
-        blank, columns = blank_view(sectors), []
+        blank, columns, bounds = blank_view(sectors), [], []
         for given, (guard, part) in zip(parts, self._parts, strict=True):
             with guard:
                 columns.append(_checked(given.part, part(blank)))
+                bounds.append(_bounds(columns[-1]))
         self.names = tuple(name for column in columns for name in column.names)
         self.parts = tuple(
             given.part for given, column in zip(parts, columns, strict=True) for _ in column.names
         )
-        low, high = (np.concatenate(bounds) for bounds in zip(*map(_bounds, columns), strict=True))
+        low, high = map(np.concatenate, zip(*bounds, strict=True))
         if (inverted := np.flatnonzero(~(low <= high))).size:
             name = self.parts[inverted[0]]
             params = next(given.params for given in parts if given.part == name)

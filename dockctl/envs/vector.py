@@ -101,8 +101,8 @@ class DockingVectorEnv(VectorEnv[Observations, NDArray[Any], NDArray[Any]]):
         self.single_observation_space = self._encoder.space
         with Guard(ACTIONS, self.scenario.actions.kind):
             self.single_action_space = self.scenario.actions.space(self.scenario.vessel)
+            self.action_space = batch_space(self.single_action_space, num_envs)
         self.observation_space = batch_space(self.single_observation_space, num_envs)
-        self.action_space = batch_space(self.single_action_space, num_envs)
         self._rngs: list[np.random.Generator] = []
         retried = self.scenario.training.retried_starts if exploring else None
         self._failed = FailedStarts(num_envs, 0.0 if retried is None else retried.fraction)

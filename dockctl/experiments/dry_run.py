@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import json
+import math
 from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import replace
@@ -11,7 +13,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from dockctl.agents.algorithms import Dqn, algorithm_of, discrete_sizes
-from dockctl.agents.interface import Algorithm, Hysteretic, Mirrorable, Spaces
+from dockctl.agents.interface import Algorithm, Hysteretic, Mirrorable, Spaces, Step, Tensors
 from dockctl.dueling import Hysteresis, Mirror
 from dockctl.envs.hysteresis import action_hysteresis
 from dockctl.envs.mirror import mirror_images
@@ -40,6 +42,7 @@ DRAWS, PERIODS, SUBSTEPS = 64, 20, 1000
 """Episodes with conditions, their control periods, and the limit of all their substeps."""
 WALL = np.array([[[10, -9, -1], [10, 9, -1], [10, 9, 6]], [[10, -9, -1], [10, 9, 6], [10, -9, 6]]], float)
 """What the range sensor sees."""
+WALL.flags.writeable = False  # as in a `World`
 
 
 def dry_run(loaded: LoadedScenario) -> None:
@@ -81,7 +84,7 @@ def _step(loaded: LoadedScenario) -> None:
         with Guard(ACTIONS, scenario.actions.kind):
             previous = env.simulator.command.copy()
             commands = scenario.actions.next_commands(np.asarray(actions), scenario.vessel, previous)
-        _require_finite(ACTIONS, scenario.actions.kind, commands)
+            _require_finite(ACTIONS, scenario.actions.kind, commands)
         for condition, disturbance in zip(
             scenario.conditions.values(), env.simulator.disturbances, strict=True
         ):
@@ -94,10 +97,14 @@ def _step(loaded: LoadedScenario) -> None:
                     disturbance.pose_error(),
                     disturbance.velocity_error(),
                 )
-            for values in hooks:
-                _require_finite(CONDITIONS, condition.kind, values)
+                for values in hooks:
+                    _require_finite(CONDITIONS, condition.kind, values)
         observation, _, _, _, info = env.step(actions)
         _require_finite(RANGE_SENSORS, lidar.kind, env.simulator.sector_ranges_m)
+        with Guard(RANGE_SENSORS, lidar.kind):
+            points = np.asarray(env.worlds[0].lidar.points(env.simulator.eta[0]), float)
+            if points.shape != (len(points), 3):
+                raise ValueError(f"points returned shape {points.shape}, expected (points, 3)")
         for part, values in zip(env.observation_parts, observation.T, strict=True):
             _require_finite(OBSERVATION_PARTS, part, values)
         _require_finite_terms(info["reward_terms"])
@@ -117,9 +124,46 @@ def _step(loaded: LoadedScenario) -> None:
     if isinstance(spec, Dqn):
         discrete_sizes(spaces)
     elif not spec.imports:  # a module that a scenario names is imported only to train
-        algorithm = build_algorithm(loaded, spaces, BOATS, "cpu")
+        _require_saved(loaded, spaces)
         with Guard(ALGORITHMS, spec.kind):
-            algorithm.act(observation, 0)
+            _learn(build_algorithm(loaded, spaces, BOATS, "cpu"), env)
+
+
+def _require_saved(loaded: LoadedScenario, spaces: Spaces) -> None:
+    """Check that policies for these spaces can be saved."""
+    from dockctl.agents.checkpoint import CheckpointError, PolicyCard  # slow to import
+
+    try:
+        PolicyCard.for_spaces(spaces, scenario=loaded.scenario.name, seed=0)
+    except CheckpointError as error:
+        raise FieldError("actions", error.message, "mismatch") from None
+
+
+def _learn(algorithm: Algorithm, env: DockingVectorEnv) -> None:
+    """Make a few steps of a training, and one of the greedy policy."""
+    observation, info = env.reset(seed=0)
+    algorithm.policy.reset(np.arange(BOATS), info)
+    _ = algorithm.epsilon, algorithm.updates
+    for step in range(STEPS):
+        action = algorithm.act(observation, step * BOATS)
+        for metrics in algorithm.learn(step * BOATS):
+            _ = float(metrics["loss"])
+            for value in metrics.values():
+                math.isfinite(value)
+        following, reward, terminated, truncated, info = env.step(action)
+        algorithm.store(Step(observation, action, reward, following, terminated, truncated))
+        observation = following
+    env.step(algorithm.policy.act(observation, info))
+    _require_numbers(algorithm.policy_tensors())
+    tensors, facts = algorithm.state()
+    _require_numbers(tensors)
+    json.dumps(facts)
+
+
+def _require_numbers(tensors: Tensors) -> None:
+    for name, values in tensors.items():
+        if np.asarray(values).dtype.kind not in "biuf":
+            raise TypeError(f"the tensor '{name}' does not consist of numbers")
 
 
 def _integrate(loaded: LoadedScenario) -> None:

@@ -30,6 +30,7 @@ from dockctl.experiments.interrupt import interruptible
 from dockctl.experiments.live import TrainingDisplay, best, clock
 from dockctl.experiments.logs import logged, require_logs
 from dockctl.experiments.memory import Estimate, require_memory
+from dockctl.plugins import ALGORITHMS, Guard
 from dockctl.run_files import BEST, LAST, MESHES, PLUGINS, PROVENANCE, RUNS, SCENARIO, SCENE, TRAJECTORIES_CSV
 from dockctl.runs import provenance
 from dockctl.runs.directory import RunDirectory
@@ -326,7 +327,8 @@ def _run(
                 for warning in warnings:
                     warn(warning)
             try:
-                reason = trainer.run()
+                with Guard(ALGORITHMS, session.spec.kind):
+                    reason = trainer.run()
             except DivergenceError:
                 run.write_json(PROVENANCE, run.read_json(PROVENANCE) | {"stop_reason": "diverged"})
                 raise

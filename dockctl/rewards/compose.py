@@ -10,7 +10,7 @@ import dockctl.rewards.terms  # noqa: F401 - registers the terms
 from dockctl.errors import require_shape
 from dockctl.geometry import Bools, Floats
 from dockctl.plugins import REWARD_TERMS, Guard
-from dockctl.scenarios.schema import Reward, WeightedTerm
+from dockctl.scenarios.schema import SHARED_BY_TERMS, Reward, WeightedTerm
 from dockctl.sim.goal import StepStatus
 
 
@@ -69,5 +69,5 @@ def _cases(status: StepStatus) -> dict[str, Bools]:
 def _bind(weighted: WeightedTerm, reward: Reward) -> Callable[[StepStatus], Floats]:
     """Return the term with its parameters bound."""
     entry = REWARD_TERMS.get(weighted.term)
-    shared = {"distance_unit_m": reward.distance_unit_m} if "distance_unit_m" in entry.parameters else {}
+    shared = {name: getattr(reward, name) for name in SHARED_BY_TERMS if name in entry.parameters}
     return entry.bind({**shared, **weighted.params})

@@ -326,6 +326,8 @@ class _NumberOrBounds(BeforeValidator):
 
 
 def _as_bounds(given: Any) -> Any:
+    if isinstance(given, str | dict):
+        raise ValueError(f"found {given!r}, expected a number or [low, high]")
     return (given,) if isinstance(given, int | float) else given
 
 

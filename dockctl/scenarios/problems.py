@@ -22,7 +22,7 @@ from dockctl.plugins import HARBORS, OBSERVATION_PARTS, REWARD_TERMS, VESSELS, E
 from dockctl.scenarios.base import FieldError
 from dockctl.scenarios.extensions import Kind
 from dockctl.scenarios.kinds import Kinds
-from dockctl.scenarios.schema import long_part, long_term
+from dockctl.scenarios.schema import SHARED_BY_TERMS, long_part, long_term
 from dockctl.scenarios.yaml_tree import Location, Node, describe
 
 Step = str | int
@@ -314,7 +314,7 @@ def function_problems(tree: Node) -> Iterator[Problem]:
             message = f"duplicate reward term '{name}'; the first one is {first[name]}"
             yield locate(tree, steps).problem(message, "duplicate")
         first.setdefault(name, locate(tree, steps).path)
-        yield from _check(tree, REWARD_TERMS, name, steps, term.get("params"))
+        yield from _check(tree, REWARD_TERMS, name, steps, term.get("params"), shared=SHARED_BY_TERMS)
     listed = tree.get("observation")
     for index, item in enumerate(listed.to_python() if listed and isinstance(listed.value, list) else ()):
         part = long_part(item)
@@ -336,7 +336,13 @@ def _terms(tree: Node) -> Iterator[tuple[list[str], dict[str, Any]]]:
 
 
 def _check(
-    tree: Node, registry: Registry[Function], name: str, steps: list[str], params: Any
+    tree: Node,
+    registry: Registry[Function],
+    name: str,
+    steps: list[str],
+    params: Any,
+    *,
+    shared: Sequence[str] = (),
 ) -> Iterator[Problem]:
     field = locate(tree, steps)
     try:
@@ -345,7 +351,8 @@ def _check(
         yield field.problem(error.message, error.code, error.suggestion, at_key=True)
         return
     given = params if isinstance(params, dict) else {}
-    for key, flaw in entry.parameter_errors(given):
+    defaults = [key for key in shared if key in entry.parameters]
+    for key, flaw in entry.parameter_errors([*given, *defaults]):
         place = locate(tree, [*steps, "params", key]) if key in given else field
         yield place.problem(flaw.message, flaw.code, flaw.suggestion, at_key=True)
     for key, value in given.items():

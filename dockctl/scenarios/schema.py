@@ -96,6 +96,10 @@ class WeightedTerm(Model):
     params: dict[str, Any] = {}
 
 
+SHARED_BY_TERMS = ("distance_unit_m",)
+"""Fields of `Reward` that are the defaults of the parameters with the same names of all terms."""
+
+
 class Reward(Model):
     """Equations 3.10 and 3.13 as cases: the term of the event alone, otherwise the sum of the dense terms.
 

@@ -70,7 +70,10 @@ class Simulator:
         self.disturbances: list[Disturbance] = []
         for guard, condition in zip(self._conditions, scenario.conditions.values(), strict=True):
             with guard:
-                self.disturbances.append(condition.build(num_boats))
+                built = condition.build(num_boats)
+                if not isinstance(built, Disturbance):
+                    raise TypeError(f"build returned {built!r}, not a Disturbance")
+                self.disturbances.append(built)
         self._range_m = scenario.sensors.lidar.range_m
         noisy = sum(type(each).range_noise is not Disturbance.range_noise for each in self.disturbances)
         if noisy > 1:
@@ -270,6 +273,8 @@ class Simulator:
         for guard, disturbance in zip(self._conditions, self.disturbances, strict=True):
             with guard:
                 if (noise := disturbance.range_noise()) is not None:
+                    if not isinstance(noise, RangeNoise):
+                        raise TypeError(f"range_noise returned {noise!r}, not a RangeNoise")
                     return noise
         return None
 
@@ -396,14 +401,16 @@ class Simulator:
         """Set the coefficients of the equations of motion of the boats in `rows` (k,)."""
         if not self.has("coefficient_factors"):
             return
-        factors: dict[str, Floats] = {}
+        factors, own = dict[str, Floats](), self.vessel.vessel
         for guard, disturbance in zip(self._conditions, self.disturbances, strict=True):
             with guard:
                 for name, factor in disturbance.coefficient_factors().items():
+                    if not isinstance(getattr(own, name, None), float):
+                        raise ValueError(f"coefficient_factors: the vessel has no coefficient '{name}'")
+                    require_shape("coefficient_factors", np.shape(factor), (len(self.eta),))
                     factors[name] = factors.get(name, 1.0) * factor
         if self._coefficients is None:
             self._coefficients = np.repeat(self.vessel.coefficients, len(self.eta), axis=0)
-        own = self.vessel.vessel
         for row in rows:
             scaled = {name: getattr(own, name) * float(factor[row]) for name, factor in factors.items()}
             self._coefficients[row] = coefficients(own.model_copy(update=scaled))

@@ -158,8 +158,10 @@ def _world(spec: HarborSpec, base_dir: Path, hull: Hull, lidar: RangeSensorSpec)
 
 @shared(lambda world: world.lidar.table_bytes)
 def _in_harbor(harbor: Harbor, hull: Hull, lidar: RangeSensorSpec, source: Source) -> World:
+    surface = harbor.triangles.view()
+    surface.flags.writeable = False  # others use the array, too
     with Guard(RANGE_SENSORS, lidar.kind):
-        sensor = lidar.build(harbor.triangles)
+        sensor = lidar.build(surface)
     return World(
         obstacles=collision_checker(harbor, hull),
         lidar=sensor,

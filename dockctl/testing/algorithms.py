@@ -12,9 +12,10 @@ from typing import Any
 import numpy as np
 from gymnasium.spaces import Box, Space
 from gymnasium.vector.utils import batch_space
+from numpy.typing import NDArray
 
 from dockctl.agents.algorithms import AlgorithmSpec
-from dockctl.agents.interface import Algorithm, Metrics, Overlapping, Spaces, Step, Tensors
+from dockctl.agents.interface import Algorithm, Metrics, Overlapping, Policy, Spaces, Step, Tensors
 from dockctl.plugins import ALGORITHMS
 from dockctl.scenarios.training import Training
 from dockctl.testing.contract import ContractError, Require, Rule, contract_of
@@ -55,16 +56,7 @@ def check_algorithm(kind: str, action_space: Space[Any], **keys: Any) -> None:
         late = _learned(spec.build(spaces, training, "cpu"), spec, spaces, training, range(SAVED_AT), late=1)
         _require_equal(require, "deterministic", first.policy_tensors(), late.policy_tensors())
 
-    observation = np.random.default_rng(1).uniform(-1, 1, (BOATS, 5)).astype(np.float32)
-    actions = first.policy.act(observation, {})
-    require(
-        "deterministic", np.array_equal(actions, first.policy.act(observation, {})), "the policy is random"
-    )
-    first.policy.reset(np.arange(1), {})
-    alone = first.policy.act(observation[:1], {})
-    require("independent_rows", np.allclose(actions[:1], alone), "an action depends on the other boats")
-    rebuilt = spec.load_policy(first.policy_tensors(), spaces, training.hidden_sizes)
-    require("consistent", np.allclose(actions, rebuilt.act(observation, {})), "the rebuilt policy differs")
+    _check_greedy(require, first, spec, spaces, training)
 
     given = first.policy_tensors()
     (tensors, facts), policy, updates = copy.deepcopy((first.state(), given, first.updates))
@@ -73,6 +65,7 @@ def check_algorithm(kind: str, action_space: Space[Any], **keys: Any) -> None:
     except (TypeError, ValueError) as error:
         raise ContractError(f"algorithm '{kind}'", "resumable", f"facts of its state: {error}") from error
     _learned(first, spec, spaces, training, range(SAVED_AT, LEARNING_STEPS))
+    _check_greedy(require, first, spec, spaces, training)
     _require_equal(require, "unshared", policy, given)
     restored = spec.build(spaces, training, "cpu")
     restored.restore(policy, tensors, json.loads(written))
@@ -80,6 +73,39 @@ def check_algorithm(kind: str, action_space: Space[Any], **keys: Any) -> None:
     _require_equal(require, "resumable", policy, restored.policy_tensors())
     _learned(restored, spec, spaces, training, range(SAVED_AT, LEARNING_STEPS))
     _require_equal(require, "resumable", first.policy_tensors(), restored.policy_tensors())
+
+
+def _check_greedy(
+    require: Require, algorithm: Algorithm, spec: AlgorithmSpec, spaces: Spaces, training: Training
+) -> None:
+    """Check the greedy policy of what was learned so far, and the one that is rebuilt from its tensors."""
+    observation = np.random.default_rng(1).uniform(-1, 1, (BOATS, 5)).astype(np.float32)
+
+    def act(policy: Policy, rows: slice) -> NDArray[Any]:
+        given = observation[rows].copy()
+        policy.reset(np.arange(len(given)), {})
+        actions = np.asarray(policy.act(given, {}))
+        require("pure", np.array_equal(given, observation[rows]), "the policy changes the observation")
+        _require_actions(require, actions, batch_space(spaces.action, len(given)))
+        return actions
+
+    actions = act(algorithm.policy, slice(None))
+    again = act(algorithm.policy, slice(None))
+    require("deterministic", np.array_equal(actions, again), "the policy is random")
+    for rows in (slice(1), slice(2, 5), slice(None, None, -1)):
+        same = np.allclose(actions[rows], act(algorithm.policy, rows))
+        require("independent_rows", same, "an action depends on the other boats")
+    rebuilt = spec.load_policy(algorithm.policy_tensors(), spaces, training.hidden_sizes)
+    require("consistent", np.allclose(actions, act(rebuilt, slice(None))), "the rebuilt policy differs")
+
+
+def _require_actions(require: Require, actions: NDArray[Any], space: Space[Any]) -> None:
+    """Check the shape of actions, and that they are in a space apart from the size of their numbers."""
+    expected = space.shape
+    require("shape", actions.shape == expected, f"actions of shape {actions.shape}, expected {expected}")
+    typed = space.dtype is not None and np.can_cast(actions.dtype, space.dtype, "same_kind")
+    inside = typed and space.contains(actions.astype(space.dtype))
+    require("in_range", inside, f"actions {actions} are not in {space}")
 
 
 def _learned(
@@ -113,9 +139,7 @@ def _learned(
         before = observation.copy()
         action = np.asarray(algorithm.act(observation, env_steps))
         require("pure", np.array_equal(before, observation), "act changes the observation")
-        require(
-            "in_range", space.contains(action.astype(space.dtype)), f"actions {action} are not in {space}"
-        )
+        _require_actions(require, action, space)
         learning.append(algorithm.learn(env_steps))
         consume(late)
         following = rng.uniform(-1, 1, observation.shape).astype(np.float32)
@@ -134,4 +158,9 @@ def _learned(
 def _require_equal(require: Require, rule: Rule, first: Tensors, second: Tensors) -> None:
     require(rule, first.keys() == second.keys(), "another set of tensors")
     for name, tensor in first.items():
+        require(
+            "finite",
+            tensor.dtype.kind in "biuf" and np.isfinite(tensor).all(),
+            f"tensor {name} is not finite",
+        )
         require(rule, np.array_equal(tensor, second[name]), f"tensor {name} differs")

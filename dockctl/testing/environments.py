@@ -136,6 +136,7 @@ def check_environment(scenario: Scenario, worlds: Sequence[World], steps: int) -
         many, equal, few = returned
         require = contract_of(f"{what}, step {step}")
         for key, value in many.items():
+            require("finite", value.dtype == object or np.isfinite(value).all(), f"{key} is not finite")
             require(rule, np.array_equal(value, equal[key]), f"{key} differs in an equal environment")
             require(
                 "independent_rows",
@@ -143,7 +144,6 @@ def check_environment(scenario: Scenario, worlds: Sequence[World], steps: int) -
                 f"{key} depends on the number of boats",
             )
             require("consistent", np.array_equal(value[0], alone[key]), f"{key} of a single boat differs")
-            require("finite", value.dtype == object or np.isfinite(value).all(), f"{key} is not finite")
         require("in_range", many["observation"] in env.observation_space, "observation out of bounds")
         for value in equal.values():  # the caller may overwrite them
             if value.dtype != object:

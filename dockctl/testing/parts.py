@@ -2,10 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import fields, replace
 from pathlib import Path
-from typing import Any, get_args
+from typing import Any, cast, get_args
 
 import numpy as np
 from gymnasium.spaces import Discrete, Space
@@ -51,11 +51,8 @@ def check_reward_term(name: str, **params: Any) -> None:
     if "distance_unit_m" in entry.parameters:
         params = {"distance_unit_m": 20.0, **params}
     term = entry.bind(params)
-    _check_rows(
-        require,
-        lambda values: {"value": np.asarray(term(_status(values)), float)},
-        _step_values(),
-    )
+    value = _check_rows(require, lambda values: {"value": term(_status(values))}, _step_values())["value"]
+    require("shape", value.shape == (BOATS,), f"value of shape {value.shape}, expected {(BOATS,)}")
 
 
 def check_observation_part(name: str, **params: Any) -> None:
@@ -65,11 +62,12 @@ def check_observation_part(name: str, **params: Any) -> None:
     limit = np.array([50.0, np.radians(30.0)])
 
     def columns(values: Rows) -> Columns:
-        result: Columns = part(View(**values, command_limit=limit, past=()))
-        return result
+        result = part(View(**values, command_limit=limit, past=()))
+        require("valid", isinstance(result, Columns), f"returned {type(result).__name__}, not Columns")
+        return cast(Columns, result)
 
     values = _view_values()
-    _check_rows(require, lambda rows: {"values": np.asarray(columns(rows).values, float)}, values)
+    _check_rows(require, lambda rows: {"values": columns(rows).values}, values)
     names = tuple(columns(values).names)
     require("valid", len({*names}) == len(names), f"duplicate column names {names}")
     alone = columns({key: value[:1] for key, value in values.items()})
@@ -139,7 +137,9 @@ def check_condition(kind: str, **keys: Any) -> None:
 def check_range_sensor(kind: str, **keys: Any) -> None:
     """Check the range sensor `kind` with these keys: shape, range, points by sector, noise, row by row."""
     spec: RangeSensorSpec = registered_spec(RANGE_SENSORS, RangeSensorSpec, kind, keys)
-    require, sensor = contract_of(f"range sensor '{kind}'"), spec.build(_basin())
+    require, walls = contract_of(f"range sensor '{kind}'"), _basin()
+    sensor = spec.build(walls)
+    require("pure", np.array_equal(walls, _basin()), "build changes its argument")
     rng = np.random.default_rng(0)
     poses = np.column_stack([rng.uniform(-8, 8, (BOATS, 2)), rng.uniform(-4, 4, BOATS)])
     scanned = _check_rows(require, lambda rows: {"ranges": sensor.sector_ranges(rows["eta"])}, {"eta": poses})
@@ -259,12 +259,17 @@ def registered_spec(registry: Registry[type[Any]], base: type[Any], kind: str, k
     return spec
 
 
-def _check_rows(require: Require, function: Callable[[Rows], Rows], rows: Rows) -> Rows:
+def _check_rows(require: Require, measure: Callable[[Rows], Mapping[str, Any]], rows: Rows) -> Rows:
     """Check a pure function of n rows and return its result."""
+
+    def function(rows: Rows) -> Rows:
+        return {key: np.asarray(value) for key, value in measure(rows).items()}
+
     before = {key: value.copy() for key, value in rows.items()}
     result = function(rows)
     for key, value in result.items():
-        require("shape", len(value) == BOATS, f"{key} of shape {np.shape(value)} for {BOATS} boats")
+        require("valid", value.dtype.kind in "biuf", f"{key} does not consist of real numbers")
+        require("shape", value.shape[:1] == (BOATS,), f"{key} of shape {value.shape} for {BOATS} boats")
         require("finite", np.isfinite(value).all(), f"{key} is not finite")
     for key, value in before.items():
         require("pure", np.array_equal(value, rows[key]), f"changes its argument {key}")
@@ -360,9 +365,9 @@ def _simulate(
                 simulator.reset(np.array([1]), [replace(start, seed=99)])
             before, again = _hooks(simulator), _hooks(simulator)
             for name, value in before.items():
-                contract_of(name)(
-                    "pure", np.array_equal(value, again[name]), "changes without a reset or advance"
-                )
+                require = contract_of(name)
+                require("finite", value.dtype.kind in "biuf" and np.isfinite(value).all(), "is not finite")
+                require("pure", np.array_equal(value, again[name]), "changes without a reset or advance")
             simulator.step(command[rows])
             states.append(np.hstack([simulator.eta, simulator.nu]))
     return np.array(states)

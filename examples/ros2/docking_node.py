@@ -99,6 +99,10 @@ class DockingNode(Node):
             return
         time_s = seconds(odometry.header.stamp)
         position, q = odometry.pose.pose.position, odometry.pose.pose.orientation
+        if abs(math.hypot(q.x, q.y, q.z, q.w) - 1) > 0.01:
+            self.warn("odometry without an orientation: its quaternion is not of unit length")
+            self.pose = None
+            return
         heading = math.atan2(2 * (q.w * q.z + q.x * q.y), 1 - 2 * (q.y * q.y + q.z * q.z))
         twist = odometry.twist.twist
         self.pose = Reading(time_s, (position.x, position.y, heading))
@@ -108,7 +112,13 @@ class DockingNode(Node):
         if cloud.header.frame_id != self.body_frame:
             self.warn(f"{topic}: frame '{cloud.header.frame_id}', expected '{self.body_frame}'")
             return
-        self.clouds[topic] = Reading(seconds(cloud.header.stamp), self.obstacles(points_of(cloud)))
+        try:
+            points = points_of(cloud)
+        except (KeyError, ValueError) as error:
+            self.warn(f"{topic}: not x, y and z as FLOAT32 or FLOAT64: {type(error).__name__}: {error}")
+            self.clouds[topic] = None
+            return
+        self.clouds[topic] = Reading(seconds(cloud.header.stamp), self.obstacles(points))
 
     def on_flow(self, name: str, stamped: Any) -> None:
         if stamped.header.frame_id != self.body_frame:
@@ -152,7 +162,11 @@ def seconds(stamp: Any) -> float:
 
 
 def points_of(cloud: Any) -> np.ndarray:
-    """Return x, y and z (k, 3) [m] of a PointCloud2."""
+    """Return x, y and z (k, 3) [m] of a PointCloud2.
+
+    Raises:
+        KeyError, ValueError: it has no such fields, or its data do not fit its layout.
+    """
     fields = {field.name: field for field in cloud.fields}
     order = ">" if cloud.is_bigendian else "<"
     kinds = {FLOAT32: "f4", FLOAT64: "f8"}

@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 import pytest
 import torch
-from gymnasium.spaces import Box, Discrete
+from gymnasium.spaces import Box, Discrete, MultiDiscrete, Space
 
 from dockctl import plugins
 from dockctl.agents import checkpoint
@@ -260,6 +260,21 @@ def test_the_bounds_of_continuous_actions_come_back(tmp_path: Path) -> None:
     again = PolicyCard.model_validate_json(card.model_dump_json())
     assert again == card
     assert again.spaces.action == actions
+
+
+@pytest.mark.parametrize(
+    "actions",
+    [
+        Discrete(7, start=-3),
+        MultiDiscrete([3, 5]),
+        Box(-1, 1, (2,), np.float64),
+        Box(-1, 1, (2, 2), np.float32),
+        Box(0, 9, (2,), np.int64),
+    ],
+)
+def test_actions_that_a_card_cannot_describe_are_refused(actions: Space[Any]) -> None:
+    with pytest.raises(CheckpointError):
+        PolicyCard.for_spaces(Spaces(Box(-1, 1, (4,), np.float32), actions), scenario="toy", seed=0)
 
 
 @pytest.mark.parametrize("name", ["policy.json", "policy.safetensors"])

@@ -40,6 +40,8 @@ class Mine(ActionType):
 class Water(Disturbance):
     def reset(self, rows, rngs): {reset}
     def water_velocity(self): return {velocity}
+    def coefficient_factors(self): return {factors}
+    def range_noise(self): return {noise}
     def restore(self, state): {restore}
 @register(CONDITIONS, group='water')
 class Mine(Condition):
@@ -51,7 +53,7 @@ class Mine(Condition):
     + """
 class Sensor:
     table_bytes = 0
-    def points(self, pose): return np.empty((0, 3))
+    def points(self, pose): return {points}
     def sector_ranges(self, eta): return {ranges}
 @register(RANGE_SENSORS)
 class Mine(RangeSensorSpec):
@@ -61,7 +63,15 @@ class Mine(RangeSensorSpec):
     "algorithm": KIND
     + """
 class Learner:
-    def act(self, observation, env_steps): return {act}
+    epsilon, updates = None, 0
+    @property
+    def policy(self): return {policy}
+    def reset(self, rows, info): pass
+    def act(self, observation, now): return {act} if isinstance(now, int) else {greedy}
+    def store(self, step): pass
+    def learn(self, env_steps): {learn}
+    def policy_tensors(self): return {tensors}
+    def state(self): return {state}
 @register(ALGORITHMS)
 class Mine(AlgorithmSpec):
     kind: Literal['mine'] = 'mine'
@@ -73,9 +83,25 @@ GOOD = {
     "term": {"kind": "dense", "value": "np.zeros(len(status.phase))"},
     "part": {"value": "np.zeros((len(view.phase), 1))"},
     "actions": {"space": "Discrete(3)", "commands": "np.zeros((len(actions), 2))"},
-    "condition": {"reset": "pass", "velocity": "0.0", "restore": "pass", "build": "Water()", "notes": "[]"},
-    "sensor": {"ranges": "np.ones((len(eta), 8))", "build": "Sensor()"},
-    "algorithm": {"act": "np.zeros(len(observation), int)", "build": "Learner()"},
+    "condition": {
+        "reset": "pass",
+        "velocity": "0.0",
+        "factors": "{}",
+        "noise": "None",
+        "restore": "pass",
+        "build": "Water()",
+        "notes": "[]",
+    },
+    "sensor": {"ranges": "np.ones((len(eta), 8))", "points": "np.empty((0, 3))", "build": "Sensor()"},
+    "algorithm": {
+        "act": "np.zeros(len(observation), int)",
+        "greedy": "np.zeros(len(observation), int)",
+        "policy": "self",
+        "learn": "yield {'loss': 1.0}",
+        "tensors": "{'w': np.zeros(3)}",
+        "state": "{'w': np.zeros(3)}, {'updates': 0}",
+        "build": "Learner()",
+    },
 }
 SELECTED = {
     "term": "reward.terms.mine=-1",
@@ -110,6 +136,8 @@ FAULTS = [
     ("actions", {"commands": "1 / 0"}, "1 / 0"),
     ("actions", {"commands": "np.full((len(actions), 2), np.nan)"}, None),
     ("actions", {"commands": "np.zeros(2)"}, None),
+    ("actions", {"commands": "None"}, None),
+    ("actions", {"space": "None"}, None),
     ("condition", {"build": "1 / 0"}, "1 / 0"),
     ("condition", {"reset": "1 / 0"}, "1 / 0"),
     ("condition", {"velocity": "1 / 0"}, "1 / 0"),
@@ -117,11 +145,31 @@ FAULTS = [
     ("condition", {"notes": "1 / 0"}, "1 / 0"),
     ("condition", {"velocity": "float('nan')"}, None),
     ("condition", {"velocity": "np.zeros((1, 1))"}, None),
+    ("condition", {"velocity": "None"}, None),
+    ("condition", {"build": "None"}, None),
+    ("condition", {"factors": "{'mass': np.ones(4)}"}, None),
+    ("condition", {"factors": "{'mass_kg': 1.0}"}, None),
+    ("condition", {"factors": "{'mass_kg': np.ones(3)}"}, None),
+    ("condition", {"noise": "0.1"}, None),
     ("sensor", {"build": "1 / 0"}, "1 / 0"),
     ("sensor", {"ranges": "1 / 0"}, "1 / 0"),
     ("sensor", {"ranges": "np.full((len(eta), 8), np.nan)"}, None),
+    ("sensor", {"points": "np.empty((5, 2))"}, None),
+    ("sensor", {"build": "triangles.__iadd__(1)"}, "triangles.__iadd__(1)"),
     ("algorithm", {"build": "1 / 0"}, "1 / 0"),
     ("algorithm", {"act": "1 / 0"}, "1 / 0"),
+    ("algorithm", {"act": "np.zeros(len(observation))"}, None),
+    ("algorithm", {"act": "np.full(len(observation), 77)"}, None),
+    ("algorithm", {"act": "0"}, None),
+    ("algorithm", {"greedy": "np.zeros((len(observation), 1), int)"}, None),
+    ("algorithm", {"policy": "None"}, None),
+    ("algorithm", {"learn": "return None"}, None),
+    ("algorithm", {"learn": "yield {'error': 1.0}"}, None),
+    ("algorithm", {"learn": "yield {'loss': 'small'}"}, None),
+    ("algorithm", {"learn": "yield 1.0"}, None),
+    ("algorithm", {"tensors": "{'w': np.array(['a'])}"}, None),
+    ("algorithm", {"state": "{}"}, None),
+    ("algorithm", {"state": "{}, {'updates': np.float32(1)}"}, None),
 ]
 
 
@@ -167,6 +215,29 @@ def test_an_exception_while_a_part_is_fitted_is_not_one_of_the_user(
         load("s1", overrides=[SELECTED[part]], plugin_files=[path])
 
 
+@pytest.mark.parametrize("algorithm", ["dqn", "mine"])
+@pytest.mark.parametrize("space", ["Discrete(7, start=-3)", "Box(-1, 1, (2,), np.float64)"])
+def test_actions_of_which_no_policy_can_be_saved_are_located(
+    space: str, algorithm: str, tmp_path: Path
+) -> None:
+    own = [tmp_path / "space.py", tmp_path / "learner.py"]
+    plugin(own[0], "actions", space=space)
+    own[0].write_text(own[0].read_text().replace("import Discrete", "import Box, Discrete"))
+    plugin(own[1], "algorithm", act="np.zeros(len(observation), int) - 2")
+    overrides = [SELECTED["actions"], f"training.algorithm={{kind: {algorithm}}}"]
+    with pytest.raises(InputError) as caught:
+        dry_run(load("s1", overrides=overrides, plugin_files=own))
+    (problem,) = caught.value.problems
+    assert (problem.file, problem.code) == ("--set actions", "mismatch")
+
+
+def test_the_unit_of_distances_is_that_of_the_reward(tmp_path: Path) -> None:
+    path = tmp_path / "mine.py"
+    plugin(path, "term", value="status.distance_m / distance_unit_m")
+    path.write_text(path.read_text().replace("mine(status)", "mine(status, *, distance_unit_m: float)"))
+    dry_run(load("s1", overrides=[SELECTED["term"]], plugin_files=[path]))
+
+
 def test_an_exception_of_several_lines_is_one_error(tmp_path: Path) -> None:
     path = tmp_path / "mine.py"
     plugin(path, "term", value="exec(\"raise AssertionError('one' + chr(10) + 'two')\")")
@@ -206,6 +277,15 @@ def test_validate_and_train_report_the_fault_and_leave_no_run_folder(tmp_path: P
         assert f"({path}:5)" in outcome.err
         assert len(outcome.err.splitlines()) == 1
     assert not runs.exists()
+
+
+def test_an_algorithm_that_fails_later_is_one_error_that_names_it(tmp_path: Path) -> None:
+    path = tmp_path / "mine.py"
+    lines = plugin(path, "algorithm", learn="yield {'loss': 1.0} if env_steps < 40 else {}")
+    outcome = quick_train(tmp_path / "runs", "s1", "--set", SELECTED["algorithm"], "--plugin", path)
+    assert outcome.code == 2
+    assert f"({path}:{1 + lines.index('@register(ALGORITHMS)')})" in outcome.err
+    assert len(outcome.err.splitlines()) == 1
 
 
 @pytest.mark.parametrize(
