@@ -5,6 +5,7 @@ from __future__ import annotations
 import os
 import re
 from collections.abc import Callable, Iterable, Mapping, Sequence
+from contextlib import suppress
 from dataclasses import dataclass, field, replace
 from functools import reduce
 from pathlib import Path
@@ -133,7 +134,11 @@ def load(
     tree = _without_replaced(tree, plugin_files, received=received, trust=trust)
     berth, tree = tree.get(BERTH), tree.without(BERTH)
     problems = [*_load_plugins(tree), *function_problems(tree)]
-    scenario = validate(tree, Scenario, problems)
+    try:
+        scenario = validate(tree, Scenario, problems)
+    except InputError:
+        _require_no_part(path, first)
+        raise
     if berth is not None and berth.value is not None:
         tree = at_berth(tree, scenario, berth)
         scenario = validate(tree, Scenario)
@@ -321,6 +326,23 @@ def _load_part(source: str | Path, registry: Registry[Path], model: type[P]) -> 
     (key,) = model.model_fields
     node = _read(registry, *catalog.find(registry, str(source), Path()))
     return validate(Node({key: node}, node.location, {key: node.location}), model)
+
+
+def _require_no_part(path: Path, first: Location) -> None:
+    """Check that a file that is no scenario is not a part of one.
+
+    Raises:
+        InputError: it is a vessel or a harbor.
+    """
+    for registry, model in ((VESSELS, _VesselFile), (HARBORS, _HarborFile)):
+        with suppress(DockctlError):
+            _load_part(path, registry, model)
+            (part,) = model.model_fields
+            message = f"a {part}, expected a scenario; use it in one with '{part}: {path.name}'"
+            break
+    else:
+        return
+    raise input_error(first, message, code="mismatch")
 
 
 def _without_replaced(tree: Node, own: Sequence[Path], *, received: bool, trust: bool) -> Node:

@@ -9,7 +9,8 @@ from pathlib import Path
 import pytest
 
 from dockctl.errors import DockctlError, InputError
-from dockctl.scenarios import loader
+from dockctl.plugins import HARBORS, VESSELS, Registry
+from dockctl.scenarios import catalog, loader
 from dockctl.scenarios.schema import Pose, Scenario
 from dockctl.scenarios.training import THESIS
 
@@ -343,3 +344,18 @@ def test_speeds_for_which_no_boat_is_made_are_refused(setting: str, largest: flo
     (problem,) = caught.value.problems
     assert problem.code == "out_of_range"
     assert "_mps" in str(problem)
+
+
+@pytest.mark.parametrize(("registry", "part"), [(VESSELS, "vessel"), (HARBORS, "harbor")])
+def test_a_vessel_or_harbor_given_as_a_scenario_is_named(
+    registry: Registry[Path], part: str, tmp_path: Path
+) -> None:
+    catalog.fill()
+    for entry in registry:
+        given = tmp_path / f"{entry.name}.yaml"
+        given.write_bytes(entry.value.read_bytes())
+        with pytest.raises(InputError) as caught:
+            loader.load(given)
+        (problem,) = caught.value.problems
+        assert (problem.file, problem.code) == (str(given), "mismatch")
+        assert f"'{part}: {given.name}'" in problem.message
