@@ -14,7 +14,7 @@ from typing import Annotated, Any, Self
 
 import numpy as np
 import psutil
-from gymnasium.spaces import Box, Discrete
+from gymnasium.spaces import Box, Discrete, Space
 from numpy.typing import NDArray
 from pydantic import ConfigDict, Field, Strict, ValidationError
 from safetensors import SafetensorError
@@ -108,7 +108,7 @@ class PolicyCard(Model):
                 return cls(**fields, actions=len(low), action_bounds=(low, high))
         raise CheckpointError(
             "checkpoints need observations that are vectors, and actions that are discrete from 0 or vectors"
-            f" of float32; the observations are {observation}, the actions {action}"
+            f" of float32; the observations are {_line(observation)}, the actions {_line(action)}"
         )
 
     @property
@@ -118,6 +118,10 @@ class PolicyCard(Model):
             return Spaces(observation, Discrete(self.actions))
         low, high = self.action_bounds
         return Spaces(observation, Box(np.array(low, np.float32), np.array(high, np.float32)))
+
+
+def _line(space: Space[Any]) -> str:
+    return " ".join(str(space).split())
 
 
 def save_pair(folder: Path, name: str, tensors: Tensors, facts: Mapping[str, Any]) -> None:
