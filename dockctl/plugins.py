@@ -1,6 +1,7 @@
 """Registries of everything that can be extended, and the plugins that add to them.
 
-A registry maps a name to an `Entry`, which records its origin. A name cannot be registered twice.
+A registry maps a name to an `Entry`, which records its origin. A name cannot be registered twice, but a
+definition that is run again replaces itself.
 
 Installed packages declare names through the entry-point groups in `GROUPS`; their code is imported when a
 name is first used. Local ``.py`` files register when they are loaded. Code registers itself with a decorator;
@@ -93,6 +94,13 @@ class Entry(Generic[T]):
         except (OSError, TypeError):
             return ""
 
+    def is_redefined_by(self, other: Entry[Any]) -> bool:
+        """Return whether `other` is this definition, run again: a reload, a cell, or a plugin file."""
+        first, second = (getattr(entry.value, "__qualname__", "") for entry in (self, other))
+        same_module = getattr(self.value, "__module__", 1) == getattr(other.value, "__module__", 2)
+        same_file = self.file and other.file and Path(self.file).resolve() == Path(other.file).resolve()
+        return bool(first) and first == second and bool(same_module or same_file)
+
     @property
     def parameters(self) -> dict[str, Any]:
         """Keyword-only parameters of a function and their defaults, `inspect.Parameter.empty` if required."""
@@ -148,10 +156,12 @@ class Registry(Generic[T]):
             DuplicateNameError: the name is taken; the message names both origins.
         """
         origin = _origin_of(value)
-        known = self._known.get(name)
-        if known and not (isinstance(known, LazyEntry) and known.origin == origin):
+        known, entry = self._known.get(name), Entry(name, value, kind, source, origin)
+        if known and not (
+            known.origin == origin if isinstance(known, LazyEntry) else known.is_redefined_by(entry)
+        ):
             raise self._duplicate(name, origin)
-        self._known[name] = Entry(name, value, kind, source, origin)
+        self._known[name] = entry
         return value
 
     def register_lazily(self, name: str, origin: str, load: Callable[[], None]) -> None:

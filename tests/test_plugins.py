@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import importlib
 import os
 import re
 import shutil
@@ -162,6 +163,27 @@ def test_a_module_imported_before_is_not_a_duplicate(write: Write, monkeypatch: 
     declare(monkeypatch, ("dockctl.rewards", "eager", "eager_terms:term"))
     assert REWARD_TERMS.get("eager").origin == "module eager_terms"
     monkeypatch.delitem(sys.modules, "eager_terms")
+
+
+def test_a_module_and_the_same_file_as_a_plugin_are_one(
+    write: Write, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    path = write("both_terms.py", TERM.format(name="both"))
+    monkeypatch.syspath_prepend(path.parent)
+    module = importlib.import_module("both_terms")
+    importlib.reload(module)
+    assert REWARD_TERMS.get("both").origin == "module both_terms"
+    plugins.load_file(path)
+    assert REWARD_TERMS.get("both").origin == f"file {path}"
+    importlib.reload(module)
+    assert REWARD_TERMS.get("both").origin == "module both_terms"
+    monkeypatch.delitem(sys.modules, "both_terms")
+
+
+def test_two_functions_of_a_module_may_not_share_a_name(write: Write) -> None:
+    other = TERM.format(name="twice").replace("def term", "def another")
+    with pytest.raises(DuplicateNameError):
+        plugins.load_file(write("twice.py", TERM.format(name="twice") + other))
 
 
 def test_a_broken_package_does_not_break_the_others(write: Write, monkeypatch: pytest.MonkeyPatch) -> None:

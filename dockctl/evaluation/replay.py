@@ -29,6 +29,7 @@ from dockctl.scenarios.schema import Scenario, Task
 from dockctl.sim.harbor.build import Harbor, build_harbor, build_scene
 from dockctl.sim.harbor.solids import hull_mesh, hull_outline
 from dockctl.sim.starts import Start
+from dockctl.sim.world import scan_points
 
 MAX_SCANS, MAX_POINTS = 240, 360_000
 """Maximum LiDAR scans and approximate points of all episodes together, so that a page stays small."""
@@ -141,7 +142,7 @@ def _replay(loaded: LoadedScenario, runs: Sequence[_Run]) -> Replay:
     for run in runs:
         measured = range(0, run.episode.steps + 1, stride)
         lidar = run.rollout.worlds[run.start.harbor].lidar
-        cloud = partial(_cloud, lidar, MAX_POINTS * stride // rows)
+        cloud = partial(_cloud, lidar, scenario.sensors.lidar.kind, MAX_POINTS * stride // rows)
         clouds = workers().map(cloud, run.episode.trajectory["pose"][measured])
         scans = dict(zip(measured, clouds, strict=True))
         tracks.append(
@@ -151,10 +152,10 @@ def _replay(loaded: LoadedScenario, runs: Sequence[_Run]) -> Replay:
     return Replay(scenario, build_harbor(layout.harbor, loaded.base_dir), tracks)
 
 
-def _cloud(lidar: RangeSensor, count: int, pose: Floats) -> Floats:
+def _cloud(lidar: RangeSensor, kind: str, count: int, pose: Floats) -> Floats:
     """Return about `count` points of a scan from one pose (3,), those of evenly spaced rays."""
-    returns = SPARSE * len(lidar.points(pose, SPARSE))
-    points = lidar.points(pose, max(1, -(-returns // max(count, 1))))
+    returns = SPARSE * len(scan_points(lidar, kind, pose, SPARSE))
+    points = scan_points(lidar, kind, pose, max(1, -(-returns // max(count, 1))))
     return points[(np.abs(points) < FARTHEST_M).all(axis=1)]
 
 

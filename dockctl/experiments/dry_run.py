@@ -35,7 +35,7 @@ from dockctl.scenarios.layouts import layouts
 from dockctl.scenarios.loader import LoadedScenario
 from dockctl.sim.simulator import IntegrationError
 from dockctl.sim.vessel import ReferenceVesselModel
-from dockctl.sim.world import NothingInRange, in_open_water
+from dockctl.sim.world import NothingInRange, in_open_water, scan_points
 
 BOATS, STEPS = 4, 3
 DRAWS, PERIODS, SUBSTEPS = 64, 20, 1000
@@ -79,6 +79,8 @@ def _in_open_water(loaded: LoadedScenario, boats: int) -> DockingVectorEnv:
 def _step(loaded: LoadedScenario) -> None:
     scenario = loaded.scenario
     lidar, env = scenario.sensors.lidar, _in_open_water(loaded, BOATS)
+    with Guard(ACTIONS, scenario.actions.kind):
+        scenario.actions.describe()
     for _ in range(STEPS):
         actions = env.action_space.sample()
         with Guard(ACTIONS, scenario.actions.kind):
@@ -101,10 +103,7 @@ def _step(loaded: LoadedScenario) -> None:
                     _require_finite(CONDITIONS, condition.kind, values)
         observation, _, _, _, info = env.step(actions)
         _require_finite(RANGE_SENSORS, lidar.kind, env.simulator.sector_ranges_m)
-        with Guard(RANGE_SENSORS, lidar.kind):
-            points = np.asarray(env.worlds[0].lidar.points(env.simulator.eta[0]), float)
-            if points.shape != (len(points), 3):
-                raise ValueError(f"points returned shape {points.shape}, expected (points, 3)")
+        scan_points(env.worlds[0].lidar, lidar.kind, env.simulator.eta[0])
         for part, values in zip(env.observation_parts, observation.T, strict=True):
             _require_finite(OBSERVATION_PARTS, part, values)
         _require_finite_terms(info["reward_terms"])
@@ -126,6 +125,7 @@ def _step(loaded: LoadedScenario) -> None:
     elif not spec.imports:  # a module that a scenario names is imported only to train
         _require_saved(loaded, spaces)
         with Guard(ALGORITHMS, spec.kind):
+            spec.describe()
             _learn(build_algorithm(loaded, spaces, BOATS, "cpu"), env)
 
 

@@ -21,7 +21,7 @@ from dockctl.scenarios.schema import Scenario
 from dockctl.sim.harbor.build import Harbor, build_harbor, build_scene
 from dockctl.sim.harbor.solids import hull_mesh
 from dockctl.sim.starts import sites
-from dockctl.sim.world import PoseCheck
+from dockctl.sim.world import PoseCheck, build_sensor, scan_points
 
 
 @dataclass(frozen=True, eq=False)
@@ -45,8 +45,9 @@ def show(loaded: LoadedScenario, pose: Pose | None = None) -> Shown:
     if problem := PoseCheck.build(scenario, harbor).problem(start):
         raise DockctlError(f"--pose: {problem}")
     eta, spec = pose_array(start), scenario.sensors.lidar
-    sensor = spec.build(harbor.triangles)
-    scan = Scan(eta, sensor.points(eta), sensor.sector_ranges(eta[None])[0], spec.range_m)
+    sensor = build_sensor(harbor, spec)
+    points = scan_points(sensor, spec.kind, eta)
+    scan = Scan(eta, points, sensor.sector_ranges(eta[None])[0], spec.range_m)
     plan, bodies = build_scene(harbor, scenario.vessel.hull), _bodies(scenario, harbor)
     return Shown(
         start,

@@ -116,10 +116,13 @@ def measured_policy(run: Path) -> str | None:
 
 
 def is_outdated(run: Path, name: str) -> bool:
-    """Return whether the results in a JSON file of a run are of an earlier policy, as after more training."""
-    try:
-        found = policy_hash(RunDirectory(run).read_json(name))
-    except DockctlError:
+    """Return whether the results in a JSON file of a run are of an earlier policy, as after more training.
+
+    Raises:
+        DockctlError: the file is damaged.
+    """
+    if not (run / name).exists():
         return False
+    found = policy_hash(RunDirectory(run).read_json(name))
     current = measured_policy(run)
     return None not in (found, current) and found != current

@@ -158,16 +158,37 @@ def _world(spec: HarborSpec, base_dir: Path, hull: Hull, lidar: RangeSensorSpec)
 
 @shared(lambda world: world.lidar.table_bytes)
 def _in_harbor(harbor: Harbor, hull: Hull, lidar: RangeSensorSpec, source: Source) -> World:
-    surface = harbor.triangles.view()
-    surface.flags.writeable = False  # others use the array, too
-    with Guard(RANGE_SENSORS, lidar.kind):
-        sensor = lidar.build(surface)
     return World(
         obstacles=collision_checker(harbor, hull),
-        lidar=sensor,
+        lidar=build_sensor(harbor, lidar),
         scene=cache(partial(build_scene, harbor, hull)),
         source=source,
     )
+
+
+def build_sensor(harbor: Harbor, lidar: RangeSensorSpec) -> RangeSensor:
+    """Return the range sensor in a harbor.
+
+    Raises:
+        PluginError: the sensor is a plugin's, and fails.
+    """
+    surface = harbor.triangles.view()
+    surface.flags.writeable = False  # others use the array, too
+    with Guard(RANGE_SENSORS, lidar.kind):
+        return lidar.build(surface)
+
+
+def scan_points(sensor: RangeSensor, kind: str, pose: Floats, every: int = 1) -> Floats:
+    """Return the points (k, 3) [m] of a scan by a sensor of this kind, in the body frame.
+
+    Raises:
+        PluginError: the sensor is a plugin's, and fails or returns another shape.
+    """
+    with Guard(RANGE_SENSORS, kind):
+        points = np.asarray(sensor.points(pose, every), float)
+        if points.shape != (len(points), 3):
+            raise ValueError(f"points returned shape {points.shape}, expected (points, 3)")
+        return points
 
 
 def in_open_water(lidar: RangeSensor) -> World:

@@ -31,7 +31,7 @@ WORKING = {
 @register(ACTIONS)
 class Mine(ActionType):
     kind: Literal['mine'] = 'mine'
-    def describe(self): return ''
+    def describe(self): return {describe}
     def space(self, vessel): return {space}
     def commands(self, actions, vessel): return {commands}
 """,
@@ -53,7 +53,7 @@ class Mine(Condition):
     + """
 class Sensor:
     table_bytes = 0
-    def points(self, pose): return {points}
+    def points(self, pose, every=1): return {points}
     def sector_ranges(self, eta): return {ranges}
 @register(RANGE_SENSORS)
 class Mine(RangeSensorSpec):
@@ -75,6 +75,7 @@ class Learner:
 @register(ALGORITHMS)
 class Mine(AlgorithmSpec):
     kind: Literal['mine'] = 'mine'
+    def describe(self): return {describe}
     def build(self, spaces, training, device): return {build}
     def load_policy(self, tensors, spaces, hidden_sizes): return None
 """,
@@ -82,7 +83,7 @@ class Mine(AlgorithmSpec):
 GOOD = {
     "term": {"kind": "dense", "value": "np.zeros(len(status.phase))"},
     "part": {"value": "np.zeros((len(view.phase), 1))"},
-    "actions": {"space": "Discrete(3)", "commands": "np.zeros((len(actions), 2))"},
+    "actions": {"describe": "''", "space": "Discrete(3)", "commands": "np.zeros((len(actions), 2))"},
     "condition": {
         "reset": "pass",
         "velocity": "0.0",
@@ -101,6 +102,7 @@ GOOD = {
         "tensors": "{'w': np.zeros(3)}",
         "state": "{'w': np.zeros(3)}, {'updates': 0}",
         "build": "Learner()",
+        "describe": "''",
     },
 }
 SELECTED = {
@@ -138,6 +140,7 @@ FAULTS = [
     ("actions", {"commands": "np.zeros(2)"}, None),
     ("actions", {"commands": "None"}, None),
     ("actions", {"space": "None"}, None),
+    ("actions", {"describe": "1 / 0"}, "1 / 0"),
     ("condition", {"build": "1 / 0"}, "1 / 0"),
     ("condition", {"reset": "1 / 0"}, "1 / 0"),
     ("condition", {"velocity": "1 / 0"}, "1 / 0"),
@@ -155,8 +158,10 @@ FAULTS = [
     ("sensor", {"ranges": "1 / 0"}, "1 / 0"),
     ("sensor", {"ranges": "np.full((len(eta), 8), np.nan)"}, None),
     ("sensor", {"points": "np.empty((5, 2))"}, None),
+    ("sensor", {"points": "1 / 0"}, "1 / 0"),
     ("sensor", {"build": "triangles.__iadd__(1)"}, "triangles.__iadd__(1)"),
     ("algorithm", {"build": "1 / 0"}, "1 / 0"),
+    ("algorithm", {"describe": "1 / 0"}, "1 / 0"),
     ("algorithm", {"act": "1 / 0"}, "1 / 0"),
     ("algorithm", {"act": "np.zeros(len(observation))"}, None),
     ("algorithm", {"act": "np.full(len(observation), 77)"}, None),
@@ -277,6 +282,15 @@ def test_validate_and_train_report_the_fault_and_leave_no_run_folder(tmp_path: P
         assert f"({path}:5)" in outcome.err
         assert len(outcome.err.splitlines()) == 1
     assert not runs.exists()
+
+
+def test_a_sensor_whose_points_cannot_be_drawn(tmp_path: Path) -> None:
+    path = tmp_path / "mine.py"
+    lines = plugin(path, "sensor", points="np.empty((5, 2))")
+    outcome = dockctl("show", "s1", "--set", SELECTED["sensor"], "--plugin", path, "--out", tmp_path / "out")
+    assert outcome.code == 2
+    assert f"({path}:{1 + lines.index('@register(RANGE_SENSORS)')})" in outcome.err
+    assert not (tmp_path / "out").exists()
 
 
 def test_an_algorithm_that_fails_later_is_one_error_that_names_it(tmp_path: Path) -> None:

@@ -111,7 +111,7 @@ def test_points_are_those_of_the_sensor(played: Replay) -> None:
 def test_points_that_a_page_cannot_hold_are_left_out() -> None:
     points = np.array([[1.0, 2.0, 3.0], [400.0, 0.0, 0.0], [-326.0, 5.0, 0.0]])
     sensor = cast(RangeSensor, SimpleNamespace(points=lambda pose, every: points[::every]))
-    np.testing.assert_array_equal(_cloud(sensor, 16, np.zeros(3)), points[[0, 2]])
+    np.testing.assert_array_equal(_cloud(sensor, "spinning", 16, np.zeros(3)), points[[0, 2]])
 
 
 def test_harbor_corners_are_exact_to_millimeters(played: Replay, html: str) -> None:

@@ -8,7 +8,13 @@ from pathlib import Path
 import pytest
 
 from dockctl.errors import DockctlError
-from dockctl.runs.results import read_results, require_same_policy, write_measurement, write_results
+from dockctl.runs.results import (
+    is_outdated,
+    read_results,
+    require_same_policy,
+    write_measurement,
+    write_results,
+)
 
 
 def code_of(path: Path) -> str:
@@ -63,3 +69,12 @@ def test_only_results_of_the_same_policy_are_replaced(
         with pytest.raises(DockctlError) as caught:
             require_same_policy(facts, policy)
         assert caught.value.code == "mismatch"
+
+
+def test_damaged_facts_of_results_are_an_error(tmp_path: Path) -> None:
+    assert not is_outdated(tmp_path, "evaluation.json")
+    (tmp_path / "evaluation.json").write_text('{"policy": ')
+    with pytest.raises(DockctlError) as caught:
+        is_outdated(tmp_path, "evaluation.json")
+    assert caught.value.code == "not_readable"
+    assert str(tmp_path / "evaluation.json") in caught.value.message

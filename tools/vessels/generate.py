@@ -67,6 +67,9 @@ if __name__ == "__main__":
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("folder", type=Path, nargs="?", default=VESSEL_MODELS)
     folder = parser.parse_args().folder
-    folder.mkdir(parents=True, exist_ok=True)
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+    except OSError as error:
+        parser.error(f"{folder}: {error.strerror}")
     for name, (vessel_class, build) in MODELS.items():
         (folder / f"{name}.obj").write_text(obj_text(vessel_class, build()), encoding="utf-8")
