@@ -31,9 +31,9 @@ def runs(
 ) -> None:
     """List the runs with their state, or what can be deleted.
 
-    `clean` lists the runs without a checkpoint, and the older checkpoints of finished runs, which are there
-    in case the newest is damaged; --yes deletes them. Runs that are being trained are skipped, and
-    all tables and results of runs with a checkpoint stay.
+    `clean` lists the unfinished runs without a checkpoint, and the older checkpoints of finished runs, which
+    are there in case the newest is damaged; --yes deletes them. Runs that are being trained are skipped, and
+    all tables and results of finished runs and of those with a checkpoint stay.
 
     Example: dockctl runs clean --root runs
     """

@@ -34,16 +34,17 @@ class Garbage:
 def garbage_below(root: Path) -> Iterator[Garbage]:
     """Yield what can be deleted of the runs in a folder and its subfolders, except of those in use.
 
-    A run without any checkpoint can go as a whole: it can be neither resumed nor evaluated. Of a finished one
-    the older checkpoints can, which are there in case the newest is damaged, if the newest is intact.
+    A run without any checkpoint can go as a whole, unless it is finished: it can be neither resumed nor
+    evaluated. A finished one, as in the archive of a study, has its results. With checkpoints, the older ones
+    of a finished run can go, which are there in case the newest is damaged, if the newest is intact.
     """
     for run in RunDirectory.below(root):
         if is_locked(run.path):
             continue
-        best, last = run.checkpoints(BEST), run.checkpoints(LAST)
-        if not best and not last:
+        best, last, finished = run.checkpoints(BEST), run.checkpoints(LAST), state_of(run) == FINISHED
+        if not best and not last and not finished:
             yield Garbage(run.path, (run.path,), "no checkpoint", size_of(run.path))
-        elif (best[1:] or last[1:]) and state_of(run) == FINISHED and _newest_are_intact(run):
+        elif (best[1:] or last[1:]) and finished and _newest_are_intact(run):
             paths = (*best[1:], *last[1:], *unused_blocks(run, last[:1]))
             yield Garbage(run.path, paths, "older checkpoints", sum(map(size_of, paths)))
 

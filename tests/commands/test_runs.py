@@ -11,6 +11,7 @@ import pytest
 
 from dockctl.agents.checkpoint import find_policy
 from dockctl.agents.training_state import load_state
+from dockctl.experiments.archive import archive
 from dockctl.runs.directory import RunDirectory
 from dockctl.runs.files import exclusive_lock
 from tests.commands.conftest import Outcome, dockctl
@@ -24,6 +25,7 @@ def root(trained: tuple[Path, Outcome], tmp_path: Path) -> Path:
         shutil.copytree(trained[0], root / name)
     change(root / "s1/interrupted", finished=None, stop_reason="interrupted")
     change(root / "s1/finished", name="mine", tags=["a", "b"])
+    change(root / "s1/empty", finished=None, stop_reason=None)
     shutil.rmtree(root / "s1/empty/checkpoints")
     shutil.copytree(
         root / "s1/finished/checkpoints/last", root / "s1/finished/checkpoints/last-1", dirs_exist_ok=True
@@ -117,6 +119,14 @@ def test_clean_deletes_only_with_yes_and_only_what_it_lists(root: Path) -> None:
     assert find_policy(run.path) == run.path / "checkpoints/best/policy.json"
     assert load_state(run).env_steps == 300
     assert json.loads(dockctl("runs", "clean", "--root", root, "--json", "-").out)["found"] == []
+
+
+def test_a_finished_run_without_checkpoints_is_left(root: Path, trained: tuple[Path, Outcome]) -> None:
+    archived = archive(trained[0], root / "results/study", "s1", 0)
+    shutil.rmtree(root / "reproduce/study/s1/deep/checkpoints")
+    before = files(archived), files(root / "reproduce")
+    assert dockctl("runs", "clean", "--root", root, "--yes").code == 0
+    assert (files(archived), files(root / "reproduce")) == before
 
 
 def test_a_run_in_use_is_left(root: Path) -> None:
