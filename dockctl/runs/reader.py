@@ -134,7 +134,7 @@ def read_scene(path: Path) -> Scene:
 
 
 def read_table(path: Path, columns: Collection[str]) -> pd.DataFrame | None:
-    """Read a CSV table, plain or gzipped; None if it is missing or has no rows.
+    """Read the complete rows of a CSV table, plain or gzipped; None if it is missing or has none.
 
     Raises:
         DockctlError: it is not a table, lacks one of `columns`, or has text in a column of numbers.
@@ -144,8 +144,10 @@ def read_table(path: Path, columns: Collection[str]) -> pd.DataFrame | None:
     if not path.exists():
         return None
     content = read_bytes(path)
-    if content and not content.endswith(b"\n"):
-        log.warning("%s: the last row is incomplete", path)
+    complete = content[: content.rfind(b"\n") + 1]
+    if complete and complete != content:  # a crash, or a reader during the writing
+        log.warning("%s: the last row is incomplete, and is left out", path)
+        content = complete
     with reading(path):
         _require_rows(content)
         try:

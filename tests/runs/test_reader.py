@@ -102,14 +102,23 @@ def test_a_folder_that_is_not_a_run(tmp_path: Path) -> None:
     assert caught.value.code == "not_found"
 
 
-@pytest.mark.parametrize("end", ["", "\n"])
-def test_a_last_row_without_its_end_is_reported(
-    end: str, tmp_path: Path, caplog: pytest.LogCaptureFixture
+@pytest.mark.parametrize("left", ["all but the end of the line", "half", "first cell"])
+@pytest.mark.parametrize("name", ["episodes", "updates", "evaluations", "trajectories"])
+def test_a_last_row_without_its_end_is_left_out(
+    name: str, left: str, tmp_path: Path, caplog: pytest.LogCaptureFixture
 ) -> None:
     """A crash may leave half a row, which can look like a whole one."""
     folder = write_run(tmp_path / "run", count=20)
-    path = folder / "updates.csv"
-    path.write_text(path.read_text().rstrip("\n")[:-3] + end)
-    read_run(folder)
-    found = [record.getMessage() for record in caplog.records]
-    assert [text.startswith(f"{path}: ") for text in found] == ([] if end else [True])
+    path = folder / f"{name}.csv"
+    _, *rows, last = path.read_text().splitlines(keepends=True)
+    assert len(getattr(read_run(folder), name)) == len(rows) + 1
+    assert not caplog.records
+    ends = {
+        "all but the end of the line": len(last) - 1,
+        "half": len(last) // 2,
+        "first cell": last.index(","),
+    }
+    path.write_text(path.read_text().removesuffix(last) + last[: ends[left]])
+    assert len(getattr(read_run(folder), name)) == len(rows)
+    messages = [record.getMessage() for record in caplog.records]
+    assert messages == [f"{path}: the last row is incomplete, and is left out"]
