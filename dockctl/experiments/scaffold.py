@@ -5,6 +5,7 @@ from __future__ import annotations
 import os
 import re
 import shlex
+from contextlib import suppress
 from dataclasses import dataclass
 from importlib.util import find_spec
 from keyword import iskeyword
@@ -125,11 +126,22 @@ def write_starter(kind: str, name: str, folder: Path) -> tuple[list[Path], list[
         loader=FileSystemLoader(TEMPLATES), undefined=StrictUndefined, keep_trailing_newline=True
     )
     texts = {path: environment.get_template(source).render(words) for path, source in targets.items()}
-    for path, text in texts.items():
-        with writing(path):
-            make_folder(path.parent)
-            with path.open("x", encoding="utf-8") as file:
-                file.write(text)
+    written: list[Path] = []
+    try:
+        for path, text in texts.items():
+            with writing(path):
+                make_folder(path.parent)
+                with path.open("x", encoding="utf-8") as file:
+                    written.append(path)
+                    file.write(text)
+    except DockctlError:
+        for path in written:
+            path.unlink(missing_ok=True)
+        made = {parent for path in texts for parent in path.parents if folder in parent.parents}
+        for empty in sorted(made, reverse=True):
+            with suppress(OSError):
+                empty.rmdir()
+        raise
     out = "" if folder == Path() else f"{folder}/"
     following = [shlex.join(word.format(out=out, **words) for word in line) for line in starter.following]
     return list(texts), following

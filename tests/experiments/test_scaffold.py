@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import os
 import re
+import resource
 import shlex
 import subprocess
 import sys
@@ -172,6 +173,23 @@ def test_a_folder_that_cannot_be_written(folder: Path) -> None:
     assert dockctl("init", "scenario", "mine", "--out", "file").error_code == "not_writable"
     assert dockctl("init", "scenario", "mine", "--out", "new/folder").code == 0
     assert load(folder / "new/folder/mine.yaml").scenario.name == "mine"
+
+
+@pytest.mark.parametrize("kind", ["scenario", "reward", "plugin"])
+def test_what_cannot_be_completed_is_removed(kind: str, tmp_path: Path) -> None:
+    largest = max(path.stat().st_size for path in write_starter(kind, "mine", tmp_path / "whole")[0])
+    folder = tmp_path / "full"
+    folder.mkdir()
+    soft, hard = resource.getrlimit(resource.RLIMIT_FSIZE)
+    resource.setrlimit(resource.RLIMIT_FSIZE, (largest - 1, hard))
+    try:
+        with pytest.raises(DockctlError) as caught:
+            write_starter(kind, "mine", folder)
+    finally:
+        resource.setrlimit(resource.RLIMIT_FSIZE, (soft, hard))
+    assert caught.value.code == "not_writable"
+    assert not list(folder.iterdir())
+    assert write_starter(kind, "mine", folder)[0]
 
 
 def test_the_vessel_is_the_packaged_one() -> None:
