@@ -227,6 +227,8 @@ def description(detail: ErrorDetails, path: str = "") -> tuple[str, Code, str]:
     if kind not in EXPECTED:
         return f"found {describe(found)}: {detail['msg']}", "invalid", ""
     expected = EXPECTED[kind].format(**context)
+    if kind == "tuple_type" and path == "reward.terms":  # validated as the list that the mapping becomes
+        expected = "a mapping of reward terms to weights, like {speed: -20}"
     if kind == "greater_than" and "tolerance" in path:
         expected += "; a tolerance of zero or less can never be reached"
     if kind == "literal_error":

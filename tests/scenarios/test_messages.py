@@ -253,6 +253,15 @@ def test_an_error_in_a_vessel_file_names_that_file(tmp_path: Path) -> None:
         assert (found.field, found.code, found.suggestion) == ("vessel.mass", "unknown_key", "mass_kg")
 
 
+@pytest.mark.parametrize("terms", ["3", "", "speed", "true"])
+def test_what_reward_terms_should_be(terms: str, tmp_path: Path) -> None:
+    path = tmp_path / "x.yaml"
+    path.write_text(f"extends: s1\nreward: {{terms: {terms}}}\n")
+    with pytest.raises(InputError) as caught:
+        loader.load(path)
+    assert "expected a mapping of reward terms to weights" in str(caught.value)
+
+
 def test_the_printed_text_is_one_line_per_problem(tmp_path: Path) -> None:
     path = tmp_path / "x.yaml"
     path.write_text("extends: s1\ntitel: x\ntask: {max_steps: 0}\n")
