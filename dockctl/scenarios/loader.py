@@ -238,6 +238,8 @@ def _at_line(error: InputError, location: Location, field: str) -> tuple[Problem
 
 
 def _find(registry: Registry[Path], node: Node, directory: Path, path: str) -> tuple[Path, str]:
+    if node.problems:
+        raise InputError(node.problems)
     if not isinstance(node.value, str):
         message = f"found {describe(node.to_python())}, expected the name or the path of a {registry.noun}"
         raise input_error(node.location, message, path, "wrong_type")

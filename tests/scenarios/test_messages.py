@@ -262,6 +262,18 @@ def test_what_reward_terms_should_be(terms: str, tmp_path: Path) -> None:
     assert "expected a mapping of reward terms to weights" in str(caught.value)
 
 
+@pytest.mark.parametrize(("value", "found"), [("!x s1", "the tag !x"), (".nan", ".nan")])
+def test_a_value_that_cannot_be_read_is_not_called_nothing(value: str, found: str, tmp_path: Path) -> None:
+    path = tmp_path / "x.yaml"
+    path.write_text(f"extends: {value}\n")
+    with pytest.raises(InputError) as caught:
+        loader.load(path)
+    (problem,) = caught.value.problems
+    assert (problem.line, problem.column, problem.field) == (1, 10, "extends")
+    assert found in problem.message
+    assert "nothing" not in problem.message
+
+
 def test_the_printed_text_is_one_line_per_problem(tmp_path: Path) -> None:
     path = tmp_path / "x.yaml"
     path.write_text("extends: s1\ntitel: x\ntask: {max_steps: 0}\n")
