@@ -231,7 +231,7 @@ class Pilot:
         if final is not None:
             try:
                 pilot.goals = np.stack([_pose(intermediate), _pose(final)])
-            except (TypeError, ValueError) as error:
+            except (OverflowError, TypeError, ValueError) as error:
                 raise DockctlError(str(error), code="wrong_type") from None
             pilot.reset()
         return pilot
@@ -465,8 +465,8 @@ def _pose(given: ArrayLike | None) -> Floats:
     """
     if given is None:
         return np.full(3, np.nan)
-    pose = np.asarray(given, float)
-    if pose.shape != (3,) or not np.isfinite(pose).all():
+    pose: Floats = np.ma.filled(np.ma.asarray(given, float), np.nan)
+    if pose.shape != (3,) or not (np.abs(pose) < MAX_MAGNITUDE).all():
         raise ValueError(f"pose {_short(pose)}, expected x, y [m] and heading [rad]")
     return pose
 

@@ -357,7 +357,8 @@ def test_files_that_are_no_policy(file: Path, tmp_path: Path) -> None:
     for change in changes:
         np.savez(damaged, **{**tensors, **change})
         assert code_of(damaged) == "not_readable"
-    assert code_of(file, final=(1.0, 2.0)) == "wrong_type"
+    for final in ((1.0, 2.0), (10**400, 0, 0), (1e300, 0, 0), np.ma.masked_all(3)):
+        assert code_of(file, final=final) == "wrong_type"
 
 
 @pytest.mark.parametrize("name", ["s3", "marinas"])
