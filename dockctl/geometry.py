@@ -20,6 +20,13 @@ MAX_SECTORS = 1024
 """Maximum number of sectors around a boat."""
 
 
+def read_only(array: NDArray[Any]) -> NDArray[Any]:
+    """Return a view of an array that cannot be written to."""
+    view = array.view()
+    view.flags.writeable = False
+    return view
+
+
 class DegreePose(Protocol):
     """A pose as scenarios write it, with the heading in degrees."""
 

@@ -16,7 +16,7 @@ from numpy.typing import ArrayLike, NDArray
 from pydantic import AfterValidator, Field
 
 from dockctl.errors import DockctlError
-from dockctl.geometry import Floats, Ints, proximities, rotate
+from dockctl.geometry import Floats, Ints, proximities, read_only, rotate
 from dockctl.plugins import OBSERVATION_PARTS, Guard
 from dockctl.scenarios.base import Count, Positive
 from dockctl.scenarios.schema import ObservationPart
@@ -106,6 +106,11 @@ class View:
     def copy(self) -> View:
         """Return a view with arrays of its own, without earlier views."""
         return replace(self, past=(), **{name: getattr(self, name).copy() for name in BY_BOAT})
+
+    def read_only(self) -> View:
+        """Return the view with arrays that cannot be written to."""
+        arrays = {name: read_only(getattr(self, name)) for name in (*BY_BOAT, "command_limit")}
+        return replace(self, past=tuple(view.read_only() for view in self.past), **arrays)
 
     def set_rows(self, rows: Ints, other: View) -> None:
         """Replace the rows (k,) by those of another view of the boats."""
@@ -322,8 +327,9 @@ class ObservationEncoder:
         """Return the observations (n, k) of n boats, clipped to the bounds.
 
         Raises:
-            DockctlError: a part failed, or returned another shape than before.
+            DockctlError: a part failed, wrote to the view, or returned another shape than before.
         """
+        view = view.read_only()  # its arrays are those of the simulator
         values = np.empty((len(view.phase), len(self.names)), np.float32)
         end = 0
         for guard, part in self._parts:

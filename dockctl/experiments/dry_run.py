@@ -95,7 +95,7 @@ def _step(loaded: LoadedScenario) -> None:
                 hooks = (
                     disturbance.water_velocity(),
                     disturbance.air_velocity(),
-                    disturbance.force(env.simulator.eta, env.simulator.nu),
+                    disturbance.force(env.simulator.eta.copy(), env.simulator.nu.copy()),
                     disturbance.pose_error(),
                     disturbance.velocity_error(),
                 )
@@ -104,6 +104,12 @@ def _step(loaded: LoadedScenario) -> None:
         observation, _, _, _, info = env.step(actions)
         _require_finite(RANGE_SENSORS, lidar.kind, env.simulator.sector_ranges_m)
         scan_points(env.worlds[0].lidar, lidar.kind, env.simulator.eta[0])
+        with Guard(RANGE_SENSORS, lidar.kind):
+            ranges, size = env.simulator.sector_ranges_m, env.worlds[0].lidar.table_bytes
+            if not ((ranges >= 0) & (ranges <= lidar.range_m)).all():
+                raise ValueError(f"a range is not in 0 to {lidar.range_m:g} m")
+            if np.asarray(size).dtype.kind not in "iuf" or not size >= 0:
+                raise ValueError(f"table_bytes is {size!r}, expected a number of bytes")
         for part, values in zip(env.observation_parts, observation.T, strict=True):
             _require_finite(OBSERVATION_PARTS, part, values)
         _require_finite_terms(info["reward_terms"])

@@ -324,7 +324,7 @@ class Simulator:
         before, nu_r, current = self.eta, self.nu, self.current()
         tau = self.vessel.tau(self._actuate())
         if self.disturbances:
-            tau = tau + self._sum("force", 3, before, self.nu)[:, None]
+            tau = tau + self._sum("force", 3, before.copy(), self.nu.copy())[:, None]
             nu_r = nu_r - _in_body_frame(current, before[:, 2])
         eta, nu, travel = self.vessel.step_and_travel(before, nu_r, tau, self._coefficients)
         if self.disturbances:

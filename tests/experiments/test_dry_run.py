@@ -52,7 +52,7 @@ class Mine(Condition):
     "sensor": KIND
     + """
 class Sensor:
-    table_bytes = 0
+    table_bytes = {bytes}
     def points(self, pose, every=1): return {points}
     def sector_ranges(self, eta): return {ranges}
 @register(RANGE_SENSORS)
@@ -93,7 +93,12 @@ GOOD = {
         "build": "Water()",
         "notes": "[]",
     },
-    "sensor": {"ranges": "np.ones((len(eta), 8))", "points": "np.empty((0, 3))", "build": "Sensor()"},
+    "sensor": {
+        "ranges": "np.ones((len(eta), 8))",
+        "points": "np.empty((0, 3))",
+        "build": "Sensor()",
+        "bytes": "0",
+    },
     "algorithm": {
         "act": "np.zeros(len(observation), int)",
         "greedy": "np.zeros(len(observation), int)",
@@ -134,6 +139,7 @@ FAULTS = [
     ("part", {"value": "1 / 0"}, "1 / 0"),
     ("part", {"value": "np.full((len(view.phase), 1), np.nan)"}, None),
     ("part", {"value": "np.zeros((len(view.phase), 1 + (len(view.phase) > 2)))"}, None),
+    ("part", {"value": "view.eta.__imul__(0)[:, :1]"}, "view.eta.__imul__(0)"),
     ("actions", {"space": "1 / 0"}, "1 / 0"),
     ("actions", {"commands": "1 / 0"}, "1 / 0"),
     ("actions", {"commands": "np.full((len(actions), 2), np.nan)"}, None),
@@ -159,6 +165,10 @@ FAULTS = [
     ("sensor", {"ranges": "np.full((len(eta), 8), np.nan)"}, None),
     ("sensor", {"points": "np.empty((5, 2))"}, None),
     ("sensor", {"points": "1 / 0"}, "1 / 0"),
+    ("sensor", {"ranges": "-np.ones((len(eta), 8))"}, None),
+    ("sensor", {"ranges": "np.full((len(eta), 8), 101.0)"}, None),
+    ("sensor", {"bytes": "'few'"}, None),
+    ("sensor", {"bytes": "-1"}, None),
     ("sensor", {"build": "triangles.__iadd__(1)"}, "triangles.__iadd__(1)"),
     ("algorithm", {"build": "1 / 0"}, "1 / 0"),
     ("algorithm", {"describe": "1 / 0"}, "1 / 0"),

@@ -10,6 +10,7 @@ from scipy.integrate import solve_ivp
 
 from dockctl.envs.vector import DockingVectorEnv
 from dockctl.evaluation.rollout import Rollout, trajectories_csv
+from dockctl.geometry import Floats
 from dockctl.scenarios.loader import load_vessel
 from dockctl.sim.conditions.authority import ControlAuthority
 from dockctl.sim.conditions.wind import UniformWind, Wind, wind_force
@@ -181,3 +182,17 @@ def test_the_speed_over_ground_is_continuous_when_the_current_changes() -> None:
 
 def test_the_condition_is_built_for_many_boats() -> None:
     assert UniformWind(WIND, 3).air_velocity().shape == (3, 2)
+
+
+def test_a_force_that_changes_its_arguments_does_not_move_the_boat(monkeypatch: pytest.MonkeyPatch) -> None:
+    still, changed = (simulator("wind: {speed_mps: 0, direction_deg: 90}") for _ in range(2))
+    (disturbance,) = changed.disturbances
+
+    def force(eta: Floats, nu: Floats) -> float:
+        eta[:] = nu[:] = 0.0
+        return 0.0
+
+    monkeypatch.setattr(disturbance, "force", force)
+    for sim in (still, changed):
+        sim.step(np.array([[20.0, 0.1]]))
+    assert np.array_equal(changed.eta, still.eta)
