@@ -41,7 +41,7 @@ from dockctl.scenarios.catalog import SUFFIXES, display_path, packaged_folder
 from dockctl.scenarios.content import first_difference
 from dockctl.scenarios.loader import load
 from dockctl.scenarios.problems import validate
-from dockctl.scenarios.schema import Scenario
+from dockctl.scenarios.schema import PolicyInterface, Scenario
 from dockctl.scenarios.yaml_tree import input_error, read_file
 from dockctl.sim.world import load_checked
 
@@ -95,6 +95,10 @@ class Study(Model):
             if experiment.name in names:
                 raise FieldError(field, f"another experiment is named {experiment.name}", "duplicate")
             names.add(experiment.name)
+            for number, setting in enumerate(experiment.set):
+                if re.match(r"training\.seed\s*=", setting):
+                    field, message = f"experiments.{index}.set.{number}", "is set by 'seeds': 0, 1, ..."
+                    raise FieldError(field, f"training.seed {message}", "invalid")
         return self
 
     def chosen(self, names: Sequence[str]) -> tuple[Experiment, ...]:
@@ -341,13 +345,13 @@ def make_jobs(
     first = (*start_options, *(word for file in plugin_files for word in ("--plugin", str(file))))
     for experiment in experiments:
         try:
-            load_checked(
+            loaded = load_checked(
                 experiment.scenario,
                 overrides=experiment.overrides(0),
                 plugin_files=plugin_files,
                 trust=trust,
             )
-            transfer = tuple((source, load(source).scenario.name) for source in experiment.evaluate_on)
+            transfer = _transfer(experiment, loaded.scenario)
         except DockctlError as error:
             lines = (f"experiment {experiment.name}: {line}" for line in str(error).splitlines())
             raise DockctlError("\n".join(lines), code=error.code) from None
@@ -357,6 +361,26 @@ def make_jobs(
             folder = out / experiment.name
             jobs.append(Job(experiment, seed, loaded.scenario, transfer, folder, always, first))
     return jobs
+
+
+def _transfer(experiment: Experiment, own: Scenario) -> tuple[tuple[str, str], ...]:
+    """Return the other scenarios to evaluate on, as in `Job`; the own one is evaluated anyway.
+
+    Raises:
+        DockctlError: one is invalid or does not fit the policy, or two have the same name.
+    """
+    interface, sources = PolicyInterface.of(own), dict[str, str]()
+    scenarios = {source: interface.on(load_checked(source).scenario) for source in experiment.evaluate_on}
+    for source, scenario in scenarios.items():
+        other = sources.setdefault(scenario.name, source)
+        if first_difference(scenarios[other], scenario, ignore=["training"]):
+            message = f"evaluate_on: {other} and {source} are different scenarios of the name"
+            raise DockctlError(f"{message} '{scenario.name}'; set another name in one", code="duplicate")
+    return tuple(
+        (source, name)
+        for name, source in sources.items()
+        if first_difference(interface.on(own), scenarios[source], ignore=["training"])
+    )
 
 
 def _finished(run: Path) -> bool:

@@ -288,7 +288,7 @@ def snapshot(folder: Path) -> dict[str, bytes]:
 def test_study_writes_only_its_own_runs_and_results(
     trained: Trained, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    source = write_study(tmp_path, tiny(seeds=1, set=(*SET, "training.seed=3")))
+    source = write_study(tmp_path, tiny(seeds=1))
     monkeypatch.setattr(Experiment, "overrides", lambda self, seed: [*self.set, "training.seed=3"])
     shutil.copytree(trained[0], tmp_path / "runs" / "reproduce" / "mine" / "tiny" / "s1" / trained[0].name)
     for name in ("docs/results.md", "docs/figures/results/other.png", "results/thesis/s1/seed0/scene.json"):

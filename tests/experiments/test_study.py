@@ -7,7 +7,7 @@ from pathlib import Path
 import pytest
 
 from dockctl.errors import DockctlError, InputError
-from dockctl.experiments.study import Experiment, load_study
+from dockctl.experiments.study import Experiment, load_study, make_jobs
 from dockctl.scenarios.loader import load
 
 THESIS = load_study("thesis")
@@ -122,3 +122,32 @@ def test_an_unknown_study_has_a_suggestion() -> None:
     assert (caught.value.code, caught.value.suggestion) == ("unknown_name", "thesis")
     with pytest.raises(DockctlError, check=lambda error: error.code == "not_found"):
         load_study("nowhere.yaml")
+
+
+def test_the_seed_is_no_setting(tmp_path: Path) -> None:
+    row = "{name: a, group: g, scenario: s1, set: [training.gamma=0.9, training.seed=3]}"
+    with pytest.raises(InputError) as caught:
+        load_study(write(tmp_path, f"experiments:\n  - {row}\n"))
+    (problem,) = caught.value.problems
+    assert (problem.line, problem.field, problem.code) == (2, "experiments.0.set.1", "invalid")
+
+
+def transfer(*evaluate_on: str, **given: object) -> tuple[tuple[str, str], ...]:
+    facts = {"name": "a", "group": "g", "scenario": "s1", "evaluate_on": evaluate_on, **given}
+    (job,) = make_jobs([Experiment.model_validate(facts)], Path("runs"))
+    return job.transfer
+
+
+def test_the_own_scenario_is_not_another_one_to_evaluate_on(tmp_path: Path) -> None:
+    assert transfer("s2", "s1", "s2", set=["training.gamma=0.9"]) == (("s2", "s2"),)
+    assert transfer("s1", set=["task.max_steps=400"]) == (("s1", "s1"),)
+
+
+def test_other_scenarios_to_evaluate_on_have_different_names(tmp_path: Path) -> None:
+    same, other = tmp_path / "same.yaml", tmp_path / "other.yaml"
+    same.write_text("extends: s2\nname: s2\n")
+    other.write_text("extends: s3\nname: s2\n")
+    assert transfer("s2", str(same)) == (("s2", "s2"),)
+    with pytest.raises(DockctlError, match=r"experiment a: evaluate_on: .*other\.yaml.* 's2'") as caught:
+        transfer(str(same), str(other))
+    assert caught.value.code == "duplicate"
