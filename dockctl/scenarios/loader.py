@@ -320,6 +320,8 @@ def _override(tree: Node, override: str) -> Node:
     location, keys = Location(f"--set {name}"), name.split(".")
     if not equals or not all(keys) or len(keys) > MAX_DEPTH:
         raise input_error(Location(f"--set {override}"), "expected KEY=VALUE, for example training.seed=3")
+    if name == "extends":
+        raise input_error(location, "belongs in a file; give the other scenario as the argument")
     value = at_location(read_text(text, location.file), location)
     return _expanded(put(tree, keys, value, location), SCENARIOS, location.file, None)
 

@@ -272,6 +272,7 @@ def test_overrides(override: str, value: object) -> None:
         ("vessel=eilbrect", "vessel", "", "unknown_name", "eilbrecht"),
         ("title=a: b", "title", "", "wrong_type", ""),
         ("task.final=[1", "task.final", "", "yaml_syntax", ""),
+        ("extends=s3", "extends", "", "invalid", ""),
     ],
 )
 def test_wrong_overrides(override: str, file: str, field: str, code: str, suggestion: str) -> None:
