@@ -70,7 +70,7 @@ class Trainer:
         step_limit: control steps after which the environment ends an episode, if it is known.
 
     Raises:
-        DockctlError: the environment declares another autoreset mode.
+        DockctlError: the environment declares another autoreset mode, or has another number of boats.
     """
 
     def __init__(
@@ -95,6 +95,9 @@ class Trainer:
                 f"the environment has {mode}: make it with {AutoresetMode.SAME_STEP}, which the trainer needs"
             )
             raise DockctlError(message, code="mismatch")
+        if environment.num_envs != training.boats:
+            message = f"the environment has num_envs={environment.num_envs}, expected training.boats"
+            raise DockctlError(f"{message}, {training.boats}", code="mismatch")
         self.algorithm, self.training, self.environment = algorithm, training, environment
         self.run_directory, self.card = run, card
         self.validate, self.evaluate = validate, evaluate

@@ -331,3 +331,13 @@ def test_an_environment_that_resets_in_the_next_step_is_refused(tmp_path: Path) 
     run = RunDirectory.create(tmp_path, "cartpole", 0)
     with pytest.raises(DockctlError, check=lambda error: error.code == "mismatch"):
         Trainer(algorithm, training, environment, run, make_card(spaces, training))
+
+
+def test_an_environment_with_another_number_of_boats_is_refused(tmp_path: Path) -> None:
+    training, environment = Training(boats=3, hidden_sizes=(8,)), ToyDocking(2)
+    spaces = Spaces.from_env(environment)
+    algorithm = training.algorithm.build(spaces, training, "cpu")
+    run = RunDirectory.create(tmp_path, "toy", 0)
+    with pytest.raises(DockctlError, match=r"num_envs=2, expected training\.boats, 3") as caught:
+        Trainer(algorithm, training, environment, run, make_card(spaces, training))
+    assert caught.value.code == "mismatch"
