@@ -243,6 +243,8 @@ def _quoted(words: object) -> list[str]:
 
 
 def _missing(key: str, owners: Sequence[type[BaseModel]]) -> str:
+    if key.isdecimal():
+        return "missing; the list needs another item"
     for name, registry in (("vessel", VESSELS), ("harbor", HARBORS)):
         if key == name:
             return f"missing; name one ({', '.join(sorted(registry.names()))}) or describe it"

@@ -283,3 +283,10 @@ def test_the_printed_text_is_one_line_per_problem(tmp_path: Path) -> None:
     assert first.startswith(f"{path}:2:1: titel: ")
     assert "'title'" in first
     assert second.startswith(f"{path}:3:19: task.max_steps: ")
+
+
+def test_a_list_that_is_too_short_needs_another_item(tmp_path: Path) -> None:
+    path = tmp_path / "short.yaml"
+    path.write_text("extends: s1\nharbor: {kind: meshes, meshes: [{path: x.stl, shift_m: [1, 2]}]}\n")
+    with pytest.raises(InputError, match=r"2:47: .*shift_m\.2: missing; the list needs another item"):
+        loader.load(str(path))
