@@ -15,7 +15,7 @@ from gymnasium.spaces import Box
 from numpy.typing import ArrayLike, NDArray
 from pydantic import AfterValidator, Field
 
-from dockctl.errors import DockctlError
+from dockctl.errors import Code, DockctlError
 from dockctl.geometry import Floats, Ints, proximities, read_only, rotate
 from dockctl.plugins import OBSERVATION_PARTS, Guard
 from dockctl.scenarios.base import Count, Positive
@@ -310,17 +310,12 @@ class ObservationEncoder:
         for given, (guard, part) in zip(parts, self._parts, strict=True):
             with guard:
                 columns.append(_checked(given.part, part(blank)))
-                bounds.append(_bounds(columns[-1]))
+                bounds.append(_bounds(given, columns[-1]))
         self.names = tuple(name for column in columns for name in column.names)
         self.parts = tuple(
             given.part for given, column in zip(parts, columns, strict=True) for _ in column.names
         )
         low, high = map(np.concatenate, zip(*bounds, strict=True))
-        if (inverted := np.flatnonzero(~(low <= high))).size:
-            name = self.parts[inverted[0]]
-            params = next(given.params for given in parts if given.part == name)
-            message = f"observation part '{name}' with {params}: its lower bound exceeds its upper bound"
-            raise DockctlError(message, code="out_of_range")
         self.space = Box(low, high)
 
     def __call__(self, view: View) -> NDArray[np.float32]:
@@ -371,9 +366,21 @@ def _checked(part: str, columns: Columns) -> Columns:
     return columns
 
 
-def _bounds(columns: Columns) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
+def _bounds(given: ObservationPart, columns: Columns) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
+    """Return the lower and upper bound of each column.
+
+    Raises:
+        DockctlError: a bound is not finite, or a lower one exceeds the upper one.
+    """
     count = len(columns.names)
-    low, high = (np.broadcast_to(bound, count).astype(np.float32) for bound in (columns.low, columns.high))
+    with np.errstate(over="ignore"):
+        low, high = (
+            np.broadcast_to(bound, count).astype(np.float32) for bound in (columns.low, columns.high)
+        )
+    if not (np.isfinite(low) & np.isfinite(high) & (low <= high)).all():
+        message = f"observation part '{given.part}' with {given.params}: its bounds are {low} and {high}"
+        code: Code = "out_of_range" if given.params else "plugin"  # without parameters it is not the user's
+        raise DockctlError(f"{message}, expected finite numbers, the lower ones first", code=code)
     return low, high
 
 

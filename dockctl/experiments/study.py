@@ -12,7 +12,7 @@ from itertools import chain
 from pathlib import Path
 from typing import Annotated, Literal, Self
 
-from pydantic import Field, model_validator
+from pydantic import Field, PrivateAttr, model_validator
 
 from dockctl.analysis.success_map import SMALL_OFFSET_DEG
 from dockctl.errors import DockctlError, nearest
@@ -42,7 +42,7 @@ from dockctl.scenarios.content import first_difference
 from dockctl.scenarios.loader import load
 from dockctl.scenarios.problems import validate
 from dockctl.scenarios.schema import PolicyInterface, Scenario
-from dockctl.scenarios.yaml_tree import input_error, read_file
+from dockctl.scenarios.yaml_tree import Location, input_error, read_file
 from dockctl.sim.world import load_checked
 
 Probe = Literal["map", "latency", "returns"]
@@ -68,6 +68,16 @@ class Experiment(Model):
     set: tuple[str, ...] = ()
     evaluate_on: tuple[str, ...] = ()
     probes: tuple[Probe, ...] = ()
+    _place: str = PrivateAttr("")
+
+    def at(self, location: Location) -> Self:
+        """Return the experiment with its location in a study, for errors."""
+        located = self.model_copy()
+        located._place = f"{location.file}:{location.line}:{location.column}: "
+        return located
+
+    def __str__(self) -> str:
+        return f"{self._place}experiment {self.name}"
 
     def overrides(self, seed: int) -> list[str]:
         """Return the overrides of the scenario for one training."""
@@ -139,7 +149,13 @@ def load_study(source: str) -> Study:
     if name in known and path.resolve() != known[name].resolve():
         message = f"'{name}' is a packaged study, whose results would be replaced; set another name"
         raise input_error(location, message, "name", "duplicate")
-    return study.model_copy(update={"name": name})
+    entries = tree.get("experiments")
+    assert entries is not None and isinstance(entries.value, list), "the study is valid"
+    located = tuple(
+        experiment.at(entry.location)
+        for experiment, entry in zip(study.experiments, entries.value, strict=True)
+    )
+    return study.model_copy(update={"name": name, "experiments": located})
 
 
 def archived_study(results: Path) -> Study | None:
@@ -353,7 +369,7 @@ def make_jobs(
             )
             transfer = _transfer(experiment, loaded.scenario)
         except DockctlError as error:
-            lines = (f"experiment {experiment.name}: {line}" for line in str(error).splitlines())
+            lines = (f"{experiment}: {line}" for line in str(error).splitlines())
             raise DockctlError("\n".join(lines), code=error.code) from None
         for seed in range(experiment.seeds):
             overrides = experiment.overrides(seed)

@@ -408,6 +408,8 @@ class Simulator:
                     if not isinstance(getattr(own, name, None), float):
                         raise ValueError(f"coefficient_factors: the vessel has no coefficient '{name}'")
                     require_shape("coefficient_factors", np.shape(factor), (len(self.eta),))
+                    if not (np.asarray(factor) > 0).all():
+                        raise ValueError(f"coefficient_factors: a factor of '{name}' is not positive")
                     factors[name] = factors.get(name, 1.0) * factor
         if self._coefficients is None:
             self._coefficients = np.repeat(self.vessel.coefficients, len(self.eta), axis=0)

@@ -72,10 +72,10 @@ def check_observation_part(name: str, **params: Any) -> None:
     require("valid", len({*names}) == len(names), f"duplicate column names {names}")
     alone = columns({key: value[:1] for key, value in values.items()})
     require("independent_rows", tuple(alone.names) == names, "the names depend on the number of boats")
-    encoder = ObservationEncoder([ObservationPart(part=name, params=params)], SECTORS)
-    low, high = encoder.space.low, encoder.space.high
-    require("finite", np.isfinite([low, high]).all(), "the bounds are not finite")
-    require("in_range", (low < high).all(), "a lower bound is not below its upper bound")
+    for bound in (alone.low, alone.high):
+        require("finite", (np.abs(bound) < np.finfo(np.float32).max).all(), "the bounds are not finite")
+    space = ObservationEncoder([ObservationPart(part=name, params=params)], SECTORS).space
+    require("in_range", (space.low < space.high).all(), "a lower bound is not below its upper bound")
 
 
 def check_action_type(kind: str, *, vessel: str | Path = "eilbrecht", **keys: Any) -> None:

@@ -25,7 +25,8 @@ from dockctl.scenarios.extensions import ActionType, Condition, Disturbance, Ran
 """
 WORKING = {
     "term": TERM + "@reward_term('mine', kind='{kind}')\ndef mine(status):\n    return {value}\n",
-    "part": PART + "@observation_part('mine')\ndef mine(view):\n    return Columns(['x'], {value}, 0, 1)\n",
+    "part": PART
+    + "@observation_part('mine')\ndef mine(view):\n    return Columns(['x'], {value}, {bounds})\n",
     "actions": KIND
     + """
 @register(ACTIONS)
@@ -82,7 +83,7 @@ class Mine(AlgorithmSpec):
 }
 GOOD = {
     "term": {"kind": "dense", "value": "np.zeros(len(status.phase))"},
-    "part": {"value": "np.zeros((len(view.phase), 1))"},
+    "part": {"value": "np.zeros((len(view.phase), 1))", "bounds": "0, 1"},
     "actions": {"describe": "''", "space": "Discrete(3)", "commands": "np.zeros((len(actions), 2))"},
     "condition": {
         "reset": "pass",
@@ -140,6 +141,9 @@ FAULTS = [
     ("part", {"value": "np.full((len(view.phase), 1), np.nan)"}, None),
     ("part", {"value": "np.zeros((len(view.phase), 1 + (len(view.phase) > 2)))"}, None),
     ("part", {"value": "view.eta.__imul__(0)[:, :1]"}, "view.eta.__imul__(0)"),
+    ("part", {"bounds": "1, 0"}, None),
+    ("part", {"bounds": "-np.inf, 0"}, None),
+    ("part", {"bounds": "0, 1e300"}, None),
     ("actions", {"space": "1 / 0"}, "1 / 0"),
     ("actions", {"commands": "1 / 0"}, "1 / 0"),
     ("actions", {"commands": "np.full((len(actions), 2), np.nan)"}, None),
@@ -159,6 +163,7 @@ FAULTS = [
     ("condition", {"factors": "{'mass': np.ones(4)}"}, None),
     ("condition", {"factors": "{'mass_kg': 1.0}"}, None),
     ("condition", {"factors": "{'mass_kg': np.ones(3)}"}, None),
+    ("condition", {"factors": "{'mass_kg': np.zeros(4)}"}, None),
     ("condition", {"noise": "0.1"}, None),
     ("sensor", {"build": "1 / 0"}, "1 / 0"),
     ("sensor", {"ranges": "1 / 0"}, "1 / 0"),

@@ -151,3 +151,12 @@ def test_other_scenarios_to_evaluate_on_have_different_names(tmp_path: Path) -> 
     with pytest.raises(DockctlError, match=r"experiment a: evaluate_on: .*other\.yaml.* 's2'") as caught:
         transfer(str(same), str(other))
     assert caught.value.code == "duplicate"
+
+
+def test_an_unknown_scenario_is_located_in_the_study(tmp_path: Path) -> None:
+    path = tmp_path / "own.yaml"
+    path.write_text(
+        "experiments:\n  - {name: a, group: b, scenario: s1}\n  - {name: b, group: b, scenario: s9}\n"
+    )
+    with pytest.raises(DockctlError, match=r"own\.yaml:3:5: experiment b: .*'s9'"):
+        make_jobs(load_study(str(path)).experiments, tmp_path / "runs")
