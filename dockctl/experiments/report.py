@@ -155,8 +155,8 @@ def _study_or_comparison(path: Path) -> Page:
     Raises:
         DockctlError: the path is neither.
     """
-    if path.is_file():
-        return comparison_page(read_json(path), path)
+    if path.is_file() and isinstance(content := read_json(path), dict):
+        return comparison_page(content, path)
     if any(path.glob(f"*/{ARCHIVED}")):
         study = _study(path)
         trials = [trial for experiment in study.experiments if (trial := _trial(path, experiment)).runs]
