@@ -14,7 +14,7 @@ from dockctl.commands.options import Episodes, Json, Overrides, Plugins, StartSe
 from dockctl.console import make_table, numeric, print_table, print_text
 from dockctl.run_files import FIGURES
 from dockctl.runs.files import require_writable, require_writable_file, write_atomically
-from dockctl.runs.tables import EVALUATION, START_KINDS, to_csv
+from dockctl.runs.tables import EVALUATION, START_KINDS, all_columns, to_csv
 
 if TYPE_CHECKING:
     from dockctl.analysis.contrast import Compared, Contrast, Measure
@@ -75,7 +75,9 @@ def compare(
         result = run(loaded, scenario, episodes=episodes, seed=seed, overrides=set_ or (), vary=vary or ())
     _print(result)
     if csv:
-        write_atomically(csv, to_csv(result.rows(), ["policy", *EVALUATION]).encode())
+        rows = result.rows()
+        table = to_csv(rows, all_columns(["policy", *EVALUATION], rows))
+        write_atomically(csv, table.encode())
     if json_:
         json_.write(result.as_json())
     name = result.first.scenario.name

@@ -30,7 +30,7 @@ from dockctl.commands.options import (
 )
 from dockctl.console import make_table, numeric, print_table, print_text
 from dockctl.runs.files import require_writable_file, write_atomically
-from dockctl.runs.tables import EVALUATION, START_KINDS, to_csv
+from dockctl.runs.tables import EVALUATION, START_KINDS, all_columns, to_csv
 
 if TYPE_CHECKING:
     from dockctl.evaluation.evaluate import Evaluation
@@ -108,7 +108,8 @@ def evaluate(
             record=bool(folder),
             on=on,
         )
-    table = to_csv(result.rows(), EVALUATION)
+    rows = result.rows()
+    table = to_csv(rows, all_columns(EVALUATION, rows))
     if csv:
         write_atomically(csv, table.encode())
     if json_:

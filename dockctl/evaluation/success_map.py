@@ -18,7 +18,7 @@ from dockctl.evaluation.policies import LoadedPolicy, load_policy
 from dockctl.evaluation.rollout import Rollout
 from dockctl.evaluation.starts import pose_check
 from dockctl.geometry import Floats
-from dockctl.runs.tables import MAP, Value, to_csv
+from dockctl.runs.tables import MAP, Value, all_columns, to_csv
 from dockctl.scenarios.schema import Scenario
 from dockctl.sim.starts import given_start, own_site
 
@@ -133,7 +133,7 @@ def success_map(
             f"no start is free in '{loaded.scenario.name}': choose other headings or a larger reach"
         )
     plan = rollout.worlds[site.harbor].scene()
-    return SuccessMap(loaded_policy, loaded.scenario, to_csv(rows, MAP), plan)
+    return SuccessMap(loaded_policy, loaded.scenario, to_csv(rows, all_columns(MAP, rows)), plan)
 
 
 def _rows(rollout: Rollout, run: Run, offsets: Floats) -> Iterator[dict[str, Value]]:

@@ -22,7 +22,7 @@ from dockctl.runs.files import (
 )
 from dockctl.runs.results import require_same_policy, setting_names, write_measurement
 from dockctl.runs.tables import EVALUATION as EVALUATION_COLUMNS
-from dockctl.runs.tables import to_csv
+from dockctl.runs.tables import all_columns, to_csv
 
 
 @dataclass(frozen=True)
@@ -137,5 +137,7 @@ def record(policy: LoadedPolicy) -> Path:
     result = evaluate(policy, record=True)
     if result.recording:
         result.recording.write(folder)
-    write_measurement(folder / EVALUATION, to_csv(result.rows(), EVALUATION_COLUMNS), result.as_json())
+    rows = result.rows()
+    table = to_csv(rows, all_columns(EVALUATION_COLUMNS, rows))
+    write_measurement(folder / EVALUATION, table, result.as_json())
     return folder

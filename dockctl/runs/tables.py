@@ -225,8 +225,8 @@ def _cells(line: bytes) -> list[str]:
 
 
 def all_columns(first: Iterable[str], rows: Sequence[Mapping[str, Value]]) -> list[str]:
-    """Return the columns `first`, followed by the other keys of the first row."""
-    return list(dict.fromkeys([*first, *rows[0]]))
+    """Return the columns `first`, followed by the other keys of the rows in the order of their appearance."""
+    return list(dict.fromkeys([*first, *(key for row in rows for key in row)]))
 
 
 def to_csv(rows: Iterable[Mapping[str, Value]], columns: Iterable[str], *, header: bool = True) -> str:

@@ -7,6 +7,7 @@ import json
 import shutil
 from pathlib import Path
 
+import pandas as pd
 import pytest
 
 from dockctl.runs.tables import EVALUATION
@@ -84,7 +85,7 @@ def test_runs_of_one_scenario_and_seed_have_the_names_they_were_given(
 def test_a_policy_is_compared_with_itself_under_a_changed_value(trained: Trained, tmp_path: Path) -> None:
     fault = "conditions.lidar_faults={sectors: [1, 2]}"
     arguments = ("compare", trained[0], "--vary", fault, "--json", tmp_path / "c.json", "--out", tmp_path)
-    outcome = dockctl(*arguments)
+    outcome = dockctl(*arguments, "--csv", tmp_path / "c.csv")
     assert outcome.code == 0, outcome.err
     result = json.loads((tmp_path / "c.json").read_text())
     plain, faulty = result["policies"]
@@ -92,6 +93,8 @@ def test_a_policy_is_compared_with_itself_under_a_changed_value(trained: Trained
     assert [each["set"] for each in result["policies"].values()] == [[], [fault]]
     (difference,) = result["differences"]
     assert (difference["first"], difference["second"]) == (plain, faulty)
+    table = pd.read_csv(tmp_path / "c.csv")
+    assert table["lidar_faults_after_s"].isna().equals(table["policy"] == plain)
 
 
 def test_changed_values_that_change_the_starts_are_refused(trained: Trained, tmp_path: Path) -> None:

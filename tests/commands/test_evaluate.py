@@ -73,6 +73,30 @@ def test_rejected_draws_of_random_starts_are_reported(run: Path) -> None:
     assert json.loads((run / "near.json").read_text())["rejected_draws"] == 0
 
 
+def test_tables_have_what_the_conditions_drew(run: Path) -> None:
+    wind = ("--set", "conditions.wind={speed_mps: [0, 1], direction_deg: 30}")
+    arguments = (
+        "--ckpt",
+        run,
+        "--episodes",
+        2,
+        *wind,
+        "--csv",
+        run / "mine.csv",
+        "--json",
+        run / "mine.json",
+    )
+    assert dockctl("evaluate", *arguments).code == 0
+    (stored,) = run.glob("evaluation-s1-*.csv")
+    assert stored.read_text() == (run / "mine.csv").read_text()
+    rows = list(csv.DictReader(stored.read_text().splitlines()))
+    assert list(rows[0]) == [*EVALUATION, "wind_speed_mps", "wind_direction_deg", "wind_gust_mps"]
+    episodes = json.loads((run / "mine.json").read_text())["episodes"]
+    speeds = [episode["wind_speed_mps"] for episode in episodes]
+    assert [float(row["wind_speed_mps"]) for row in rows] == pytest.approx(speeds, rel=1e-5)
+    assert len(set(speeds)) == 3
+
+
 def test_no_random_starts(run: Path) -> None:
     assert dockctl("evaluate", "--ckpt", run, "--episodes", 0).code == 0
     assert "random_starts" not in json.loads((run / "evaluation.json").read_text())
