@@ -39,15 +39,18 @@ class Current(Condition):
         return UniformFlow(self, num_boats)
 
     def notes(self, vessel: Vessel) -> list[tuple[str, str]]:
-        authority, speed = ControlAuthority.of(vessel), self.speed_mps[-1]
+        authority = ControlAuthority.of(vessel)
+        speed = self.speed_mps[-1] + 2 * self.variation_mps[-1]
         push = authority.side_drag(speed)
         if push <= authority.side_force_n:
             return []
+        variation = " (mean and two standard deviations)" if self.variation_mps != OFF else ""
         return [
             (
                 "speed_mps",
-                f"holding the boat across a current of {speed:g} m/s takes {push:.0f} N sideways; the vessel"
-                f" has {authority.side_force_n:.0f} N, and keeps its track with {authority.crab(speed)}",
+                f"holding the boat across a current of {speed:g} m/s{variation} takes {push:.0f} N sideways;"
+                f" the vessel has {authority.side_force_n:.0f} N, and keeps its track with"
+                f" {authority.crab(speed)}",
             )
         ]
 
@@ -85,7 +88,8 @@ class UniformFlow(Disturbance):
 
     def episode(self) -> dict[str, Floats]:
         x, y = self.mean.T
-        return {"speed_mps": np.hypot(x, y), "direction_deg": np.degrees(np.arctan2(y, x))}
+        drawn = {"speed_mps": np.hypot(x, y), "direction_deg": np.degrees(np.arctan2(y, x))}
+        return {**drawn, "variation_mps": self.sigma} if self._varies else drawn
 
     @property
     def _varies(self) -> bool:

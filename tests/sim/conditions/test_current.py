@@ -157,3 +157,10 @@ def test_info_and_trajectories_have_the_current_of_each_boat() -> None:
     _, _, _, _, later = env.step(np.zeros(3, int))
     np.testing.assert_array_equal(later["current"], info["current"])
     assert "current" not in DockingVectorEnv("s1", 1).reset(seed=4)[1]
+
+
+def test_info_has_a_drawn_variation() -> None:
+    env = DockingVectorEnv(scenario("{speed_mps: 0.1, direction_deg: 0, variation_mps: [0.01, 0.02]}"), 3)
+    drawn = env.reset(seed=4)[1]["conditions"]["current_variation_mps"]
+    assert len(set(drawn)) == 3
+    assert ((drawn >= 0.01) & (drawn <= 0.02)).all()

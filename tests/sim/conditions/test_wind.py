@@ -142,6 +142,9 @@ def test_wind_beyond_the_control_authority_is_noted_with_its_place() -> None:
         assert figure in note
     (note,) = notes(scenario("current: {speed_mps: 0.2, direction_deg: 0}"))
     assert "29°" in note
+    assert notes(scenario("current: {speed_mps: 0, direction_deg: 0, variation_mps: 0.02}")) == []
+    (note,) = notes(scenario("current: {speed_mps: 0, direction_deg: 0, variation_mps: [0, 0.1]}"))
+    assert "29°" in note
 
 
 def test_control_authority_of_the_thesis_boat() -> None:
