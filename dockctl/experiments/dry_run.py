@@ -33,6 +33,7 @@ from dockctl.plugins import (
 from dockctl.scenarios.base import FieldError
 from dockctl.scenarios.layouts import layouts
 from dockctl.scenarios.loader import LoadedScenario
+from dockctl.sim.conditions.lidar_faults import SectorError
 from dockctl.sim.simulator import IntegrationError
 from dockctl.sim.vessel import ReferenceVesselModel
 from dockctl.sim.world import NothingInRange, in_open_water, scan_points
@@ -216,7 +217,7 @@ def build_algorithm(loaded: LoadedScenario, spaces: Spaces, boats: int, device: 
 
 @contextmanager
 def _located(loaded: LoadedScenario) -> Iterator[None]:
-    """Convert a `FieldError` in the block to an `InputError` at the place of the field.
+    """Convert a `FieldError` or `SectorError` in the block to an `InputError` at the place of the field.
 
     An integration that diverges is one of the conditions: those of the vessel are stable by its validator.
     """
@@ -227,6 +228,8 @@ def _located(loaded: LoadedScenario) -> Iterator[None]:
         raise InputError([problem]) from None
     except IntegrationError as error:
         raise InputError([loaded.problem("conditions", error.message, error.code)]) from None
+    except SectorError as error:
+        raise InputError([loaded.problem(error.field, error.reason, error.code)]) from None
 
 
 def _require_finite_terms(by_term: dict[str, Any]) -> None:

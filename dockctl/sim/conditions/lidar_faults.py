@@ -15,6 +15,17 @@ from dockctl.scenarios.base import Count, NonNegative
 from dockctl.scenarios.extensions import OFF, Condition, Disturbance, Drawn, draw, register
 
 
+class SectorError(DockctlError):
+    """A sector that the range sensor does not have is faulty."""
+
+    code = "out_of_range"
+    field = "conditions.lidar_faults.sectors"
+
+    def __init__(self, sector: int, sectors: int) -> None:
+        self.reason = f"found {sector}, but the range sensor has {sectors} sectors"
+        super().__init__(f"{self.field}: {self.reason}")
+
+
 @register(
     CONDITIONS, group="sensing", source="not in the thesis; its section 5.2 asks for the LiDAR's influence"
 )
@@ -56,12 +67,11 @@ class FaultySectors(Disturbance):
         """Replace the ranges of the faulty sectors.
 
         Raises:
-            DockctlError: the sensor does not have these sectors.
+            SectorError: the sensor does not have these sectors.
         """
         sectors = np.array(self.faults.sectors) - 1
         if sectors.max() >= ranges.shape[1]:
-            message = f"found {sectors.max() + 1}, but the range sensor has {ranges.shape[1]} sectors"
-            raise DockctlError(f"conditions.lidar_faults.sectors: {message}", code="out_of_range")
+            raise SectorError(int(sectors.max()) + 1, ranges.shape[1])
         failed = self.elapsed[rows] >= self.after[rows]
         if self.faults.mode == "frozen":
             fresh = failed & ~self.frozen[rows]

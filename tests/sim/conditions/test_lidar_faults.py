@@ -2,13 +2,15 @@
 
 from __future__ import annotations
 
+from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
 
 from dockctl.envs.vector import DockingVectorEnv
-from dockctl.errors import DockctlError
+from dockctl.errors import DockctlError, InputError
+from dockctl.experiments.dry_run import dry_run
 from dockctl.scenarios.loader import load
 from tests.sim.worlds import walled
 
@@ -64,3 +66,13 @@ def test_a_sector_that_does_not_exist_is_refused() -> None:
     with pytest.raises(DockctlError) as caught:
         ranges("{sectors: [9]}")
     assert caught.value.code == "out_of_range"
+
+
+def test_a_sector_that_does_not_exist_has_its_place(tmp_path: Path) -> None:
+    file = tmp_path / "mine.yaml"
+    file.write_text("extends: s1\nconditions: {lidar_faults: {sectors: [1, 9]}}\n")
+    with pytest.raises(InputError) as caught:
+        dry_run(load(file))
+    (problem,) = caught.value.problems
+    assert (problem.line, problem.column) == (2, 38)
+    assert (problem.field, problem.code) == ("conditions.lidar_faults.sectors", "out_of_range")
