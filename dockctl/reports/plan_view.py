@@ -221,6 +221,16 @@ def mean_flows(table: pd.DataFrame) -> dict[str, tuple[float, float]]:
     }
 
 
+def common_flows(tables: Sequence[pd.DataFrame]) -> dict[str, tuple[float, float]]:
+    """Return those of `mean_flows` that all trajectories have, by name."""
+    first, *others = map(mean_flows, tables)
+    return {
+        name: mean
+        for name, mean in first.items()
+        if all(np.allclose(other[name], mean, rtol=0, atol=1e-3) for other in others)
+    }
+
+
 def draw_paths(ax: Axes, scene: Scene, tracks: Sequence[Track], task: Task) -> None:
     """Draw paths with the outline of the boat at equal time intervals (Fig. 4.4)."""
     interval = outline_interval(tracks)
@@ -245,8 +255,8 @@ def draw_paths(ax: Axes, scene: Scene, tracks: Sequence[Track], task: Task) -> N
         draw_boat(ax, scene.hull, poses[0], track.color, fill=0.35, lw=1.4)
         draw_heading(ax, scene.hull, poses[0], track.color)
         draw_boat(ax, scene.hull, poses[-1], track.color, fill=0.55, lw=1.4)
+    draw_flows(ax, common_flows([track.table for track in tracks]))
     if len(tracks) == 1:
-        draw_flows(ax, mean_flows(tracks[0].table))
         draw_label(ax, scene.hull, poses[0], f"start {tracks[0].label}", tracks[0].color, below=True)
     legend_above(ax, [(track.label, track.color) for track in tracks])
 

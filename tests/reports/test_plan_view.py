@@ -158,3 +158,18 @@ def test_the_mean_current_and_wind_of_a_trajectory_are_arrows() -> None:
     arrow, label = ax.texts
     assert label.get_text() == "wind 3 m/s"
     assert arrow.get_position()[1] > 0  # the foot is above the head: it blows towards -y
+
+
+def test_several_trajectories_have_arrows_of_what_they_have_in_common() -> None:
+    tables = [
+        pd.DataFrame({"current_x_mps": [x] * 3, "current_y_mps": 0.0, "wind_x_mps": 2.0, "wind_y_mps": 0.0})
+        for x in (0.1, 0.2)
+    ]
+    assert plan_view.common_flows(tables) == {"wind": (2.0, 0.0)}
+    assert plan_view.common_flows(tables[:1]) == {"current": (pytest.approx(0.1), 0.0), "wind": (2.0, 0.0)}
+    two = split_tracks(pd.concat([synthetic.track(i, (20.0, 2.0 * i, 160.0)) for i in range(2)]))
+    for track in two:
+        track.table[["wind_x_mps", "wind_y_mps"]] = 2.0, 0.0
+    ax = Figure().subplots()
+    plan_view.draw_paths(ax, PLAN, two, TASK)
+    assert "wind 2 m/s" in [text.get_text() for text in ax.texts]
