@@ -59,20 +59,23 @@ class Wind(Condition):
         authority, speed = ControlAuthority.of(vessel), self.speed_mps[-1] + 2 * self.gust_mps[-1]
         angle = np.linspace(0, np.pi, 181)
         forces = wind_force(self, -speed * np.cos(angle), speed * np.sin(angle))
-        push, moment = np.abs(forces[90, 1]), np.abs(forces[:, 2]).max()
-        if push <= authority.side_force_n and moment <= authority.yaw_moment_nm:
-            return []
-        drift = authority.drift(float(push))
+        along, push, moment = np.abs(forces[:, 0]).max(), np.abs(forces[90, 1]), np.abs(forces[:, 2]).max()
         gusts = " (the mean and two standard deviations of the gusts)" if self.gust_mps != OFF else ""
-        return [
-            (
-                "speed_mps",
+        messages = []
+        if push > authority.side_force_n or moment > authority.yaw_moment_nm:
+            drift = authority.drift(float(push))
+            messages.append(
                 f"wind of {speed:g} m/s{gusts} on the beam pushes with {push:.0f} N; the vessel has"
                 f" {authority.side_force_n:.0f} N sideways. It drifts at {drift:.3f} m/s, keeps its track"
                 f" with {authority.crab(drift)}, and the wind takes {moment / authority.yaw_moment_nm:.0%}"
-                " of the yaw moment",
+                " of the yaw moment"
             )
-        ]
+        if along > vessel.max_propeller_n:
+            messages.append(
+                f"wind of {speed:g} m/s{gusts} pushes ahead or astern with up to {along:.0f} N; the propeller"
+                f" has {vessel.max_propeller_n:g} N"
+            )
+        return [("speed_mps", message) for message in messages]
 
 
 class UniformWind(Disturbance):

@@ -140,6 +140,9 @@ def test_wind_beyond_the_control_authority_is_noted_with_its_place() -> None:
     (note,) = notes(strong)
     for figure in ("conditions.wind.speed_mps", "83 N", "25 N", "0.177 m/s", "87%"):
         assert figure in note
+    wide = "wind: {speed_mps: 5, direction_deg: 0, lateral_area_m2: 1, frontal_area_m2: 8}"
+    (note,) = notes(scenario(wide))  # pressure 15.3 N/m2, times 0.60 from astern
+    assert "73 N" in note and "50 N" in note
     (note,) = notes(scenario("current: {speed_mps: 0.2, direction_deg: 0}"))
     assert "29°" in note
     assert notes(scenario("current: {speed_mps: 0, direction_deg: 0, variation_mps: 0.02}")) == []
