@@ -93,6 +93,7 @@ def _step(loaded: LoadedScenario) -> None:
         ):
             with Guard(CONDITIONS, condition.kind):
                 condition.notes(scenario.vessel)
+                condition.side_force_n(scenario.vessel)
                 hooks = (
                     disturbance.water_velocity(),
                     disturbance.air_velocity(),

@@ -314,6 +314,10 @@ class Condition(Kind, ABC):
         """Return a field and a message for each key with which the vessel's control authority is exceeded."""
         return []
 
+    def side_force_n(self, vessel: Vessel) -> float:
+        """Return the force across the boat that holding it in place takes at most [N], for the notes."""
+        return 0.0
+
 
 class _NumberOrBounds(BeforeValidator):
     """Accepts a number for a range; a class, because a JSON schema must describe both."""

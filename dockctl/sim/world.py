@@ -351,7 +351,19 @@ def notes(loaded: LoadedScenario) -> list[str]:
             for name, condition in scenario.conditions.items()
             for field, message in condition.notes(scenario.vessel)
         ]
+        + [str(loaded.problem("conditions", message)) for message in _together(scenario)]
     )
+
+
+def _together(scenario: Scenario) -> Iterator[str]:
+    """Yield a message if conditions exceed the control authority only together."""
+    vessel = scenario.vessel
+    forces = [condition.side_force_n(vessel) for condition in scenario.conditions.values()]
+    if max(forces, default=0.0) <= vessel.max_side_n < sum(forces):
+        yield (
+            f"together they take up to {sum(forces):.0f} N sideways to hold the boat in place; the vessel has"
+            f" {vessel.max_side_n:.0f} N"
+        )
 
 
 def _poses(scenario: Scenario) -> Iterator[tuple[str, Pose]]:

@@ -38,10 +38,15 @@ class Current(Condition):
     def build(self, num_boats: int) -> Disturbance:
         return UniformFlow(self, num_boats)
 
+    @property
+    def _strongest_mps(self) -> float:
+        return self.speed_mps[-1] + 2 * self.variation_mps[-1]
+
+    def side_force_n(self, vessel: Vessel) -> float:
+        return ControlAuthority.of(vessel).side_drag(self._strongest_mps)
+
     def notes(self, vessel: Vessel) -> list[tuple[str, str]]:
-        authority = ControlAuthority.of(vessel)
-        speed = self.speed_mps[-1] + 2 * self.variation_mps[-1]
-        push = authority.side_drag(speed)
+        authority, speed, push = ControlAuthority.of(vessel), self._strongest_mps, self.side_force_n(vessel)
         if push <= authority.side_force_n:
             return []
         variation = " (mean and two standard deviations)" if self.variation_mps != OFF else ""

@@ -55,15 +55,22 @@ class Wind(Condition):
     def build(self, num_boats: int) -> Disturbance:
         return UniformWind(self, num_boats)
 
+    @property
+    def _strongest_mps(self) -> float:
+        return self.speed_mps[-1] + 2 * self.gust_mps[-1]
+
+    def side_force_n(self, vessel: Vessel) -> float:
+        return float(wind_force(self, np.zeros(1), np.array([self._strongest_mps]))[0, 1])
+
     def notes(self, vessel: Vessel) -> list[tuple[str, str]]:
-        authority, speed = ControlAuthority.of(vessel), self.speed_mps[-1] + 2 * self.gust_mps[-1]
+        authority, speed, push = ControlAuthority.of(vessel), self._strongest_mps, self.side_force_n(vessel)
         angle = np.linspace(0, np.pi, 181)
         forces = wind_force(self, -speed * np.cos(angle), speed * np.sin(angle))
-        along, push, moment = np.abs(forces[:, 0]).max(), np.abs(forces[90, 1]), np.abs(forces[:, 2]).max()
+        along, _, moment = np.abs(forces).max(axis=0)
         gusts = " (the mean and two standard deviations of the gusts)" if self.gust_mps != OFF else ""
         messages = []
         if push > authority.side_force_n or moment > authority.yaw_moment_nm:
-            drift = authority.drift(float(push))
+            drift = authority.drift(push)
             messages.append(
                 f"wind of {speed:g} m/s{gusts} on the beam pushes with {push:.0f} N; the vessel has"
                 f" {authority.side_force_n:.0f} N sideways. It drifts at {drift:.3f} m/s, keeps its track"

@@ -150,6 +150,15 @@ def test_wind_beyond_the_control_authority_is_noted_with_its_place() -> None:
     assert "29°" in note
 
 
+def test_wind_and_current_that_exceed_the_control_authority_only_together_are_noted() -> None:
+    """The wind pushes with 20.7 N; the drag of Table 3.1 is 20.8 N."""
+    wind, current = "wind: {speed_mps: 5, direction_deg: 0}", "current: {speed_mps: 0.05, direction_deg: 0}"
+    assert notes(scenario(wind)) == notes(scenario(current)) == []
+    (note,) = notes(scenario(f"{wind}, {current}"))
+    drag = (VESSEL.Y_v_kgps + VESSEL.Y_vv_kgpm * 0.05) * 0.05
+    assert f"{1.224 / 2 * 25 * 1.5 * 0.9 + drag:.0f} N" in note and "25 N" in note
+
+
 def test_control_authority_of_the_thesis_boat() -> None:
     authority = ControlAuthority.of(VESSEL)
     assert authority.top_speed_mps == pytest.approx(0.4119, abs=1e-4)
