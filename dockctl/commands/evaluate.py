@@ -30,7 +30,7 @@ from dockctl.commands.options import (
 )
 from dockctl.console import make_table, numeric, print_table, print_text
 from dockctl.runs.files import require_writable_file, write_atomically
-from dockctl.runs.tables import EVALUATION, START_KINDS, all_columns, to_csv
+from dockctl.runs.tables import START_KINDS
 
 if TYPE_CHECKING:
     from dockctl.evaluation.evaluate import Evaluation
@@ -108,8 +108,7 @@ def evaluate(
             record=bool(folder),
             on=on,
         )
-    rows = result.rows()
-    table = to_csv(rows, all_columns(EVALUATION, rows))
+    table = result.csv()
     if csv:
         write_atomically(csv, table.encode())
     if json_:

@@ -17,7 +17,8 @@ from dockctl.evaluation.rollout import Episode, Rollout
 from dockctl.evaluation.starts import checked_starts, evaluation_starts, testing_starts, trajectory_starts
 from dockctl.run_files import EVALUATION
 from dockctl.runs.results import setting_names
-from dockctl.runs.tables import START_KEYS, Value
+from dockctl.runs.tables import EVALUATION as EVALUATION_COLUMNS
+from dockctl.runs.tables import START_KEYS, Value, all_columns, to_csv
 from dockctl.scenarios.base import Pose
 from dockctl.scenarios.schema import Scenario
 from dockctl.sim.starts import Start, own_site
@@ -83,6 +84,11 @@ class Evaluation:
         import pandas as pd  # slow to import
 
         return pd.DataFrame(self.rows())
+
+    def csv(self) -> str:
+        """Return `table` as text."""
+        rows = self.rows()
+        return to_csv(rows, all_columns(EVALUATION_COLUMNS, rows))
 
     def rows(self) -> list[dict[str, Value]]:
         """Return the rows of `table`."""

@@ -21,8 +21,6 @@ from dockctl.runs.files import (
     writing,
 )
 from dockctl.runs.results import require_same_policy, setting_names, write_measurement
-from dockctl.runs.tables import EVALUATION as EVALUATION_COLUMNS
-from dockctl.runs.tables import all_columns, to_csv
 
 
 @dataclass(frozen=True)
@@ -137,7 +135,5 @@ def record(policy: LoadedPolicy) -> Path:
     result = evaluate(policy, record=True)
     if result.recording:
         result.recording.write(folder)
-    rows = result.rows()
-    table = to_csv(rows, all_columns(EVALUATION_COLUMNS, rows))
-    write_measurement(folder / EVALUATION, table, result.as_json())
+    write_measurement(folder / EVALUATION, result.csv(), result.as_json())
     return folder
