@@ -23,7 +23,7 @@ from numpy.typing import NDArray
 from trimesh.ray.ray_pyembree import RayMeshIntersector
 
 from dockctl.compute import workers
-from dockctl.geometry import Floats
+from dockctl.geometry import Floats, nearest_in_sectors
 from dockctl.scenarios.loader import load
 from dockctl.sim.lidar import spinning_sensor as lidar_module
 from dockctl.sim.lidar.shell_table import needed_radii
@@ -49,7 +49,7 @@ def embree_scanner(lidar: SpinningSensor) -> Callable[[Floats], Floats]:
     """
     corners = lidar.triangles.reshape(-1, 3)
     mesh = trimesh.Trimesh(corners, np.arange(len(corners)).reshape(-1, 3), process=False)
-    intersector, rays, sectors = RayMeshIntersector(mesh, scale_to_box=False), lidar.rays, lidar.spec.sectors
+    intersector, rays = RayMeshIntersector(mesh, scale_to_box=False), lidar.rays
     intersector.intersects_first([[0.0, 0.0, 50.0]], [[0.0, 0.0, -1.0]])  # builds the scene
 
     def scan(pose: Floats) -> Floats:
@@ -60,11 +60,7 @@ def embree_scanner(lidar: SpinningSensor) -> Callable[[Floats], Floats]:
         distance = intersector._scene.run(origins, directions, query="DISTANCE")
         seen = distance <= rays.reach
         body = rays.origins[seen] + distance[seen, None] * rays.directions[seen]
-        azimuth = np.arctan2(body[:, 1], body[:, 0])
-        bins = np.minimum(((azimuth + np.pi) / (2 * np.pi) * sectors).astype(int), sectors - 1)
-        ranges = np.full(sectors, lidar.spec.range_m)
-        np.minimum.at(ranges, bins, np.hypot(body[:, 0], body[:, 1]))
-        return ranges
+        return nearest_in_sectors(body, lidar.spec.sectors, lidar.spec.range_m)
 
     return scan
 

@@ -53,7 +53,7 @@ class Grid:
             abs(angle) <= MAX_HEADING_DEG for angle in angles
         ):
             raise DockctlError(
-                f"heading offsets {angles}: must differ and be within ±{MAX_HEADING_DEG:g}°",
+                f"heading offsets {angles}: must be different directions, within ±{MAX_HEADING_DEG:g}°",
                 code="out_of_range",
             )
         if (count := len(angles) * len(self.positions_m) ** 2) > MAX_STARTS:

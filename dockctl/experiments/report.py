@@ -163,7 +163,7 @@ def _study_or_comparison(path: Path) -> Page:
         return study_page(study.title or study.name, path, trials)
     problem = "is none of these" if path.exists() else "no such file or folder"
     expected = "a run folder, the results of a study, or the file of dockctl compare --json"
-    raise DockctlError(f"{path}: {problem}: {expected}", code="not_found")
+    raise DockctlError(f"{path}: {problem}; expected {expected}", code="not_found")
 
 
 def _study(folder: Path) -> Study:

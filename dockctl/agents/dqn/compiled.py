@@ -181,7 +181,7 @@ class CompiledSteps:
         return actions
 
     def moments(self) -> dict[str, NDArray[Any]]:
-        """Return the moments and the count of steps, with the names of `checkpoint.optimizer_tensors`."""
+        """Return the moments and the count of steps, with the names of `tensors.optimizer_tensors`."""
         return {name: array.copy() for name, array in self._moments.items()}
 
     def load_moments(self, tensors: Tensors) -> None:

@@ -634,6 +634,7 @@ function theme(name) {
   const dark = name === "dark";
   const air = new THREE.Color(dark ? "#0d1822" : "#c4dbe6");
   scene.background = scene.fog.color = air;
+  renderer.setClearColor(air); // around the tiles
   water.material.color.set(dark ? "#2b5f80" : "#4f93ad");
   sky.color.set(dark ? "#5a7fa6" : "#ffffff");
   sky.groundColor.set(dark ? "#33495c" : "#7fa3b4");

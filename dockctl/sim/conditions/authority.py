@@ -38,10 +38,11 @@ class ControlAuthority:
 
     def crab(self, drift_mps: float) -> str:
         """Return in words the angle between heading and track at top speed, with a drift across the track."""
+        top_speed = f"at its top speed of {self.top_speed_mps:.2f} m/s"
         if drift_mps >= self.top_speed_mps:
-            return f"no heading at its top speed of {self.top_speed_mps:.2f} m/s"
+            return f"cannot keep its track {top_speed}"
         angle = math.degrees(math.asin(drift_mps / self.top_speed_mps))
-        return f"{angle:.0f}° of crab at its top speed of {self.top_speed_mps:.2f} m/s"
+        return f"keeps its track with {angle:.0f}° of crab {top_speed}"
 
 
 def _terminal_speed(linear: float, quadratic: float, force: float) -> float:

@@ -54,8 +54,7 @@ class Current(Condition):
             (
                 "speed_mps",
                 f"holding the boat across a current of {speed:g} m/s{variation} takes {push:.0f} N sideways;"
-                f" the vessel has {authority.side_force_n:.0f} N, and keeps its track with"
-                f" {authority.crab(speed)}",
+                f" the vessel has {authority.side_force_n:.0f} N, and {authority.crab(speed)}",
             )
         ]
 

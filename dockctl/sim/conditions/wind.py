@@ -73,8 +73,8 @@ class Wind(Condition):
             drift = authority.drift(push)
             messages.append(
                 f"wind of {speed:g} m/s{gusts} on the beam pushes with {push:.0f} N; the vessel has"
-                f" {authority.side_force_n:.0f} N sideways. It drifts at {drift:.3f} m/s, keeps its track"
-                f" with {authority.crab(drift)}, and the wind takes {moment / authority.yaw_moment_nm:.0%}"
+                f" {authority.side_force_n:.0f} N sideways. It drifts at {drift:.3f} m/s,"
+                f" {authority.crab(drift)}, and the wind takes {moment / authority.yaw_moment_nm:.0%}"
                 " of the yaw moment"
             )
         if along > vessel.max_propeller_n:
