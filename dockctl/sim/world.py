@@ -14,7 +14,7 @@ import numpy as np
 from dockctl.compute import on_all_cores, shared
 from dockctl.drawing.scene import Scene
 from dockctl.errors import InputError
-from dockctl.geometry import Bools, Floats, pose_array, pose_label, to_world
+from dockctl.geometry import Bools, Floats, pose_array, pose_label, read_only, to_world
 from dockctl.plugins import RANGE_SENSORS, Guard
 from dockctl.scenarios.base import Pose
 from dockctl.scenarios.extensions import RangeNoise, RangeSensor, RangeSensorSpec
@@ -172,10 +172,8 @@ def build_sensor(harbor: Harbor, lidar: RangeSensorSpec) -> RangeSensor:
     Raises:
         PluginError: the sensor is a plugin's, and fails.
     """
-    surface = harbor.triangles.view()
-    surface.flags.writeable = False  # others use the array, too
     with Guard(RANGE_SENSORS, lidar.kind):
-        return lidar.build(surface)
+        return lidar.build(read_only(harbor.triangles))  # others use the array, too
 
 
 def scan_points(sensor: RangeSensor, kind: str, pose: Floats, every: int = 1) -> Floats:

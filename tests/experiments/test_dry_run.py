@@ -308,6 +308,16 @@ def test_a_sensor_whose_points_cannot_be_drawn(tmp_path: Path) -> None:
     assert not (tmp_path / "out").exists()
 
 
+def test_a_condition_may_report_more_than_the_range_of_the_sensor(tmp_path: Path) -> None:
+    path = tmp_path / "mine.py"
+    plugin(path, "condition")
+    bias = "    def reported_ranges(self, ranges, rows, range_m): return ranges + 0.1\n"
+    path.write_text(
+        path.read_text().replace("class Water(Disturbance):\n", f"class Water(Disturbance):\n{bias}")
+    )
+    dry_run(load("s1", overrides=[SELECTED["condition"]], plugin_files=[path]))
+
+
 def test_an_algorithm_that_fails_later_is_one_error_that_names_it(tmp_path: Path) -> None:
     path = tmp_path / "mine.py"
     lines = plugin(path, "algorithm", learn="yield {'loss': 1.0} if env_steps < 40 else {}")
