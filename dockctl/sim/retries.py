@@ -1,4 +1,4 @@
-"""Starts that are tried again, in the same weather, because their episode failed."""
+"""Starts that are tried again because their episode failed."""
 
 from __future__ import annotations
 
@@ -33,11 +33,6 @@ class FailedStarts:
         self._fraction = fraction
         self._current: list[Start | None] = [None] * boats
         self._queues = [deque[Start](maxlen=KEPT) for _ in range(boats)]
-
-    @property
-    def repeats(self) -> bool:
-        """Whether failed starts are repeated."""
-        return self._fraction > 0
 
     def begin(self, boats: Ints, starts: Sequence[Start]) -> None:
         """Note how episodes of these boats (k,) start."""

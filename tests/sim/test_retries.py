@@ -83,25 +83,6 @@ def test_an_environment_retries_the_starts_of_failed_episodes_only_in_training()
         assert kinds == [{"retried" if exploring else "pose"}] * 2
 
 
-def test_a_retried_start_meets_the_same_weather() -> None:
-    overrides = (
-        "training.retried_starts={fraction: 1}", "training.exploring_starts=null", "task.max_steps=3",
-        "conditions.current={speed_mps: [0, 0.1], direction_deg: [0, 360], variation_mps: 0.02}",
-    )  # fmt: skip
-    env = DockingVectorEnv(load_checked("s1", overrides=overrides), 2, exploring=True)
-    env.reset(seed=0)
-    drawn, currents = [], []
-    for _ in range(3):
-        for _ in range(3):
-            *_, info = env.step(np.array([38, 38]))
-        last = info["final_info"]
-        drawn.append(last["conditions"]["current_direction_deg"])
-        currents.append(last["current"])
-    assert np.array_equal(drawn, [drawn[0]] * 3)
-    assert np.array_equal(currents, [currents[0]] * 3)
-    assert drawn[0][0] != drawn[0][1]
-
-
 def test_the_state_of_another_number_of_boats_is_refused() -> None:
     with pytest.raises(ValueError, match="boats"):
         FailedStarts(2, 0.3).restore(FailedStarts(3, 0.3).state())
