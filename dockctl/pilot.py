@@ -15,25 +15,20 @@ good inputs continues.
 
 from __future__ import annotations
 
-import io
 import math
 import re
-import zipfile
 from collections import deque
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass, field
-from functools import partial
 from pathlib import Path
-from typing import Any, Protocol
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from dockctl.dueling import Ensemble
 from dockctl.errors import DockctlError
 from dockctl.geometry import MAX_SECTORS, Floats, nearest_in_sectors, proximities
-from dockctl.onnx_networks import DESCRIPTION, OnnxNetworks, description, open_session
-from dockctl.reading import FOREIGN, parse_json, read_bytes
+from dockctl.policy_files import INCOMPLETE, Networks, not_a_policy, read_policy_file
 from dockctl.sim.goal import (
     TO_FINAL,
     TO_INTERMEDIATE,
@@ -45,8 +40,6 @@ from dockctl.sim.goal import (
     water_velocity,
 )
 
-FORMAT = 1
-MAX_FILE_BYTES = 2**31
 PARTS = frozenset(
     {
         "phase", "distance", "heading_error", "velocity", "command", "lidar", "proximity", "bearing",
@@ -130,20 +123,6 @@ class Decision:
     q_values: NDArray[np.float32] | None = None
 
 
-class Networks(Protocol):
-    """Computes action values: an `Ensemble`, or an ONNX model."""
-
-    @property
-    def sizes(self) -> tuple[int, int]:
-        """Length of an observation, and number of actions."""
-
-    def q_values(self, observation: NDArray[np.float32]) -> NDArray[np.float32]:
-        """Return the action values (n, actions) of observations (n, observation_size)."""
-
-    def greedy(self, observation: NDArray[np.float32], q_values: NDArray[np.float32]) -> NDArray[np.int64]:
-        """Return the actions (n,) of observations and their action values."""
-
-
 class _Unusable(Exception):
     """Why an input cannot be used."""
 
@@ -221,29 +200,12 @@ class Pilot:
             DockctlError: the file is missing, damaged, or of another kind; a pose is not three numbers; ONNX
                 Runtime is not installed.
         """
-        option, read = ("--onnx", _onnx_model) if Path(file).suffix == ".onnx" else ("--pilot", _ensemble)
+        facts, networks = read_policy_file(Path(file))
         try:
-            content = read_bytes(Path(file), MAX_FILE_BYTES)
-            text, networks_of = read(content)
-        except ImportError:
-            message = f"{file}: needs ONNX Runtime; install it with: pip install onnxruntime"
-            raise DockctlError(message, code="unavailable") from None
-        except (*FOREIGN, AttributeError, MemoryError, RuntimeError, zipfile.BadZipFile) as error:
-            message = f"{file}: not a file of 'dockctl export {option}', or damaged: {error}"
-            raise DockctlError(message, code="not_readable") from None
-        try:
-            facts = parse_json(text)
-            if facts["format"] != FORMAT:
-                raise ValueError(f"format {facts['format']}, expected {FORMAT}")
-            networks = networks_of(facts)
-            described = len(facts["observation"]), len(facts["commands"])
-            if networks.sizes != described:
-                raise ValueError(f"the network has sizes {networks.sizes}, its description {described}")
             goals = np.stack([_pose(facts["goals"][name]) for name in ("intermediate", "final")])
             pilot = cls(facts, networks, goals, checks or Checks())
-        except (*FOREIGN, ArithmeticError, AttributeError, IndexError) as error:
-            message = f"{file}: does not describe a policy: {type(error).__name__}: {error}"
-            raise DockctlError(message, code="not_readable") from None
+        except INCOMPLETE as error:
+            raise not_a_policy(file, error) from None
         if intermediate is not None and final is None:
             raise DockctlError("an intermediate pose needs the final pose, too", code="missing_key")
         if final is not None:
@@ -450,38 +412,6 @@ class Pilot:
             **dict(zip(("water_x", "water_y"), water, strict=True)),
             **{column: x for name in flows for column, x in zip(FLOWS[name], flows[name], strict=True)},
         }
-
-
-NetworksOf = Callable[[Mapping[str, Any]], Networks]
-"""Makes the networks of a file from the facts of its description."""
-
-
-def _ensemble(content: bytes) -> tuple[str, NetworksOf]:
-    """Return the description in a file of ``--pilot``, and what makes its networks."""
-    arrays = _arrays(content)
-    text = str(arrays.pop(DESCRIPTION))
-
-    def networks(_: Mapping[str, Any]) -> Ensemble:
-        if not all(np.isfinite(array).all() for array in arrays.values()):
-            raise ValueError("the weights contain NaN or infinity")
-        return Ensemble.of(arrays)
-
-    return text, networks
-
-
-def _onnx_model(content: bytes) -> tuple[str, NetworksOf]:
-    """Return the description in a file of ``--onnx``, and what makes its networks."""
-    session = open_session(content)
-    return description(session), partial(OnnxNetworks, session)
-
-
-def _arrays(content: bytes) -> dict[str, NDArray[Any]]:
-    """Return the arrays of an uncompressed .npz file, which takes no more memory than its bytes."""
-    with zipfile.ZipFile(io.BytesIO(content)) as archive:
-        if sum(member.file_size for member in archive.infolist()) > len(content):
-            raise ValueError("it is compressed")
-    with np.load(io.BytesIO(content)) as file:
-        return {name: file[name] for name in file.files}
 
 
 def _pose(given: ArrayLike | None) -> Floats:

@@ -24,8 +24,9 @@ from dockctl.errors import DockctlError
 from dockctl.evaluation.policies import CheckpointPolicy, load_checkpoint
 from dockctl.geometry import pose_array
 from dockctl.onnx_networks import ACTION, DESCRIPTION, Q_VALUES
-from dockctl.pilot import FORMAT, PARTS
+from dockctl.pilot import PARTS
 from dockctl.plugins import OBSERVATION_PARTS, PACKAGE_ORIGIN
+from dockctl.policy_files import FORMAT
 from dockctl.runs.files import require_writable_file, write_atomically
 from dockctl.scenarios.schema import Scenario, Tolerance
 from dockctl.sim.vessel import VesselModel
