@@ -338,6 +338,6 @@ def test_an_environment_with_another_number_of_boats_is_refused(tmp_path: Path) 
     spaces = Spaces.from_env(environment)
     algorithm = training.algorithm.build(spaces, training, "cpu")
     run = RunDirectory.create(tmp_path, "toy", 0)
-    with pytest.raises(DockctlError, match=r"num_envs=2\b.*training\.boats\b.*\b3") as caught:
+    with pytest.raises(DockctlError, match=r"training\.boats") as caught:
         Trainer(algorithm, training, environment, run, make_card(spaces, training))
     assert caught.value.code == "mismatch"

@@ -104,7 +104,7 @@ def test_interrupted_resumed_finished_and_extended(tmp_path: Path, monkeypatch: 
     before = {path: path.read_bytes() for path in run.rglob("*") if path.is_file()}
     shorter = dockctl("train", "--resume", run, "--steps", 149)
     assert (shorter.code, shorter.error_code) == (2, "out_of_range")
-    assert "150 steps" in shorter.err
+    assert str(run) in shorter.err and "150" in shorter.err
     assert {path: path.read_bytes() for path in run.rglob("*") if path.is_file()} == before
 
     resumed = dockctl("train", "--resume", run)
@@ -220,7 +220,7 @@ def test_a_name_that_is_too_long_is_an_error(
 def test_a_resumed_run_keeps_its_own_settings(trained: Trained) -> None:
     outcome = dockctl("train", "s2", "--resume", trained[0], "--seed", 0, "--out", "x")
     assert outcome.code == 2
-    assert "SCENARIO, --seed, --out" in outcome.err
+    assert all(option in outcome.err for option in ("SCENARIO", "--seed", "--out"))
 
 
 @pytest.mark.parametrize("broken", ["policy.json", "learner.safetensors"])

