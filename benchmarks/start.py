@@ -18,6 +18,7 @@ from pathlib import Path
 
 import bench
 
+from dockctl.run_files import UPDATES_CSV
 from dockctl.scenarios.loader import load
 
 WARM_S = {"s3": 3, "marina": 8}
@@ -36,7 +37,7 @@ def seconds_to_first_update(scenario: str, caches: Path) -> float:
         process = subprocess.Popen(
             command, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL, env=environment
         )
-        while not any(table.stat().st_size for table in Path(out).glob("*/*/updates.csv")):
+        while not any(table.stat().st_size for table in Path(out).glob(f"*/*/{UPDATES_CSV}")):
             if process.poll() is not None:
                 raise RuntimeError(f"{scenario}: the training ended before its first gradient step")
             time.sleep(0.01)

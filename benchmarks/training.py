@@ -28,6 +28,7 @@ import pandas as pd
 import psutil
 
 from dockctl.experiments.interrupt import INTERRUPTED
+from dockctl.run_files import EVALUATIONS_CSV, PROVENANCE, TIMING_CSV
 
 POLL_S = 0.2
 ENOUGH = 0.99  # of the marina's validation starts
@@ -69,9 +70,9 @@ def train(scenario: str, seed: int, out: Path) -> dict[str, Any]:
         process.wait()
     if process.returncode not in (0, INTERRUPTED):
         raise subprocess.CalledProcessError(process.returncode, command)
-    (provenance,) = out.glob("*/*/provenance.json")
+    (provenance,) = out.glob(f"*/*/{PROVENANCE}")
     stop_reason = json.loads(provenance.read_text(encoding="utf-8"))["stop_reason"]
-    timing = pd.read_csv(next(out.glob("*/*/timing.csv")))
+    timing = pd.read_csv(next(out.glob(f"*/*/{TIMING_CSV}")))
     learning = timing[timing["env_steps"].between(*LEARNING)].diff().sum()
     rate = float(learning["env_steps"] / learning["wall_s"]) if learning["wall_s"] else None
     return {
@@ -89,7 +90,7 @@ def train(scenario: str, seed: int, out: Path) -> dict[str, Any]:
 
 def docked_share(out: Path) -> float:
     """Return the share of its validation starts that the latest validated policy docked from, or 0."""
-    found = [*out.glob("*/*/evaluations.csv")]
+    found = [*out.glob(f"*/*/{EVALUATIONS_CSV}")]
     table = pd.read_csv(found[0], usecols=["env_steps", "start_kind", "outcome"]) if found else pd.DataFrame()
     if table.empty or (starts := table[table["start_kind"] != "pose"]).empty:
         return 0.0
