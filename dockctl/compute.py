@@ -32,7 +32,7 @@ Result = TypeVar("Result")
 CACHE_BYTES = 4_000_000_000
 """Limit of the size of all cached tables on disk."""
 UNUSED_BYTES = 512_000_000
-"""Limit of the results of `shared` functions that are kept although nothing uses them, all together."""
+"""Limit of the total size of unused results of `shared` functions that are kept."""
 log = logging.getLogger(__name__)
 
 
@@ -44,7 +44,7 @@ def usable_cores() -> int:
 
 _WORKERS: list[ThreadPoolExecutor] = []
 _BACKGROUND: list[Callable[[], None]] = []
-"""What was given to `in_background` and has not begun."""
+"""Functions given to `in_background` that have not started."""
 
 
 def workers() -> ThreadPoolExecutor:
@@ -62,7 +62,7 @@ def workers() -> ThreadPoolExecutor:
 def on_all_cores(function: Callable[[T], object], items: Iterable[T]) -> None:
     """Call a function, which releases the GIL, with each item; this thread and the pool share the items.
 
-    The function may use all cores itself: what the pool has not begun of that, it does in its own thread.
+    The function may itself use all cores: it runs tasks that the pool has not started in its own thread.
     """
     items = list(items)
     remaining = iter(items)  # the iterator of a list may be used by several threads
@@ -182,7 +182,7 @@ def _digest(folder: Path) -> str:
 
 
 _recent: dict[tuple[object, ...], tuple[object, int]] = {}
-"""The results of `shared` functions that are kept, and their sizes; the last one was used last."""
+"""Results of `shared` functions that are kept, with their sizes, the least recently used first."""
 
 
 def shared(size: Callable[[Any], int]) -> Callable[[Callable[P, T]], Callable[P, T]]:

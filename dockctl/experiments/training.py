@@ -216,7 +216,7 @@ def _facts(run: RunDirectory) -> dict[str, Any]:
         return run.read_json(PROVENANCE)
     except DockctlError as error:
         least = json.dumps({"finished": None, "stop_reason": None})
-        message = f"{error.message}; to resume from the checkpoint, restore it or let it be {least}"
+        message = f"{error.message}; to resume from the checkpoint, restore it, or replace it with {least}"
         raise DockctlError(message, code=error.code) from None
 
 
