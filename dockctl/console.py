@@ -136,12 +136,16 @@ def _fitted(table: Table, width: int) -> Table:
 
 
 def _widths(table: Table) -> list[tuple[int, int]]:
-    """Return the width of the longest word and line of each column; both of the line if it cannot wrap."""
+    """Return the width of the longest word and line of each column; both of the line if it cannot wrap.
+
+    A column with `min_width` may break the words that are longer.
+    """
     spans = []
     for column in table.columns:
         cells = [Measurement.get(WIDE, WIDE.options, cell) for cell in (column.header, *column.cells)]
         high = max(cell.maximum for cell in cells)
-        spans.append((high if column.no_wrap else max(cell.minimum for cell in cells), high))
+        low = high if column.no_wrap else max(cell.minimum for cell in cells)
+        spans.append((min(low, column.min_width or low), high))
     return spans
 
 

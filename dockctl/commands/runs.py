@@ -64,9 +64,10 @@ def _list(root: Path, json_: Json) -> None:
         print_text(Console(), f"no runs in {root}; `dockctl train` makes one")
         return
     steps, success, size = numeric("steps", "success", "MB")
-    table = make_table(
-        Column("run", overflow="fold"), "name", "scenario", "state", steps, success, "tags", size
+    name, scenario, tags = (
+        Column(each, overflow="fold", min_width=15) for each in ("name", "scenario", "tags")
     )
+    table = make_table(Column("run", overflow="fold"), name, scenario, "state", steps, success, tags, size)
     for run in found:
         table.add_row(*map(Text, _cells(run, root)))  # a name may look like markup
     table.columns = [column for column in table.columns if any(column.cells)]

@@ -168,3 +168,14 @@ def test_paths_are_whole_in_a_narrow_terminal(
     outcome = dockctl("runs", action, "--root", root)
     assert "finished-and" in outcome.out
     assert "…" not in outcome.out
+
+
+@pytest.mark.parametrize("width", [60, 80])
+def test_long_names_fit_into_a_narrow_terminal(
+    width: int, root: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    change(root / "s1/finished", name="Ω" * 70, tags=["Ж" * 55])
+    monkeypatch.setenv("COLUMNS", str(width))
+    text = dockctl("runs", "--root", root).out
+    assert max(map(len, text.splitlines())) <= width
+    assert (text.count("Ω"), text.count("Ж")) == (70, 55)
