@@ -13,7 +13,7 @@ from dataclasses import replace
 from typing import Self
 
 from rich import box
-from rich.console import Console
+from rich.console import Console, RenderableType
 from rich.measure import Measurement
 from rich.table import Column, Table
 from rich.text import Text
@@ -89,7 +89,8 @@ def print_text(console: Console, text: str, style: str = "") -> None:
 def print_table(console: Console, table: Table) -> None:
     """Print a table if it has rows; one that is too wide is printed in parts, each with the first column.
 
-    Words longer than a line, such as paths, stay whole, as in `print_text`: the terminal breaks them.
+    Columns that do not fit beside the first one are printed last, as lines below its cells. Words longer than
+    a line, such as paths, stay whole, as in `print_text`: the terminal breaks them.
     Cells of type `str` are markup; text from others is of type `Text`, with control characters as codes.
     """
     for cell in (cell for column in table.columns for cell in column.cells if isinstance(cell, Text)):
@@ -97,16 +98,41 @@ def print_table(console: Console, table: Table) -> None:
     if not table.rows:
         return
     first, *others = table.columns
-    parts: list[list[Column]] = [[]]
+    parts: list[list[Column]] = []
+    below: list[Column] = []
     for column in others:
-        if parts[-1] and _least_width(_part(table, [first, *parts[-1], column])) > console.width:
-            parts.append([])
-        parts[-1].append(column)
-    for number, columns in enumerate(parts):
+        if _least_width(_part(table, [first, column])) > console.width:
+            below.append(column)
+        elif parts and _least_width(_part(table, [first, *parts[-1], column])) <= console.width:
+            parts[-1].append(column)
+        else:
+            parts.append([column])
+    for number, columns in enumerate(parts if others else [[]]):
         part = _part(table, [first, *columns])
         if number:
             part.title = None
         console.print(_fitted(part, console.width), crop=False)
+    if below:
+        if not parts and table.title:
+            console.print(table.title, style="table.title")
+        _print_below(console, first, below)
+
+
+def _print_below(console: Console, first: Column, others: Sequence[Column]) -> None:
+    """Print each cell of the first column, and below it those of the others with their names."""
+    indent = 2 + max(len(str(column.header)) for column in others)
+    for title, *cells in zip(*(column.cells for column in (first, *others)), strict=True):
+        console.print(_text(title), soft_wrap=True)
+        for column, cell in zip(others, map(_text, cells), strict=True):
+            width, breaking = max(1, console.width - indent), column.min_width is not None
+            lines = textwrap.wrap(cell.plain, width, break_long_words=breaking, break_on_hyphens=False)
+            for name, line in zip((str(column.header), *[""] * len(lines)), lines, strict=False):
+                console.print(Text(f" {name}".ljust(indent)).append(line, cell.style), soft_wrap=True)
+    console.print()
+
+
+def _text(cell: RenderableType) -> Text:
+    return cell if isinstance(cell, Text) else Text.from_markup(str(cell))
 
 
 def _part(table: Table, columns: Sequence[Column]) -> Table:

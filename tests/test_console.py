@@ -61,6 +61,34 @@ def test_paths_stay_whole() -> None:
     assert all(len(line) <= 40 for line in lines if "marina" in line and path not in line)
 
 
+def test_a_column_that_does_not_fit_beside_the_first_is_printed_below_its_cells() -> None:
+    table = make_table("name", "kind", "source", "parameters", title="vessels")
+    table.add_row("workboat-of-a-yard", "3-DOF", "vessels/workboat-of-a-yard.yaml", "one=1, two=2")
+    table.add_row("launch", "", "vessels/launch.yaml", "")
+    stream = io.StringIO()
+    print_table(Console(file=stream, width=40), table)
+    lines = stream.getvalue().splitlines()
+    assert max(map(len, lines)) <= 40
+    assert [line.split() for line in lines if "source" in line or ".yaml" in line] == [
+        ["source", "vessels/workboat-of-a-yard.yaml"],
+        ["source", "vessels/launch.yaml"],
+    ]
+    for name in ("workboat-of-a-yard", "launch"):
+        assert lines[lines.index(name) + 1].split() == ["source", f"vessels/{name}.yaml"]
+    assert "3-DOF" in stream.getvalue() and "two=2" in stream.getvalue()
+
+
+def test_a_table_of_columns_that_do_not_fit_keeps_its_title_and_breaks_what_may_break() -> None:
+    table = make_table("run", Column("name", min_width=10), title="runs")
+    table.add_row("r" * 36, "n" * 50)
+    stream = io.StringIO()
+    print_table(Console(file=stream, width=40), table)
+    lines = stream.getvalue().splitlines()
+    assert lines[:2] == ["runs", "r" * 36]
+    assert max(map(len, lines)) <= 40
+    assert "".join("".join(lines[2:]).split()) == "name" + "n" * 50
+
+
 def test_a_table_without_rows_is_not_printed() -> None:
     stream = io.StringIO()
     print_table(Console(file=stream), make_table(title="policies"))

@@ -10,6 +10,7 @@ from pathlib import Path
 from typing import Literal
 
 import pytest
+from rich.text import Text
 from typer.testing import CliRunner
 
 from dockctl.cli import app
@@ -148,3 +149,15 @@ def test_a_class_without_a_docstring_is_not_described_by_that_of_its_base() -> N
 
     (row,) = (row for row in rows_of("conditions") if row[0] == "silent")
     assert row[2] == ""
+
+
+@pytest.mark.parametrize("listing", ["vessels", "harbors", "conditions"])
+def test_a_table_fits_into_40_columns(
+    listing: str, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.setattr(command.sys.stdout, "isatty", lambda: True, raising=False)
+    monkeypatch.setenv("COLUMNS", "40")
+    command._print({listing: list(rows_of(listing))})
+    printed = Text.from_ansi(capsys.readouterr().out).plain.splitlines()
+    assert len(printed) > 3
+    assert max(map(len, printed)) <= 40
