@@ -40,6 +40,10 @@ GIF_FPS, MP4_FPS = 10, 30
 HOLD_S = 1.5
 """How long the last frame is shown."""
 SHOWN_RANGE_M = 12.0
+MAX_ENTRIES = 24
+"""Entries of the legend at most; of more episodes the last entry is their number."""
+COLUMN_CHARACTERS = {3: 44, 2: 70}
+"""Characters of an entry that fit into a column, by the number of columns."""
 PANELS = (
     ("Distance to the goal [m]", "distance"),
     ("Propeller force [N]", "force"),
@@ -183,8 +187,8 @@ class _Video:
         canvas: Any = FigureCanvasAgg(self._figure)  # its methods have no types
         self._figure.text(0.02, 0.965, title, fontsize=12.5, fontweight="bold", va="top")
         grid = self._figure.add_gridspec(
-            len(PANELS), 2, left=0.055, right=0.985, top=0.865, bottom=0.075, hspace=0.5, wspace=0.13,
-            width_ratios=(1.75, 1.0),
+            len(PANELS), 2, left=0.055, right=0.985, top=self._legend(), bottom=0.075,
+            hspace=0.5, wspace=0.13, width_ratios=(1.75, 1.0),
         )  # fmt: skip
         self._moving: list[Artist] = []
         self._clock = self._add(self._figure.text(0.985, 0.965, "", fontsize=12.5, ha="right", va="top"))
@@ -229,11 +233,20 @@ class _Video:
             alpha = 1.0 if len(self._boats) == 1 else 0.8
             hull = Polygon(scene.hull, fc=boat.color, ec="white", lw=1.0, alpha=alpha, zorder=8)
             self._hulls.append(self._add(ax.add_patch(hull)))
+
+    def _legend(self) -> float:
+        """Write the legend in columns below the title; return the height of the figure that is left."""
         labels = [f"{boat.label}: {boat.ending}" for boat in self._boats]
         handles = [Line2D([], [], color=boat.color, lw=2.2) for boat in self._boats]
-        anchor: dict[str, Any] = {"loc": "lower left", "bbox_to_anchor": (-0.01, 1.0), "borderaxespad": 0.2}
-        if len(labels) <= 6:
-            ax.legend(handles, labels, ncols=min(3, len(labels)), fontsize=8, **anchor)
+        if len(labels) > MAX_ENTRIES:
+            labels[MAX_ENTRIES - 1 :] = [f"and {len(labels) - MAX_ENTRIES + 1} more"]
+            handles[MAX_ENTRIES - 1 :] = [Line2D([], [], lw=0)]
+        longest = max(map(len, labels))
+        columns = next((n for n in COLUMN_CHARACTERS if longest <= COLUMN_CHARACTERS[n]), 2)
+        texts = [_shortened(text, COLUMN_CHARACTERS[columns]) for text in labels]
+        style: dict[str, Any] = {"loc": "upper left", "bbox_to_anchor": (0.015, 0.925), "borderaxespad": 0}
+        self._figure.legend(handles, texts, ncols=columns, fontsize=8, borderpad=0, **style)
+        return 0.89 - 0.03 * -(-len(labels) // columns)
 
     def _panel(self, ax: Axes, title: str, key: str) -> list[Line2D]:
         """Draw the axes of a panel; return one growing line per boat."""
@@ -282,6 +295,12 @@ class _Video:
         flows = self._boats[0].flows
         now = {name: velocity[min(int(step), len(velocity) - 1)] for name, velocity in flows.items()}
         self._flows = [self._add(artist) for artist in plan_view.draw_flows(self._plan, now)]
+
+
+def _shortened(text: str, length: int) -> str:
+    """Return the text with at most `length` characters, without a part of the name, with which it begins."""
+    head = length // 3
+    return text if len(text) <= length else f"{text[:head]}…{text[head + 1 - length :]}"
 
 
 def _sector(ax: Axes) -> Wedge:

@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 import pytest
 from matplotlib.colors import to_rgb
+from matplotlib.figure import Figure
 from PIL import Image
 
 from dockctl.errors import DockctlError
@@ -80,6 +81,33 @@ def test_the_wind_turns_with_the_time(data: dict[str, Any]) -> None:
     data["episodes"][0]["arrays"]["wind"] = 5 * np.column_stack([np.cos(turning), np.sin(turning)])
     first, *_, last = corners()
     assert (first != last).any()
+
+
+@pytest.mark.parametrize(
+    ("count", "name"), [(1, "s3"), (7, "s3"), (8, "marinas" * 20), (40, "marina-smooth")]
+)
+def test_the_legend_names_the_episodes_and_covers_nothing(
+    count: int, name: str, data: dict[str, Any], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    figures: list[Figure] = []
+    monkeypatch.setattr(animation, "Figure", lambda **given: figures.append(Figure(**given)) or figures[0])
+    data["episodes"] = [
+        data["episodes"][0] | {"label": f"{name} ({i}, 0, 175°)", "color": f"#{i:02x}ff40"}
+        for i in range(count)
+    ]
+    next(frames(marina(), data, 5.0))
+    (legend,) = figures[0].legends
+    texts = [text.get_text() for text in legend.get_texts()]
+    named = min(count, animation.MAX_ENTRIES - (count > animation.MAX_ENTRIES))
+    assert all(f"({i}, 0, 175°): docked" in texts[i] for i in range(named))
+    assert all(text.startswith(name[:10]) for text in texts[:named])
+    colors = [line.get_color() for line in legend.get_lines()]
+    assert colors[:named] == [episode["color"] for episode in data["episodes"]][:named]
+    box, whole = legend.get_window_extent(), figures[0].bbox
+    assert box.x0 >= 0 and box.x1 <= whole.x1
+    below = [title for ax in figures[0].axes for title in (ax._left_title, ax)]  # type: ignore[attr-defined]
+    assert all(part.get_window_extent().y1 < box.y0 for part in below)
+    assert all(text.get_window_extent().y0 > box.y1 for text in figures[0].texts)
 
 
 def test_a_gif_repeats_all_frames(data: dict[str, Any], tmp_path: Path) -> None:
