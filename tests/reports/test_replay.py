@@ -208,6 +208,18 @@ def test_in_a_browser(browser: Any, played: Replay, tmp_path: Path) -> None:
 
 @pytest.mark.slow
 @pytest.mark.thorough  # a browser takes long to start
+def test_a_long_name_stays_in_its_tile(browser: Any) -> None:
+    browser.execute_script("replay.choose('layouts', 'layout', 'side by side')")
+    label, edge = browser.execute_script(
+        "const [label, edge] = document.getElementById('tiles').children;"
+        "label.textContent = 'marinas-weather-'.repeat(30);"
+        "return [label, edge].map((each) => each.getBoundingClientRect().toJSON())"
+    )
+    assert edge["left"] <= label["left"] and label["right"] <= edge["right"]
+
+
+@pytest.mark.slow
+@pytest.mark.thorough  # a browser takes long to start
 def test_a_long_list_of_episodes_leaves_the_view_free(browser: Any) -> None:
     browser.set_window_size(900, 700)
     covered = browser.execute_script(

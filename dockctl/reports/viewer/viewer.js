@@ -575,7 +575,7 @@ function drawTiles() {
   $("tiles").replaceChildren(...(layout.length < 2 ? [] : layout.flatMap(([left, top, width, height, index]) => {
     const label = document.createElement("span"), edge = document.createElement("i"), side = document.createElement("i");
     label.textContent = episodes[index].label;
-    Object.assign(label.style, { left: `${left}px`, top: `${top + height - 8}px`, borderLeft: `4px solid ${episodes[index].color}` });
+    Object.assign(label.style, { left: `${left}px`, top: `${top + height - 8}px`, maxWidth: `${width - 16}px`, borderLeft: `4px solid ${episodes[index].color}` });
     Object.assign(edge.style, { left: `${left}px`, top: `${top + height - 1}px`, width: `${width}px`, height: "2px" });
     Object.assign(side.style, { left: `${left + width - 1}px`, top: `${top}px`, width: "2px", height: `${height}px` });
     return [label, edge, side];
