@@ -22,8 +22,9 @@ from numpy.typing import NDArray
 from pydantic import AfterValidator, BeforeValidator, ConfigDict, Field, GetJsonSchemaHandler, PlainSerializer
 from pydantic_core import CoreSchema
 
+from dockctl.errors import PluginError
 from dockctl.geometry import MAX_SECTORS, Floats, Ints
-from dockctl.plugins import Registry
+from dockctl.plugins import Entry, Registry
 from dockctl.scenarios.base import Count, Length, Model
 from dockctl.scenarios.vessel import Vessel
 
@@ -61,10 +62,15 @@ def register(registry: Registry[type[Any]], *, group: str = "", source: str = ""
 
     Raises:
         DuplicateNameError: the name is taken.
+        PluginError: the class has no name.
     """
 
     def add(model: K) -> K:
-        registry.register(model.__pydantic_fields__["kind"].default, model, kind=group, source=source)
+        name = model.__pydantic_fields__["kind"].default
+        if not isinstance(name, str):
+            place = Entry("", model, group, source, "").place
+            raise PluginError(f"{model.__qualname__}: the field 'kind' needs a name as its default{place}")
+        registry.register(name, model, kind=group, source=source)
         return model
 
     return add

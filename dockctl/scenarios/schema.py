@@ -245,7 +245,10 @@ def _fitted(part: Part, registry: Registry[type[Any]], vessel: Vessel) -> Part:
         PluginError: it failed; pydantic would take some exceptions for errors of the user.
     """
     try:
-        return part.fitted(vessel)
+        fitted = part.fitted(vessel)
+        if not isinstance(fitted, ActionType | Condition):
+            raise TypeError(f"fitted returned {fitted!r}, expected the {registry.noun}")
+        return fitted
     except FieldError:
         raise
     except Exception as error:

@@ -219,6 +219,31 @@ def test_a_fault_is_located(part: str, changes: dict[str, str], fault: str | Non
     assert f"({path}:{number})" in str(caught.value)
 
 
+@pytest.mark.parametrize("part", ["actions", "condition", "sensor", "algorithm"])
+@pytest.mark.parametrize("field", ["kind: Literal['mine']", "kind: str", "name: str = 'mine'"])
+def test_a_class_without_a_default_of_kind_is_located(field: str, part: str, tmp_path: Path) -> None:
+    path = tmp_path / "mine.py"
+    plugin(path, part)
+    path.write_text(path.read_text().replace("kind: Literal['mine'] = 'mine'", field))
+    (decorator,) = [line for line in path.read_text().splitlines() if line.startswith("@register")]
+    number = 1 + path.read_text().splitlines().index(decorator)
+    with pytest.raises(PluginError, match=rf"mine\.py:{number}\)"):
+        load("s1", overrides=[SELECTED[part]], plugin_files=[path])
+
+
+@pytest.mark.parametrize(
+    ("part", "after"), [("condition", "= 'mine'\n"), ("actions", "def describe(self): return ''\n")]
+)
+def test_fitted_that_returns_something_else_is_located(part: str, after: str, tmp_path: Path) -> None:
+    path = tmp_path / "mine.py"
+    plugin(path, part)
+    path.write_text(path.read_text().replace(after, f"{after}    def fitted(self, vessel): pass\n"))
+    (decorator,) = [line for line in path.read_text().splitlines() if line.startswith("@register")]
+    number = 1 + path.read_text().splitlines().index(decorator)
+    with pytest.raises(PluginError, match=rf"mine\.py:{number}\)"):
+        load("s1", overrides=[SELECTED[part]], plugin_files=[path])
+
+
 @pytest.mark.parametrize("error", ["ValueError", "AssertionError"])
 @pytest.mark.parametrize(
     ("part", "after"), [("condition", "= 'mine'\n"), ("actions", "def describe(self): return ''\n")]
