@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike
 
-from dockctl.agents.algorithms import Dqn, algorithm_of, discrete_sizes
+from dockctl.agents.algorithms import AlgorithmSpec, Dqn, MemoryUse, algorithm_of, discrete_sizes
 from dockctl.agents.interface import Algorithm, Hysteretic, Mirrorable, Spaces, Step, Tensors
 from dockctl.dueling import Hysteresis, Mirror
 from dockctl.envs.hysteresis import action_hysteresis
@@ -31,6 +31,7 @@ from dockctl.plugins import (
     Registry,
 )
 from dockctl.scenarios.base import FieldError
+from dockctl.scenarios.extensions import ActionType
 from dockctl.scenarios.layouts import layouts
 from dockctl.scenarios.loader import LoadedScenario
 from dockctl.sim.conditions.lidar_faults import SectorError
@@ -80,8 +81,7 @@ def _in_open_water(loaded: LoadedScenario, boats: int) -> DockingVectorEnv:
 def _step(loaded: LoadedScenario) -> None:
     scenario = loaded.scenario
     lidar, env = scenario.sensors.lidar, _in_open_water(loaded, BOATS)
-    with Guard(ACTIONS, scenario.actions.kind):
-        scenario.actions.describe()
+    _require_described(ACTIONS, scenario.actions)
     for _ in range(STEPS):
         actions = env.action_space.sample()
         with Guard(ACTIONS, scenario.actions.kind):
@@ -92,9 +92,9 @@ def _step(loaded: LoadedScenario) -> None:
             scenario.conditions.values(), env.simulator.disturbances, strict=True
         ):
             with Guard(CONDITIONS, condition.kind):
-                condition.notes(scenario.vessel)
-                condition.side_force_n(scenario.vessel)
+                _require_notes(condition.notes(scenario.vessel))
                 hooks = (
+                    condition.side_force_n(scenario.vessel),
                     disturbance.water_velocity(),
                     disturbance.air_velocity(),
                     disturbance.force(env.simulator.eta.copy(), env.simulator.nu.copy()),
@@ -129,13 +129,37 @@ def _step(loaded: LoadedScenario) -> None:
     if scenario.training.hysteresis is not None:
         action_hysteresis(scenario, scenario.training.hysteresis)
     spec, spaces = algorithm_of(scenario.training), Spaces.from_env(env)
-    if isinstance(spec, Dqn):
+    _require_described(ALGORITHMS, spec)
+    with Guard(ALGORITHMS, spec.kind):
+        _require_memory_uses(spec.memory(spaces, scenario.training))
+    if type(spec) is Dqn:
         discrete_sizes(spaces)
     elif not spec.imports:  # a module that a scenario names is imported only to train
         _require_saved(loaded, spaces)
         with Guard(ALGORITHMS, spec.kind):
-            spec.describe()
             _learn(build_algorithm(loaded, spaces, BOATS, "cpu"), env)
+
+
+def _require_described(registry: Registry[Any], part: ActionType | AlgorithmSpec) -> None:
+    with Guard(registry, part.kind):
+        if not isinstance(text := part.describe(), str):
+            raise TypeError(f"describe returned {text!r}, expected text")
+
+
+def _require_notes(notes: Any) -> None:
+    for field, message in notes:
+        if not isinstance(field, str) or not isinstance(message, str):
+            raise TypeError(f"notes returned {notes!r}, expected a list of pairs of a field and a message")
+
+
+def _require_memory_uses(uses: Any) -> None:
+    for use in uses:
+        if (
+            not isinstance(use, MemoryUse)
+            or np.asarray(use.size).dtype.kind not in "iuf"
+            or not use.size >= 0
+        ):
+            raise TypeError(f"memory returned {uses!r}, expected a tuple of MemoryUse with a number of bytes")
 
 
 def _require_saved(loaded: LoadedScenario, spaces: Spaces) -> None:

@@ -19,7 +19,7 @@ KIND = """
 from typing import Literal
 import numpy as np
 from gymnasium.spaces import Discrete
-from dockctl.agents.algorithms import AlgorithmSpec
+from dockctl.agents.algorithms import AlgorithmSpec, Dqn, MemoryUse
 from dockctl.plugins import ACTIONS, ALGORITHMS, CONDITIONS, RANGE_SENSORS
 from dockctl.scenarios.extensions import ActionType, Condition, Disturbance, RangeSensorSpec, register
 """
@@ -49,6 +49,7 @@ class Mine(Condition):
     kind: Literal['mine'] = 'mine'
     def build(self, num_boats): return {build}
     def notes(self, vessel): return {notes}
+    def side_force_n(self, vessel): return {force}
 """,
     "sensor": KIND
     + """
@@ -77,6 +78,7 @@ class Learner:
 class Mine(AlgorithmSpec):
     kind: Literal['mine'] = 'mine'
     def describe(self): return {describe}
+    def memory(self, spaces, training): return {memory}
     def build(self, spaces, training, device): return {build}
     def load_policy(self, tensors, spaces, hidden_sizes): return None
 """,
@@ -93,6 +95,7 @@ GOOD = {
         "restore": "pass",
         "build": "Water()",
         "notes": "[]",
+        "force": "0.0",
     },
     "sensor": {
         "ranges": "np.ones((len(eta), 8))",
@@ -109,6 +112,7 @@ GOOD = {
         "state": "{'w': np.zeros(3)}, {'updates': 0}",
         "build": "Learner()",
         "describe": "''",
+        "memory": "()",
     },
 }
 SELECTED = {
@@ -151,11 +155,17 @@ FAULTS = [
     ("actions", {"commands": "None"}, None),
     ("actions", {"space": "None"}, None),
     ("actions", {"describe": "1 / 0"}, "1 / 0"),
+    ("actions", {"describe": "None"}, None),
     ("condition", {"build": "1 / 0"}, "1 / 0"),
     ("condition", {"reset": "1 / 0"}, "1 / 0"),
     ("condition", {"velocity": "1 / 0"}, "1 / 0"),
     ("condition", {"restore": "1 / 0"}, "1 / 0"),
     ("condition", {"notes": "1 / 0"}, "1 / 0"),
+    ("condition", {"notes": "None"}, None),
+    ("condition", {"notes": "'strong'"}, None),
+    ("condition", {"notes": "[('speed_mps', 3)]"}, None),
+    ("condition", {"force": "None"}, None),
+    ("condition", {"force": "float('nan')"}, None),
     ("condition", {"velocity": "float('nan')"}, None),
     ("condition", {"velocity": "np.zeros((1, 1))"}, None),
     ("condition", {"velocity": "None"}, None),
@@ -177,6 +187,11 @@ FAULTS = [
     ("sensor", {"build": "triangles.__iadd__(1)"}, "triangles.__iadd__(1)"),
     ("algorithm", {"build": "1 / 0"}, "1 / 0"),
     ("algorithm", {"describe": "1 / 0"}, "1 / 0"),
+    ("algorithm", {"describe": "3"}, None),
+    ("algorithm", {"memory": "1 / 0"}, "1 / 0"),
+    ("algorithm", {"memory": "None"}, None),
+    ("algorithm", {"memory": "(1000,)"}, None),
+    ("algorithm", {"memory": "(MemoryUse('replay', None, ''),)"}, None),
     ("algorithm", {"act": "1 / 0"}, "1 / 0"),
     ("algorithm", {"act": "np.zeros(len(observation))"}, None),
     ("algorithm", {"act": "np.full(len(observation), 77)"}, None),
@@ -217,6 +232,20 @@ def test_a_fault_is_located(part: str, changes: dict[str, str], fault: str | Non
     with pytest.raises(PluginError) as caught:
         dry_run(loaded)
     assert f"({path}:{number})" in str(caught.value)
+
+
+@pytest.mark.parametrize(("method", "result"), [("describe", "1 / 0"), ("build", "None")])
+def test_a_fault_of_an_algorithm_that_extends_dqn_is_located(
+    method: str, result: str, tmp_path: Path
+) -> None:
+    path, fault = tmp_path / "mine.py", f"    def {method}(self, *given): return {result}"
+    text = f"{KIND}@register(ALGORITHMS)\nclass Mine(Dqn):\n    kind: Literal['mine'] = 'mine'\n{fault}\n"
+    path.write_text(text)
+    wanted = fault if "/" in result else "@register(ALGORITHMS)"
+    number = 1 + text.splitlines().index(wanted)
+    loaded = load("s1", overrides=[SELECTED["algorithm"]], plugin_files=[path])
+    with pytest.raises(PluginError, match=rf"mine\.py:{number}\)"):
+        dry_run(loaded)
 
 
 @pytest.mark.parametrize("part", ["actions", "condition", "sensor", "algorithm"])
