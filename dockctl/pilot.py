@@ -19,7 +19,9 @@ import math
 import re
 from collections import deque
 from collections.abc import Mapping
+from contextlib import suppress
 from dataclasses import dataclass, field
+from numbers import Real
 from pathlib import Path
 from typing import Any
 
@@ -253,6 +255,7 @@ class Pilot:
         """
         self._steps += 1
         try:
+            now_s = _seconds(now_s)
             eta, nu, points = self._checked(now_s, pose, velocity, clouds)
             given = {"apparent_wind": apparent_wind, "through_water": through_water}
             flows = {name: self._vector(now_s, name, given[name], 2) for name in self.flows}
@@ -412,6 +415,19 @@ class Pilot:
             **dict(zip(("water_x", "water_y"), water, strict=True)),
             **{column: x for name in flows for column, x in zip(FLOWS[name], flows[name], strict=True)},
         }
+
+
+def _seconds(now_s: Any) -> float:
+    """Return the time as a number.
+
+    Raises:
+        _Unusable: it is something else, or not finite.
+    """
+    if not isinstance(now_s, bool) and isinstance(now_s, Real):
+        with suppress(OverflowError):
+            if math.isfinite(number := float(now_s)):
+                return number
+    raise _Unusable("now_s: not a finite number of seconds")
 
 
 def _pose(given: ArrayLike | None) -> Floats:

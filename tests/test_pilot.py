@@ -218,6 +218,34 @@ def test_bad_inputs_stop_the_boat(pilot: Pilot, name: str) -> None:
     assert after.observation is not None and after.observation[6:8].tolist() == [0, 0]  # of the stop
 
 
+NO_TIMES: list[Any] = [
+    "10.0",
+    None,
+    math.nan,
+    math.inf,
+    True,
+    np.True_,
+    [10.0],
+    np.array([10.0]),
+    10j,
+    10**400,
+]
+
+
+@pytest.mark.parametrize("now_s", NO_TIMES, ids=lambda value: str(value)[:8])
+def test_what_is_no_time_stops_the_boat(pilot: Pilot, now_s: Any) -> None:
+    assert not decide(pilot, 9.0).stop
+    decision = pilot.decide(now_s, Reading(10.0, AWAY), Reading(10.0, REST), {"bow": Reading(10.0, CLOUD)})
+    assert decision.stop.startswith("now_s")
+    assert (decision.propeller_n, decision.rudder_rad, decision.action) == (0, 0, None)
+    assert decide(pilot, 11.0).stop == ""
+
+
+@pytest.mark.parametrize("now_s", [10, np.float32(10.0), np.int64(10)])
+def test_a_time_is_any_real_number(pilot: Pilot, now_s: Any) -> None:
+    assert decide(pilot, now_s).stop == ""
+
+
 @pytest.fixture(scope="module")
 def weather(tmp_path_factory: pytest.TempPathFactory) -> Pilot:
     """A shipped policy that observes wind, the speed through the water, and earlier steps."""
