@@ -5,7 +5,6 @@ from __future__ import annotations
 import os
 import re
 import shlex
-from contextlib import suppress
 from dataclasses import dataclass
 from importlib.util import find_spec
 from keyword import iskeyword
@@ -16,7 +15,7 @@ from jinja2 import Environment, FileSystemLoader, StrictUndefined
 
 from dockctl.errors import DockctlError, nearest
 from dockctl.plugins import HARBORS, OBSERVATION_PARTS, POLICIES, REWARD_TERMS, SCENARIOS, VESSELS, Registry
-from dockctl.runs.files import make_folder, require_writable, writing
+from dockctl.runs.files import all_or_nothing, make_folder, require_writable, writing
 from dockctl.scenarios import catalog
 from dockctl.scenarios.base import NAME
 
@@ -126,22 +125,13 @@ def write_starter(kind: str, name: str, folder: Path) -> tuple[list[Path], list[
         loader=FileSystemLoader(TEMPLATES), undefined=StrictUndefined, keep_trailing_newline=True
     )
     texts = {path: environment.get_template(source).render(words) for path, source in targets.items()}
-    written: list[Path] = []
-    try:
+    with all_or_nothing(*(path.parent for path in texts)) as new:
         for path, text in texts.items():
             with writing(path):
                 make_folder(path.parent)
                 with path.open("x", encoding="utf-8") as file:
-                    written.append(path)
+                    new.append(path)
                     file.write(text)
-    except DockctlError:
-        for path in written:
-            path.unlink(missing_ok=True)
-        made = {parent for path in texts for parent in path.parents if folder in parent.parents}
-        for empty in sorted(made, reverse=True):
-            with suppress(OSError):
-                empty.rmdir()
-        raise
     out = "" if folder == Path() else f"{folder}/"
     following = [shlex.join(word.format(out=out, **words) for word in line) for line in starter.following]
     return list(texts), following

@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import sys
 from collections.abc import Mapping, Sequence
+from contextlib import ExitStack
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
@@ -34,7 +35,7 @@ from dockctl.plugins import ALGORITHMS, Guard
 from dockctl.run_files import BEST, LAST, MESHES, PLUGINS, PROVENANCE, RUNS, SCENARIO, SCENE, TRAJECTORIES_CSV
 from dockctl.runs import provenance
 from dockctl.runs.directory import RunDirectory
-from dockctl.runs.files import exclusive_lock, require_writable
+from dockctl.runs.files import all_or_nothing, exclusive_lock, require_writable
 from dockctl.runs.tables import RECENT, Value
 from dockctl.scenarios.content import mesh_files, with_paths
 from dockctl.scenarios.loader import LoadedScenario, dump
@@ -112,20 +113,24 @@ def train(
     initial = None if start_from is None else InitialPolicy.load(start_from, trust=trust)
     require_writable(out)
     session = _prepare(loaded, device, initial)
-    run = RunDirectory.create(out, loaded.scenario.name, loaded.scenario.training.seed)
-    with exclusive_lock(run.path):
-        facts = provenance.collect(loaded.scenario.training.seed, sys.argv)
-        facts |= {"name": name, "tags": [*tags]}
-        if initial is not None:
-            initial.save(run)
-            facts["initial"] = initial.facts
-        facts["sequence"] = RunDirectory.next_sequence(out)
-        facts["plugins"] = run.copy_files(PLUGINS, loaded.plugin_files)
-        facts["meshes"] = run.copy_files(MESHES, mesh_files(loaded.scenario))
-        run.write_text(SCENARIO, dump(with_paths(loaded.scenario, facts["plugins"], facts["meshes"])))
-        run.write_json(SCENE, session.worlds[own_site(loaded.scenario).harbor].scene().to_json())
-        facts |= {"log": [*log], "total_steps": loaded.scenario.training.total_steps}
-        run.write_json(PROVENANCE, facts)
+    scenario_name, own_seed = loaded.scenario.name, loaded.scenario.training.seed
+    with ExitStack() as locked:
+        with all_or_nothing(out / scenario_name) as new:
+            run = RunDirectory.create(out, scenario_name, own_seed)
+            new.append(run.path)
+            locked.enter_context(exclusive_lock(run.path))
+            facts = provenance.collect(own_seed, sys.argv)
+            facts |= {"name": name, "tags": [*tags]}
+            if initial is not None:
+                initial.save(run)
+                facts["initial"] = initial.facts
+            facts["sequence"] = RunDirectory.next_sequence(out)
+            facts["plugins"] = run.copy_files(PLUGINS, loaded.plugin_files)
+            facts["meshes"] = run.copy_files(MESHES, mesh_files(loaded.scenario))
+            run.write_text(SCENARIO, dump(with_paths(loaded.scenario, facts["plugins"], facts["meshes"])))
+            run.write_json(SCENE, session.worlds[own_site(loaded.scenario).harbor].scene().to_json())
+            facts |= {"log": [*log], "total_steps": loaded.scenario.training.total_steps}
+            run.write_json(PROVENANCE, facts)
         remember_code(session.loaded.scenario)
         with logged(run, log):
             return _run(session, run, console or Console(), resumed=False)

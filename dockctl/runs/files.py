@@ -50,6 +50,29 @@ def make_folder(path: Path) -> None:
         sync(folder.parent)
 
 
+@contextmanager
+def all_or_nothing(*folders: Path) -> Iterator[list[Path]]:
+    """Yield a list for new files and folders, which are removed if the block fails, as on a full disk.
+
+    Args:
+        folders: those in which they are; what the block creates of them and their parents is removed, too.
+    """
+    missing = {each for folder in folders for each in (folder, *folder.parents) if not os.path.exists(each)}
+    new: list[Path] = []
+    try:
+        yield new
+    except BaseException:
+        for path in new:
+            if path.is_dir():
+                shutil.rmtree(path, ignore_errors=True)
+            else:
+                path.unlink(missing_ok=True)
+        for folder in sorted(missing, reverse=True):
+            with suppress(OSError):  # others have used it since
+                folder.rmdir()
+        raise
+
+
 def write_atomically(path: Path, content: bytes) -> Path:
     """Write a file so that a reader sees the old or the new content, also after a crash or a power cut.
 

@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+import errno
 import gc
 import io
 import json
+import os
 import re
 from pathlib import Path
 
@@ -30,6 +32,25 @@ def test_a_run_is_trained_and_extended(tmp_path: Path) -> None:
     assert (extended.path, extended.progress.env_steps) == (run.path, 80)
     with pytest.raises(DockctlError):
         resume(run.path, console=console)
+
+
+@pytest.mark.parametrize("name", ["scenario.yaml", "scene.json", "provenance.json"])
+def test_a_run_folder_that_cannot_be_completed_is_removed(
+    name: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    write_bytes = Path.write_bytes
+
+    def on_a_full_disk(self: Path, content: bytes) -> int:
+        if name in self.name:
+            raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
+        return write_bytes(self, content)
+
+    (tmp_path / "mine.txt").touch()
+    monkeypatch.setattr(Path, "write_bytes", on_a_full_disk)
+    with pytest.raises(DockctlError) as caught:
+        train("s1", steps=60, overrides=QUICK, out=tmp_path, console=Console(quiet=True))
+    assert caught.value.code == "not_writable"
+    assert [path.name for path in tmp_path.iterdir()] == ["mine.txt"]
 
 
 def test_a_finished_training_frees_its_memory_without_the_garbage_collector(tmp_path: Path) -> None:
