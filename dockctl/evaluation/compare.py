@@ -112,16 +112,16 @@ def compare(
         raise DockctlError("a comparison needs two or more policies, or --vary", code="missing_key")
     loaded = [load_policy(policy) for policy in policies]
     source = scenario or loaded[0].own_scenario
+    variants = {change: [*overrides, *([change] if change else [])] for change in ("", *vary)}
+    for policy in loaded:
+        for changed in variants.values():
+            policy.scenario(source, changed)  # an error in the last one comes before the first episode
     results = {
         f"{name}, {change}" if change else name: evaluate(
-            policy,
-            source,
-            episodes=episodes,
-            seed=seed,
-            overrides=[*overrides, *([change] if change else [])],
+            policy, source, episodes=episodes, seed=seed, overrides=changed
         )
         for name, policy in zip(distinct_names(loaded), loaded, strict=True)
-        for change in ("", *vary)
+        for change, changed in variants.items()
     }
     _require_same_starts(results)
     return Comparison(results)

@@ -5,6 +5,7 @@ from __future__ import annotations
 import csv
 import json
 import shutil
+from importlib import import_module
 from pathlib import Path
 
 import pandas as pd
@@ -102,6 +103,21 @@ def test_changed_values_that_change_the_starts_are_refused(trained: Trained, tmp
     outcome = dockctl("compare", trained[0], *arguments)
     assert (outcome.code, outcome.error_code) == (2, "mismatch")
     assert not (tmp_path / "figures").exists()
+
+
+def test_a_faulty_change_is_an_error_before_the_first_episode(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    calls: list[object] = []
+    # The package has a function of this name, so the module is looked up by its full name.
+    monkeypatch.setattr(
+        import_module("dockctl.evaluation.compare"), "evaluate", lambda *a, **k: calls.append(a)
+    )
+    outcome = dockctl("compare", "s1", "--vary", "task.max_stepz=9", "--out", tmp_path / "figures")
+    assert (outcome.code, outcome.error_code) == (2, "unknown_key")
+    assert outcome.error is not None
+    assert outcome.error.suggestion == "max_steps"
+    assert not calls
 
 
 @pytest.mark.parametrize(
