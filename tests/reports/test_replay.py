@@ -201,6 +201,12 @@ def test_in_a_browser(browser: Any, played: Replay, tmp_path: Path) -> None:
         with Image.open(tmp_path / f"{camera}.png") as image:
             pixels = np.asarray(image.convert("RGB"))[150:450, :500].reshape(-1, 3)
         assert len(np.unique(pixels // 8, axis=0)) > 30
+    # After a click, the space bar plays: it does not press the button again.
+    body.send_keys(Keys.HOME)
+    browser.find_element("css selector", "#cameras button").click()
+    browser.switch_to.active_element.send_keys(" ")
+    assert browser.execute_script("return replay.now.playing")
+    body.send_keys(Keys.HOME)
     browser.execute_script("replay.choose('layouts', 'layout', 'side by side')")
     assert len(browser.find_elements("css selector", "#tiles span")) == len(played.tracks)
     assert browser.get_log("browser") == []

@@ -678,6 +678,8 @@ const KEYS = {
   t: () => $("theme").click(),
 };
 Object.keys(CAMERAS).forEach((name, index) => { KEYS[index + 1] = () => choose("cameras", "camera", name); });
+// A button that was clicked would keep the space bar from the player; one reached by the Tab key keeps it.
+addEventListener("click", ({ detail, target }) => { if (detail) target.closest?.("button")?.blur(); });
 addEventListener("keydown", (event) => {
   if (event.ctrlKey || event.metaKey || event.altKey || event.target instanceof HTMLSelectElement) return;
   const key = event.key.length === 1 ? event.key.toLowerCase() : event.key, action = KEYS[key];
