@@ -31,21 +31,12 @@ from numpy.typing import ArrayLike, NDArray
 from dockctl.errors import DockctlError
 from dockctl.geometry import MAX_SECTORS, Floats, nearest_in_sectors, proximities
 from dockctl.policy_files import INCOMPLETE, Networks, not_a_policy, read_policy_file
-from dockctl.sim.goal import (
-    TO_FINAL,
-    TO_INTERMEDIATE,
-    bearing,
-    course,
-    measure,
-    reached,
-    set_and_drift,
-    water_velocity,
-)
+from dockctl.sim.goal import TO_FINAL, TO_INTERMEDIATE, bearing, course, measure, reached
 
 PARTS = frozenset(
     {
         "phase", "distance", "heading_error", "velocity", "command", "lidar", "proximity", "bearing",
-        "course", "apparent_wind", "through_water", "set_and_drift", "history",
+        "course", "apparent_wind", "through_water", "history",
     }
 )  # fmt: skip
 """Parts of the observation that a pilot computes."""
@@ -55,10 +46,6 @@ BOUNDED = {"distance", "u", "v", "r", *(column for columns in FLOWS.values() for
 """Columns in whose bounds a policy decides; others are clipped to them."""
 EARLIER = re.compile(r"(.+)_(\d+)_ago")
 """Name of a column of the part `history`: another column, and the decisions since then."""
-MEAN = re.compile(r"(set|drift)_(\d+)")
-"""Name of a column of the part `set_and_drift`, and the earlier decisions over which it is a mean."""
-MAX_STEPS_AGO = 100
-"""Earliest decision that an observation may refer to, as in the simulator."""
 RANGE_MARGIN = 1.1
 """Factor on the range: a point may be farther from the body's origin than from its LiDAR."""
 MAX_MAGNITUDE = 1e9
@@ -154,14 +141,9 @@ class Pilot:
         names = (str(column["name"]) for column in self._columns)
         earlier = ((name, EARLIER.fullmatch(name)) for name in names)
         self._sources = [(match[1], int(match[2])) if match else (name, 0) for name, match in earlier]
-        means = (MEAN.fullmatch(name) for name, _ in self._sources)
-        self._means = {int(match[2]) for match in means if match}
-        observed = {name for name, _ in self._sources} | ({"u_water"} if self._means else set())
+        observed = {name for name, _ in self._sources}
         self.flows = tuple(name for name, columns in FLOWS.items() if not observed.isdisjoint(columns))
-        earliest = max(*self._means, *(age for _, age in self._sources), 0)
-        if earliest > MAX_STEPS_AGO:
-            raise ValueError(f"columns of {earliest} decisions ago, expected at most {MAX_STEPS_AGO}")
-        self._seen: deque[dict[str, float]] = deque(maxlen=1 + earliest)
+        self._seen: deque[dict[str, float]] = deque(maxlen=1 + max(age for _, age in self._sources))
         self._scale = np.array([column["scale"] for column in self._columns], float)
         self._low, self._high = (
             np.array([column[bound] for column in self._columns], np.float32) for bound in ("low", "high")
@@ -365,14 +347,8 @@ class Pilot:
         Raises:
             _Unusable: the boat is farther from the goal, or faster, than the policy observes, or the wind is.
         """
-        goal = self.goals[[self.phase]]
-        self._seen.appendleft(self._quantities(eta, nu, goal, ranges, flows))
+        self._seen.appendleft(self._quantities(eta, nu, self.goals[[self.phase]], ranges, flows))
         first = len(self._seen) - 1  # stands for all before it
-        for steps in self._means:
-            seen = [self._seen[min(age, first)] for age in range(steps + 1)]
-            water = [np.array([[then["water_x"], then["water_y"]]]) for then in seen]
-            along, across = set_and_drift(water, goal)[0]
-            self._seen[0] |= {f"set_{steps}": along, f"drift_{steps}": across}
         raw = np.array([self._seen[min(age, first)][name] for name, age in self._sources])
         scaled = (raw / self._scale).astype(np.float32)
         inside = (self._low <= scaled) & (scaled <= self._high)
@@ -397,8 +373,6 @@ class Pilot:
         """Return the value of every column that a policy may observe now, before scaling."""
         distance, heading_error = measure(eta, goal)
         (direction,), (speed,), (track,) = bearing(eta, goal), *course(eta, nu, goal)
-        through = flows.get("through_water")
-        water = np.full(2, np.nan) if through is None else water_velocity(eta, nu, through[None])[0]
         return {
             "phase": float(self.phase),
             "distance": distance[0],
@@ -412,7 +386,6 @@ class Pilot:
             "speed": speed,
             "course_sin": np.sin(track),
             "course_cos": np.cos(track),
-            **dict(zip(("water_x", "water_y"), water, strict=True)),
             **{column: x for name in flows for column, x in zip(FLOWS[name], flows[name], strict=True)},
         }
 

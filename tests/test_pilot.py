@@ -8,28 +8,23 @@ import math
 import subprocess
 import sys
 import zipfile
-from collections import deque
-from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
 import torch
-from numpy.typing import NDArray
 
 from benchmarks.pilot import compare
 from dockctl.agents.checkpoint import load_pair
 from dockctl.agents.dqn.network import DuelingQNetwork
 from dockctl.agents.tensors import load_parameters
-from dockctl.envs.observation import ObservationEncoder, View, blank_view
 from dockctl.errors import DockctlError
 from dockctl.evaluation import load_policy
 from dockctl.evaluation.policies import CheckpointPolicy
 from dockctl.experiments.portable import export_files
 from dockctl.pilot import Checks, Decision, Pilot, Reading
 from dockctl.scenarios.loader import load
-from dockctl.scenarios.schema import ObservationPart
 
 TASK = load("s3").scenario.task
 INTERMEDIATE, FINAL = (18.0, 3.0, math.radians(150)), (36.0, 0.0, math.pi)
@@ -285,62 +280,6 @@ def test_a_policy_that_observes_the_wind(weather: Pilot, pilot: Pilot) -> None:
         command = before.propeller_n, before.rudder_rad
         assert then == pytest.approx([*velocities[3 - age], *command], abs=1e-6)
         assert [first[f"{name}_{age}_ago"] for name in ("u", "propeller")] == pytest.approx([0.3, 0])
-
-
-class AllEqual:
-    """Networks that value all actions the same."""
-
-    def __init__(self, sizes: tuple[int, int]) -> None:
-        self.sizes = sizes
-
-    def q_values(self, observation: NDArray[np.float32]) -> NDArray[np.float32]:
-        return np.zeros((len(observation), self.sizes[1]), np.float32)
-
-    def greedy(self, observation: NDArray[np.float32], q_values: NDArray[np.float32]) -> NDArray[np.int64]:
-        return np.zeros(len(observation), np.int64)
-
-
-def test_a_policy_that_observes_set_and_drift(weather: Pilot) -> None:
-    """Like the simulator's part, also where the boat has turned, or stopped, since the first decision."""
-    encode = ObservationEncoder([ObservationPart(part="set_and_drift", params={"steps": 3})], sectors=8)
-    columns = [{"name": name, "unit": "m/s", "scale": 0.1, "low": -5.0, "high": 5.0} for name in encode.names]
-    networks = AllEqual((2, len(weather.description["commands"])))
-    drifting = Pilot({**weather.description, "observation": columns}, networks, weather.goals)
-    assert drifting.flows == ("through_water",)
-    rng, views = np.random.default_rng(0), deque[View](maxlen=4)
-    for step in range(12):
-        if step == 7:
-            assert decide(drifting, 6.5, velocity=(math.nan, 0.0, 0.0)).stop
-            views.clear()
-        nu, water = rng.uniform(-0.1, 0.1, 3), rng.uniform(-0.1, 0.1, 2)
-        pose = (23.0, -10.0 + step / 10, rng.uniform(-3, 3))
-        flow = Reading(float(step), water)
-        decision = drifting.decide(
-            float(step),
-            Reading(float(step), pose),
-            Reading(float(step), nu),
-            {"bow": Reading(float(step), CLOUD)},
-            through_water=flow,
-        )
-        view = replace(
-            blank_view(8),
-            **{
-                name: np.tile(value, (2, 1))
-                for name, value in (
-                    ("eta", pose),
-                    ("nu", nu),
-                    ("goal", INTERMEDIATE),
-                    ("through_water", water),
-                )
-            },
-        )
-        views.appendleft(view)
-        expected = encode(replace(view, past=tuple(views)[1:]))[0]
-        assert decision.observation is not None
-        assert decision.observation == pytest.approx(expected, abs=1e-6)
-    description = {**weather.description, "observation": [columns[0] | {"name": "set_101"}]}
-    with pytest.raises(ValueError, match="101"):
-        Pilot(description, networks, weather.goals)
 
 
 BAD_FLOWS = {

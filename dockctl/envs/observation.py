@@ -22,8 +22,7 @@ from dockctl.scenarios.base import Count, Positive
 from dockctl.scenarios.schema import ObservationPart
 from dockctl.sim.goal import bearing as goal_bearing
 from dockctl.sim.goal import course as goal_course
-from dockctl.sim.goal import measure, water_velocity
-from dockctl.sim.goal import set_and_drift as mean_set_and_drift
+from dockctl.sim.goal import measure
 
 if TYPE_CHECKING:  # slow to import, and not needed to check a scenario
     from dockctl.sim.simulator import Simulator
@@ -46,8 +45,8 @@ class View:
         sector_ranges_m: (n, sectors) nearest return of each sector of the range sensor [m].
         apparent_wind: (n, 2) velocity of the air relative to the boat [m/s], body frame.
         through_water: (n, 2) surge and sway relative to the water [m/s], body frame, as a speed log measures.
-        past: earlier views, the latest first; those before the start of the episode are its first. As many
-            as the greatest parameter `steps` of the parts; empty if none has it.
+        past: earlier views, the latest first; those before the start of the episode are its first. Empty
+            without the part `history`, which computes other parts from them.
     """
 
     phase: Ints
@@ -146,16 +145,13 @@ class Columns:
 
 Part = Callable[..., Columns]
 
-HISTORY, SET_AND_DRIFT = "history", "set_and_drift"
-PAST = "steps"
-"""Parameter of a part: the number of earlier views that it needs."""
+HISTORY = "history"
 Ages = Annotated[Count, Field(le=100)]
 
 
 def _present_part(name: str) -> str:
-    names = OBSERVATION_PARTS.names()
-    if name not in names or PAST in OBSERVATION_PARTS.get(name).parameters:
-        known = ", ".join(sorted({*names} - {HISTORY, SET_AND_DRIFT}))
+    if name == HISTORY or name not in OBSERVATION_PARTS.names():
+        known = ", ".join(sorted({*OBSERVATION_PARTS.names()} - {HISTORY}))
         raise ValueError(f"found '{name}', expected one of {known}")
     return name
 
@@ -263,23 +259,11 @@ def course(view: View, *, scale_mps: Positive = 0.4, cap: Positive = 5.0) -> Col
     return Columns(names, values, [0, -1, -1], [cap, 1, 1], scale, ["m/s", "", ""])
 
 
-@observation_part(SET_AND_DRIFT, source="not in the thesis")
-def set_and_drift(view: View, *, steps: Ages = 10, scale_mps: Positive = 0.1, cap: Positive = 5.0) -> Columns:
-    """Return the velocity of the water over ground along and across the goal's heading, divided by the scale.
-
-    It is the mean of now and of the last `steps` control steps, which averages the errors of the sensors.
-    """
-    views = [view, *_earlier(view, steps)]
-    water = [water_velocity(each.eta, each.nu, each.through_water) for each in views]
-    names, units = [f"set_{steps}", f"drift_{steps}"], ["m/s", "m/s"]
-    return Columns(names, mean_set_and_drift(water, view.goal), -cap, cap, scale_mps, units)
-
-
 @observation_part(HISTORY, source="not in the thesis")
 def history(view: View, *, steps: Ages = 3, parts: PartNames = ("velocity", "command")) -> Columns:
     """Return other parts, with their default parameters, as they were 1 to `steps` control steps ago."""
-    earlier = _earlier(view, steps)
-    then = [OBSERVATION_PARTS.get(part).bind({})(each) for each in earlier for part in parts]
+    past = [*view.past[:steps], *[view.past[-1] if view.past else view] * (steps - len(view.past))]
+    then = [OBSERVATION_PARTS.get(part).bind({})(each) for each in past for part in parts]
     ages = [age for age in range(1, steps + 1) for _ in parts]
 
     def each(bounds: Sequence[ArrayLike]) -> Floats:
@@ -294,11 +278,6 @@ def history(view: View, *, steps: Ages = 3, parts: PartNames = ("velocity", "com
         each([columns.scale for columns in then]),
         [unit for columns in then for unit in columns.units or [""] * len(columns.names)],
     )
-
-
-def _earlier(view: View, steps: int) -> list[View]:
-    """Return the views of the last `steps` control steps; the earliest stands for those before it."""
-    return [*view.past[:steps], *[view.past[-1] if view.past else view] * (steps - len(view.past))]
 
 
 class ObservationEncoder:
@@ -324,8 +303,9 @@ class ObservationEncoder:
             (Guard(OBSERVATION_PARTS, given.part), OBSERVATION_PARTS.get(given.part).bind(given.params))
             for given in parts
         ]
-        needed = [{**OBSERVATION_PARTS.get(p.part).parameters, **p.params}.get(PAST) for p in parts]
-        self.past_steps: int = max((steps for steps in needed if isinstance(steps, int)), default=0)
+        default = OBSERVATION_PARTS.get(HISTORY).parameters["steps"]
+        histories = [given.params for given in parts if given.part == HISTORY]
+        self.past_steps: int = max((params.get("steps", default) for params in histories), default=0)
         blank, columns, bounds = blank_view(sectors), [], []
         for given, (guard, part) in zip(parts, self._parts, strict=True):
             with guard:

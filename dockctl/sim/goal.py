@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Protocol
 
@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dockctl.errors import DockctlError
-from dockctl.geometry import Bools, Floats, Ints, rotate, wrap
+from dockctl.geometry import Bools, Floats, Ints, wrap
 
 TO_INTERMEDIATE, TO_FINAL = 0, 1
 
@@ -59,24 +59,6 @@ def course(eta: Floats, nu: Floats, goal: Floats) -> tuple[Floats, Floats]:
     """
     u, v = nu[:, 0], nu[:, 1]
     return np.hypot(u, v), eta[:, 2] + np.arctan2(v, u) - goal[:, 2]
-
-
-def water_velocity(eta: Floats, nu: Floats, through_water: Floats) -> Floats:
-    """Return the velocity of the water over ground (n, 2) [m/s], world frame.
-
-    Args:
-        eta: (n, 3) poses, world frame.
-        nu: (n, 3) velocity over ground, body frame.
-        through_water: (n, 2) surge and sway relative to the water.
-    """
-    u, v = (nu[:, :2] - through_water).T
-    return np.column_stack(rotate(u, v, eta[:, 2]))
-
-
-def set_and_drift(water: Sequence[Floats], goal: Floats) -> Floats:
-    """Return the mean of the water's velocities (n, 2), along and across the goals' headings (n, 2)."""
-    x, y = (sum(water[1:], start=water[0]) / len(water)).T
-    return np.column_stack(rotate(x, y, -goal[:, 2]))
 
 
 def final_reached(limit: Limit, distance: Floats, heading_error: Floats, speed: Floats) -> Bools:

@@ -13,7 +13,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from dockctl.envs.observation import BY_BOAT, Columns, ObservationEncoder, View, observation_part
+from dockctl.envs.observation import Columns, ObservationEncoder, View, observation_part
 from dockctl.envs.vector import DockingVectorEnv
 from dockctl.errors import DockctlError, InputError
 from dockctl.scenarios.loader import load
@@ -171,40 +171,6 @@ def test_speed_through_the_water() -> None:
         assert (u_water, v_water) == pytest.approx((u - along, v - to_port), abs=1e-6)
 
 
-def test_set_and_drift_is_the_velocity_of_the_water_in_the_frame_of_the_goal() -> None:
-    """A current toward 60 degrees, and the goal of scenario 1 has a heading of 180."""
-    overrides = (
-        "conditions={current: {speed_mps: 0.1, direction_deg: 60}}",
-        "observation=[heading_error, {set_and_drift: {steps: 4}}]",
-    )
-    env = DockingVectorEnv(load("s1", overrides=overrides), 2, autoreset_mode="Disabled", worlds=[walled()])
-    observation, _ = env.reset(seed=0)
-    rng = np.random.default_rng(0)
-    for _ in range(9):
-        assert observation[:, 1:] == pytest.approx(
-            np.tile([math.cos(math.radians(-120)), math.sin(math.radians(-120))], (2, 1)), abs=1e-6
-        )
-        observation, *_ = env.step(rng.integers(77, size=2))
-    assert env.observation_names[1:] == ("set_4", "drift_4")
-
-
-def test_set_and_drift_averages_the_errors_of_the_sensors() -> None:
-    """Of 11 measurements with independent errors of 0.03 m/s, against all the water being at rest."""
-    n, steps = 2000, 10
-    rng = np.random.default_rng(0)
-
-    def view() -> View:
-        one = {name: np.repeat(getattr(VIEW, name), n, axis=0) for name in BY_BOAT}
-        nu = np.column_stack([rng.normal(0, 0.03, (n, 2)), np.zeros(n)])
-        return replace(VIEW, **one | {"nu": nu, "through_water": np.zeros((n, 2))})
-
-    given = replace(view(), past=tuple(view() for _ in range(steps)))
-    mean = encoder("set_and_drift")(given) * 0.1
-    assert mean.std(axis=0) == pytest.approx([0.03 / math.sqrt(steps + 1)] * 2, rel=0.06)
-    first = encoder("set_and_drift")(replace(given, past=())) * 0.1  # as at the start of an episode
-    assert first.std(axis=0) == pytest.approx([0.03] * 2, rel=0.06)
-
-
 def test_history_is_what_was_observed_before() -> None:
     parts = [*S1.observation, ObservationPart(part="history", params={"steps": 3, "parts": ["velocity"]})]
     scenario = S1.model_copy(update={"observation": tuple(parts)})
@@ -224,10 +190,9 @@ def test_history_is_what_was_observed_before() -> None:
         seen = [observation[:, velocity], *seen[:3]]
 
 
-@pytest.mark.parametrize("part", ["wind", "history", "set_and_drift"])
-def test_a_part_that_the_history_does_not_know_has_its_place(part: str, tmp_path: Path) -> None:
+def test_a_part_that_the_history_does_not_know_has_its_place(tmp_path: Path) -> None:
     file = tmp_path / "mine.yaml"
-    file.write_text(f"extends: s1\nobservation: [{{history: {{parts: [{part}]}}}}]\n")
+    file.write_text("extends: s1\nobservation: [{history: {parts: [wind]}}]\n")
     with pytest.raises(InputError) as caught:
         load(file)
     (problem,) = caught.value.problems
