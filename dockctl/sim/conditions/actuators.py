@@ -12,9 +12,13 @@ from dockctl.geometry import Floats, Ints
 from dockctl.plugins import CONDITIONS
 from dockctl.scenarios.base import NonNegative, Positive
 from dockctl.scenarios.extensions import OFF, Condition, Disturbance, Drawn, draw, draw_integer, register
+from dockctl.scenarios.vessel import Vessel
+from dockctl.sim.conditions.authority import ControlAuthority
 
 Steps = Annotated[int, Strict(), Field(ge=0, le=100)]
 Factor = Annotated[Positive, Field(le=10)]
+NOTED_ASTERN = 0.1
+"""Share of the thrust below which the propeller hardly acts astern."""
 
 
 @register(CONDITIONS, group="actuation", source="not in the thesis; Fossen 2021, sections 9.5 and 15.3")
@@ -33,6 +37,35 @@ class Actuators(Condition):
 
     def build(self, num_boats: int) -> Disturbance:
         return RealActuators(self, num_boats)
+
+    def notes(self, vessel: Vessel) -> list[tuple[str, str]]:
+        authority, length = ControlAuthority.of(vessel), vessel.hull.length_m
+        top_mps, thrust_n = authority.top_speed_mps, vessel.max_propeller_n
+        times_s = {
+            "delay_steps": ("act", self.delay_steps[-1] * vessel.control_period_s),
+            "propeller_lag_s": ("reach 63 % of a change of the thrust", self.propeller_lag_s[-1]),
+        }
+        if self.rudder_rate_degps is not None:
+            turn_s = vessel.max_rudder_deg / self.rudder_rate_degps[0]
+            times_s["rudder_rate_degps"] = ("turn the rudder from amidships to its limit", turn_s)
+        messages = [
+            (
+                field,
+                f"the actuators take up to {time_s:.3g} s to {action}; meanwhile the boat moves"
+                f" {time_s * top_mps:,.1f} m at its top speed of {top_mps:.2f} m/s, more than its length of"
+                f" {length:g} m",
+            )
+            for field, (action, time_s) in times_s.items()
+            if time_s * top_mps > length
+        ]
+        if self.astern_factor[0] < NOTED_ASTERN:
+            least_n = self.astern_factor[0] * thrust_n
+            message = (
+                f"the propeller has {thrust_n:g} N ahead, but astern as little as {least_n:.2g} N, with which"
+                f" the boat reaches {authority.speed(least_n):.2g} m/s"
+            )
+            messages.append(("astern_factor", message))
+        return messages
 
 
 class RealActuators(Disturbance):

@@ -36,6 +36,10 @@ class ControlAuthority:
         """Return the terminal sway speed [m/s] under a side force."""
         return _terminal_speed(self.vessel.Y_v_kgps, self.vessel.Y_vv_kgpm, side_force_n)
 
+    def speed(self, force_n: float) -> float:
+        """Return the terminal surge speed [m/s] under a force."""
+        return _terminal_speed(self.vessel.X_u_kgps, self.vessel.X_uu_kgpm, force_n)
+
     def crab(self, drift_mps: float) -> str:
         """Return in words the angle between heading and track at top speed, with a drift across the track."""
         top_speed = f"at its top speed of {self.top_speed_mps:.2f} m/s"

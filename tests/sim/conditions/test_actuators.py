@@ -9,6 +9,7 @@ import pytest
 
 from dockctl.envs.vector import DockingVectorEnv
 from dockctl.sim.conditions.actuators import Actuators
+from dockctl.sim.world import notes
 from tests.sim.conditions.conditions import scenario, simulator
 
 SUBSTEPS, SUBSTEP_S = 5, 0.1
@@ -93,3 +94,23 @@ def test_info_has_what_the_actuators_do() -> None:
     assert info["command"][0, 0] == 50
     _, _, _, _, info = env.step(np.array([76]))
     assert info["actuation"].tolist() == info["command"].tolist()
+
+
+@pytest.mark.parametrize(
+    ("ample", "scarce", "figures"),
+    [
+        ("delay_steps: 14", "delay_steps: [0, 15]", ("delay_steps", "7.5 s", "3.1 m")),
+        ("propeller_lag_s: 7.2", "propeller_lag_s: [0, 20]", ("propeller_lag_s", "20 s", "8.2 m")),
+        ("rudder_rate_degps: 4.2", "rudder_rate_degps: [1, 20]", ("rudder_rate_degps", "30 s", "12.4 m")),
+        ("astern_factor: 0.1", "astern_factor: [0.05, 1]", ("astern_factor", "2.5 N", "50 N", "0.026 m/s")),
+    ],
+)
+def test_actuators_that_leave_little_authority_are_noted(
+    ample: str, scarce: str, figures: tuple[str, ...]
+) -> None:
+    """A thrust of 50 N is 94.2 u + 66 u^2 at 0.412 m/s, and 2.5 N at 0.026 m/s; 3 m take 7.28 s."""
+    assert notes(scenario(f"actuators: {{{ample}}}")) == []
+    (note,) = notes(scenario(f"actuators: {{{scarce}}}"))
+    field, *numbers = figures
+    assert f"conditions.actuators.{field}" in note
+    assert all(number in note for number in numbers), note
