@@ -21,7 +21,7 @@ from dockctl.scenarios.schema import Scenario
 from dockctl.sim.harbor.build import Harbor, build_harbor, build_scene
 from dockctl.sim.harbor.solids import hull_mesh
 from dockctl.sim.starts import sites
-from dockctl.sim.world import PoseCheck, build_sensor, scan_points
+from dockctl.sim.world import PoseCheck, build_sensor, scan_points, scan_sectors
 
 
 @dataclass(frozen=True, eq=False)
@@ -47,7 +47,7 @@ def show(loaded: LoadedScenario, pose: Pose | None = None) -> Shown:
     eta, spec = pose_array(start), scenario.sensors.lidar
     sensor = build_sensor(harbor, spec)
     points = scan_points(sensor, spec.kind, eta)
-    scan = Scan(eta, points, sensor.sector_ranges(eta[None])[0], spec.range_m)
+    scan = Scan(eta, points, scan_sectors(sensor, spec, eta), spec.range_m)
     plan, bodies = build_scene(harbor, scenario.vessel.hull), _bodies(scenario, harbor)
     return Shown(
         start,

@@ -186,7 +186,24 @@ def scan_points(sensor: RangeSensor, kind: str, pose: Floats, every: int = 1) ->
         points = np.asarray(sensor.points(pose, every), float)
         if points.shape != (len(points), 3):
             raise ValueError(f"points returned shape {points.shape}, expected (points, 3)")
+        if not np.isfinite(points).all():
+            raise ValueError("points returned a number that is not finite")
         return points
+
+
+def scan_sectors(sensor: RangeSensor, spec: RangeSensorSpec, pose: Floats) -> Floats:
+    """Return the nearest return (sectors,) [m] of each sector of a scan from a pose (3,).
+
+    Raises:
+        PluginError: the sensor is a plugin's, and fails, or returns another shape or what is no range.
+    """
+    with Guard(RANGE_SENSORS, spec.kind):
+        ranges: Floats = np.asarray(sensor.sector_ranges(pose[None]), float)
+        if ranges.shape != (1, spec.sectors):
+            raise ValueError(f"sector_ranges returned shape {ranges.shape}, expected (1, {spec.sectors})")
+        if not ((ranges >= 0) & (ranges <= spec.range_m)).all():
+            raise ValueError(f"a range is not in 0 to {spec.range_m:g} m")
+        return ranges.ravel()
 
 
 def in_open_water(lidar: RangeSensor) -> World:

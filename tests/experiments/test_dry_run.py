@@ -353,9 +353,20 @@ def test_validate_and_train_report_the_fault_and_leave_no_run_folder(tmp_path: P
     assert not runs.exists()
 
 
-def test_a_sensor_whose_points_cannot_be_drawn(tmp_path: Path) -> None:
+@pytest.mark.parametrize(
+    "fault",
+    [
+        {"points": "np.empty((5, 2))"},
+        {"points": "None"},
+        {"points": "np.full((5, 3), np.nan)"},
+        {"ranges": "None"},
+        {"ranges": "np.ones((len(eta), 3))"},
+        {"ranges": "np.full((len(eta), 8), np.nan)"},
+    ],
+)
+def test_a_sensor_whose_scan_cannot_be_drawn(fault: dict[str, str], tmp_path: Path) -> None:
     path = tmp_path / "mine.py"
-    lines = plugin(path, "sensor", points="np.empty((5, 2))")
+    lines = plugin(path, "sensor", **fault)
     outcome = dockctl("show", "s1", "--set", SELECTED["sensor"], "--plugin", path, "--out", tmp_path / "out")
     assert outcome.code == 2
     assert f"({path}:{1 + lines.index('@register(RANGE_SENSORS)')})" in outcome.err
