@@ -19,6 +19,7 @@ from matplotlib.figure import Figure, FigureBase
 from matplotlib.layout_engine import ConstrainedLayoutEngine
 from matplotlib.lines import Line2D
 from matplotlib.patheffects import withStroke
+from matplotlib.textpath import TextPath
 from matplotlib.ticker import FuncFormatter, LogFormatter, PercentFormatter
 
 from dockctl.analysis.statistics import wilson_interval
@@ -29,6 +30,7 @@ Draw = Callable[[], Mapping[str, Figure]]
 """Draws figures; returns them by file name, without suffix."""
 
 DPI = 200
+SUBTITLE_PT = 8.5
 HALO = [withStroke(linewidth=2.6, foreground="white", alpha=0.85)]
 """Outline of text and lines, for contrast on any background."""
 STYLE: dict[Any, Any] = {
@@ -107,15 +109,36 @@ def figure_style() -> Iterator[None]:
 
 
 def make_figure(title: str, subtitle: str, size_in: tuple[float, float] = (7.6, 4.3)) -> Figure:
-    """Return an empty figure with a bold title and a subtitle, left-aligned."""
+    """Return an empty figure with a bold title and a subtitle, left-aligned.
+
+    A subtitle that is too long for the width continues on further lines, which make the figure higher.
+    """
     width, height = size_in
-    head = 0.62 / height  # the two lines take 0.62 inches
-    figure = Figure(figsize=size_in, layout=RoundedLayout(rect=(0.02, 0.02, 0.96, 0.97 - head)))
+    lines = _lines(subtitle, width - 0.22 - 0.1)
+    below = (len(lines) - 1) * SUBTITLE_PT * 1.2 / 72
+    height += below
+    head = (0.62 + below) / height  # the title and one line of the subtitle take 0.62 inches
+    figure = Figure(figsize=(width, height), layout=RoundedLayout(rect=(0.02, 0.02, 0.96, 0.97 - head)))
     FigureCanvasAgg(figure)
-    left = 0.22 / width
+    left, color = 0.22 / width, palette.INK_SOFT
     figure.text(left, 1 - 0.16 / height, title, fontsize=12.5, fontweight="bold", va="top")
-    figure.text(left, 1 - 0.42 / height, subtitle, fontsize=8.5, color=palette.INK_SOFT, va="top")
+    figure.text(left, 1 - 0.42 / height, "\n".join(lines), fontsize=SUBTITLE_PT, color=color, va="top")
     return figure
+
+
+def _lines(subtitle: str, width_in: float) -> list[str]:
+    """Return the subtitle in lines of at most this width, broken between words."""
+    lines = [subtitle]
+    while _width_in(lines[-1]) > width_in and " " in lines[-1]:
+        words = lines.pop().split(" ")
+        fitting = [n for n in range(1, len(words)) if _width_in(" ".join(words[:n])) <= width_in]
+        kept = max(fitting, default=1)
+        lines += [" ".join(words[:kept]), " ".join(words[kept:])]
+    return lines
+
+
+def _width_in(text: str) -> float:
+    return float(TextPath((0, 0), text, size=SUBTITLE_PT).get_extents().width) / 72 if text else 0.0
 
 
 def make_axes(title: str, subtitle: str, size_in: tuple[float, float] = (7.6, 4.3)) -> tuple[Figure, Axes]:

@@ -32,6 +32,26 @@ def draw(folder: Path) -> list[Path]:
         return save({"figure": figure}, folder)
 
 
+@pytest.mark.parametrize("width", [4.3, 8.6])
+def test_a_long_subtitle_continues_on_further_lines(width: float) -> None:
+    subtitle = (
+        "policy trained on s3, seed 0; 20 random starts for each value, with 95 % intervals; one at a time"
+    )
+    with figure_style():
+        figure, short = (make_figure("Title", text, (width, 3.6)) for text in (subtitle, "subtitle"))
+        figure.add_subplot()
+        short.add_subplot()
+        for each in (figure, short):
+            each.draw_without_rendering()
+        heights = [each.axes[0].get_window_extent().height for each in (figure, short)]
+        extents = [text.get_window_extent() for text in figure.texts]
+    assert " ".join(figure.texts[1].get_text().split("\n")) == subtitle
+    assert all(extent.x0 >= 0 and extent.x1 <= figure.bbox.x1 for extent in extents)
+    assert extents[1].y1 < extents[0].y0
+    assert figure.axes[0].get_window_extent().y1 < extents[1].y0
+    assert heights[0] == pytest.approx(heights[1], rel=0.05)
+
+
 def test_files_are_reproducible(tmp_path: Path) -> None:
     first, second = draw(tmp_path / "a"), draw(tmp_path / "b")
     assert [path.name for path in first] == ["figure.png", "figure.svg"]
