@@ -193,6 +193,20 @@ def test_without_ray_the_error_names_what_to_install(monkeypatch: pytest.MonkeyP
     assert caught.value.code == "unavailable"
 
 
+@needs_ray
+@pytest.mark.parametrize("reason", ["The current node timed out during startup.\nMore.", ""])
+def test_a_machine_that_is_too_slow_for_ray_is_an_error(reason: str, monkeypatch: pytest.MonkeyPatch) -> None:
+    import ray
+
+    def init(*_: object, **__: object) -> None:
+        raise Exception(reason)  # what Ray raises then
+
+    monkeypatch.setattr(ray, "init", init)
+    caught = refused("ray")
+    assert caught.code == "unavailable"
+    assert len(str(caught).splitlines()) == 1 and reason.split("\n")[0] in str(caught)
+
+
 def test_another_version_on_a_worker_is_an_error() -> None:
     with pytest.raises(DockctlError, match=r"0\.0\.7") as caught:
         cluster.require_version("0.0.7")
