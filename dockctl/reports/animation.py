@@ -14,6 +14,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+import pandas as pd
 from matplotlib.artist import Artist
 from matplotlib.axes import Axes
 from matplotlib.backends.backend_agg import FigureCanvasAgg
@@ -29,6 +30,7 @@ from dockctl.errors import DockctlError
 from dockctl.geometry import Floats, sector_edges_deg, to_world, wrap
 from dockctl.reports import plan_view
 from dockctl.reports.style import HALO, figure_style
+from dockctl.reports.trajectory import MEAN_STEPS
 from dockctl.runs.files import write_atomically
 
 Frame = NDArray[np.uint8]
@@ -50,6 +52,8 @@ PANELS = (
     ("Rudder angle [°]", "rudder"),
 )
 """Titles of the curves, and their keys in `Boat.curves`."""
+LEAST_STEP_PT = 2.0
+"""Below this width of a control period, commands merge into a solid block: drawn thin, with their mean."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -194,10 +198,9 @@ class _Video:
         self._clock = self._add(self._figure.text(0.985, 0.965, "", fontsize=12.5, ha="right", va="top"))
         self._plan, self._flows = self._figure.add_subplot(grid[:, 0]), list[Artist]()
         self._harbor(self._plan, scene)
-        self._lines = [
+        self._curves: list[tuple[Line2D, Floats]] = []
+        for row, (text, key) in enumerate(PANELS):
             self._panel(self._figure.add_subplot(grid[row, 1]), text, key)
-            for row, (text, key) in enumerate(PANELS)
-        ]
         canvas.draw()
         self._canvas, self._background = canvas, canvas.copy_from_bbox(self._figure.bbox)
 
@@ -248,22 +251,36 @@ class _Video:
         self._figure.legend(handles, texts, ncols=columns, fontsize=8, borderpad=0, **style)
         return 0.89 - 0.03 * -(-len(labels) // columns)
 
-    def _panel(self, ax: Axes, title: str, key: str) -> list[Line2D]:
-        """Draw the axes of a panel; return one growing line per boat."""
+    def _panel(self, ax: Axes, title: str, key: str) -> None:
+        """Draw the axes of a panel, and add the growing lines of each boat."""
         ax.set_title(title, loc="left", fontsize=9, fontweight="bold", pad=4)
         curves = [boat.curves[key] for boat in self._boats]
         low = min(0.0, *(np.nanmin(c) for c in curves))
         high = max(0.0, *(np.nanmax(c) for c in curves))
         margin = 0.08 * (high - low or 1.0)
-        ax.set(xlim=(0, self._period_s * max(len(c) - 1 for c in curves) or 1.0))
+        steps = max(len(c) - 1 for c in curves) or 1
+        ax.set(xlim=(0, self._period_s * steps))
         ax.set_ylim(low - margin, high + margin)
         ax.axhline(0, color=palette.RULE, lw=0.8, zorder=1)
         if key == PANELS[-1][1]:
             ax.set_xlabel("Time [s]", labelpad=2)
         else:
             ax.tick_params(labelbottom=False)
-        style: dict[str, Any] = {"drawstyle": "steps-pre"} if key != "distance" else {}
-        return [self._add(ax.plot([], [], color=boat.color, lw=1.4, **style)[0]) for boat in self._boats]
+        step_pt = ax.get_window_extent().width * 72 / DPI / steps
+        if key == "distance":
+            self._grow(ax, curves, lw=1.4)
+        elif step_pt >= LEAST_STEP_PT:
+            self._grow(ax, curves, lw=1.4, drawstyle="steps-pre")
+        else:
+            self._grow(ax, curves, lw=0.4, alpha=0.4, drawstyle="steps-pre")
+            self._grow(ax, [_mean(curve) for curve in curves], lw=1.6)
+            note = f"thick: mean over {MEAN_STEPS} past steps"
+            ax.set_title(note, loc="right", fontsize=7.5, color=palette.INK_SOFT, pad=4)
+
+    def _grow(self, ax: Axes, curves: Sequence[Floats], **style: Any) -> None:
+        """Add a line of each boat that grows with the time."""
+        for boat, curve in zip(self._boats, curves, strict=True):
+            self._curves.append((self._add(ax.plot([], [], color=boat.color, **style)[0]), curve))
 
     def draw(self, step: float) -> Frame:
         """Return the frame at a time, in control steps."""
@@ -276,9 +293,9 @@ class _Video:
             self._trails[i].set_data(*np.concatenate([boat.pose[: row + 1, :2], pose[None, :2]]).T)
             for number, wedge in enumerate(self._sectors[i]):
                 _place(wedge, pose, number, boat.ranges[row], self._range_m)
-            time = self._period_s * np.arange(row + 1)
-            for lines, (_, key) in zip(self._lines, PANELS, strict=True):
-                lines[i].set_data(time, boat.curves[key][: row + 1])
+        for line, curve in self._curves:
+            past = curve[: int(step) + 1]
+            line.set_data(self._period_s * np.arange(len(past)), past)
         self._draw_flows(step)
         self._canvas.restore_region(self._background)
         for artist in sorted(self._moving, key=lambda artist: artist.get_zorder()):
@@ -301,6 +318,11 @@ def _shortened(text: str, length: int) -> str:
     """Return the text with at most `length` characters, without a part of the name, with which it begins."""
     head = length // 3
     return text if len(text) <= length else f"{text[:head]}…{text[head + 1 - length :]}"
+
+
+def _mean(curve: Floats) -> Floats:
+    """Return the mean over the last steps, which are known at that time of the video."""
+    return pd.Series(curve).rolling(MEAN_STEPS, min_periods=1).mean().to_numpy()
 
 
 def _sector(ax: Axes) -> Wedge:

@@ -83,6 +83,27 @@ def test_the_wind_turns_with_the_time(data: dict[str, Any]) -> None:
     assert (first != last).any()
 
 
+@pytest.mark.parametrize("steps", [60, 200])
+def test_alternating_commands_stay_lines_and_have_their_mean_when_steps_are_narrow(
+    steps: int, data: dict[str, Any]
+) -> None:
+    """Less than half of the area between the two values is covered, however many steps there are."""
+    time, zeros = np.arange(steps + 1), np.zeros(steps + 1)
+    data["episodes"][0]["arrays"] |= {
+        "pose": np.stack([20 + 6 * time / steps, zeros, zeros], axis=1),
+        "command": np.stack([np.where(time % 2, 50.0, -50.0), zeros], axis=1),
+        "ranges": np.full((steps + 1, 8), 100.0),
+        "distance_m": 10 - 6 * time / steps,
+        "phase": np.ones(steps + 1, np.uint8),
+    }
+    *_, last = frames(marina(), data, 0.5)
+    panel = last[285:355, 700:1020].astype(int)  # within the force's, away from its two values
+    faintness = np.abs(panel - 255 * np.array(to_rgb(COLOR))).max(axis=2)
+    assert (faintness < 80).mean() < 0.5
+    strong_rows = (faintness < 80).mean(axis=1) > 0.6
+    assert strong_rows.any() == (steps == 200)  # the mean, 0 N
+
+
 @pytest.mark.parametrize(
     ("count", "name"), [(1, "s3"), (7, "s3"), (8, "marinas" * 20), (40, "marina-smooth")]
 )
