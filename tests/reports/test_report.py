@@ -269,3 +269,18 @@ def test_in_a_browser(tmp_path: Path) -> None:
         assert browser.execute_script("return document.documentElement.dataset.theme") != before
         assert browser.execute_script("return document.documentElement.scrollWidth <= innerWidth")
         assert browser.get_log("browser") == []
+
+
+@pytest.mark.slow
+@pytest.mark.thorough  # a browser takes long to start
+def test_long_names_fit_on_a_phone(tmp_path: Path) -> None:
+    """An experiment without a title is described by its settings, long words."""
+    about = "evaluation.random_starts.episodes=1000, training.exploring_starts.heading_noise_deg=45"
+    trial = Trial("large", "batch", about, [read_run(run_folder(tmp_path / "seed0"))])
+    file = tmp_path / "report.html"
+    file.write_text(study_page("a_long_title_" * 5, tmp_path, [trial]).html(), encoding="utf-8")
+    size = {"width": 320, "height": 700, "deviceScaleFactor": 1, "mobile": False}
+    with opened(file) as browser:
+        browser.execute_cdp_cmd("Emulation.setDeviceMetricsOverride", size)
+        wait(browser, "return innerWidth === 320")
+        assert browser.execute_script("return document.documentElement.scrollWidth") <= 320
