@@ -26,6 +26,7 @@ VARIANTS = {
     "marina-stern-to",
     "marina-t-head",
     "marina-unseen",
+    "marinas",  # builds 64 layouts; tests/sim/harbor/test_layouts.py has fewer
     "marinas-weather",
     "s2-poses",
     "s3-appendix-b",

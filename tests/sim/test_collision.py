@@ -263,7 +263,7 @@ def test_poses_do_not_influence_each_other() -> None:
 
 def test_surfaces_that_are_built_again_give_the_same_results(monkeypatch: pytest.MonkeyPatch) -> None:
     rng = np.random.default_rng(6)
-    eta = np.column_stack((rng.uniform(5, 38, 60), rng.uniform(-38, 38, 60), rng.uniform(-3, 3, 60)))
+    eta = np.column_stack((rng.uniform(5, 38, 20), rng.uniform(-38, 38, 20), rng.uniform(-3, 3, 20)))
     boat, other = (CollisionChecker(reference_harbor(), HULL) for _ in range(2))
     expected = boat.clearance_below(eta, 3.0)
     other.clearance_below(eta, 3.0)
