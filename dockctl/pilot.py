@@ -31,12 +31,12 @@ from numpy.typing import ArrayLike, NDArray
 from dockctl.errors import DockctlError
 from dockctl.geometry import MAX_SECTORS, Floats, nearest_in_sectors, proximities
 from dockctl.policy_files import INCOMPLETE, Networks, not_a_policy, read_policy_file
-from dockctl.sim.goal import TO_FINAL, TO_INTERMEDIATE, bearing, course, measure, reached
+from dockctl.sim.goal import TO_FINAL, TO_INTERMEDIATE, bearing, course, measure, offset, reached
 
 PARTS = frozenset(
     {
         "phase", "distance", "heading_error", "velocity", "command", "lidar", "proximity", "bearing",
-        "course", "apparent_wind", "through_water", "history",
+        "offset", "course", "apparent_wind", "through_water", "history",
     }
 )  # fmt: skip
 """Parts of the observation that a pilot computes."""
@@ -373,6 +373,7 @@ class Pilot:
         """Return the value of every column that a policy may observe now, before scaling."""
         distance, heading_error = measure(eta, goal)
         (direction,), (speed,), (track,) = bearing(eta, goal), *course(eta, nu, goal)
+        ((ahead, port),) = offset(eta, goal)
         return {
             "phase": float(self.phase),
             "distance": distance[0],
@@ -383,6 +384,8 @@ class Pilot:
             **{f"proximity_{i}": value for i, value in enumerate(proximities(ranges), start=1)},
             "bearing_sin": np.sin(direction),
             "bearing_cos": np.cos(direction),
+            "offset_ahead": ahead,
+            "offset_port": port,
             "speed": speed,
             "course_sin": np.sin(track),
             "course_cos": np.cos(track),

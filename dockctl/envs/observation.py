@@ -23,6 +23,7 @@ from dockctl.scenarios.schema import ObservationPart
 from dockctl.sim.goal import bearing as goal_bearing
 from dockctl.sim.goal import course as goal_course
 from dockctl.sim.goal import measure
+from dockctl.sim.goal import offset as goal_offset
 
 if TYPE_CHECKING:  # slow to import, and not needed to check a scenario
     from dockctl.sim.simulator import Simulator
@@ -232,6 +233,16 @@ def bearing(view: View) -> Columns:
     """Return sine and cosine of the bearing of the goal in the body frame."""
     angle = goal_bearing(view.eta, view.goal)
     return Columns(["bearing_sin", "bearing_cos"], np.column_stack([np.sin(angle), np.cos(angle)]), -1, 1)
+
+
+@observation_part("offset", source="not in the thesis")
+def offset(view: View, *, scale_m: Positive = 2.0, cap_m: Positive = 10.0) -> Columns:
+    """Return the position relative to the goal, ahead and to port of it, / scale, clipped to +- cap.
+
+    It resolves short distances, and needs no product of distance and bearing.
+    """
+    names, cap = ["offset_ahead", "offset_port"], cap_m / scale_m
+    return Columns(names, goal_offset(view.eta, view.goal), -cap, cap, scale_m, ["m", "m"])
 
 
 @observation_part("apparent_wind", source="not in the thesis")

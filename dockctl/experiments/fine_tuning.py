@@ -66,7 +66,8 @@ class InitialPolicy:
     def start(self, algorithm: Algorithm, scenario: Scenario) -> None:
         """Initialize an algorithm that has not learned yet with the parameters of the policy.
 
-        The scenario may observe more than the policy: the weights of new inputs are zero.
+        The scenario may observe more than the policy, and its network may have wider layers: the policy acts
+        as before, whatever the new inputs are.
 
         Raises:
             DockctlError: the policy was trained with another algorithm or network, other actions or another
@@ -79,9 +80,10 @@ class InitialPolicy:
             raise self._mismatch(f"its algorithm is {kinds}; fine-tuning is possible with 'dqn'")
         if own is None:
             raise self._mismatch("its card does not list what it observes; it is from an earlier version")
-        if card.hidden_sizes != training.hidden_sizes:
-            sizes = f"hidden_sizes: {list(card.hidden_sizes)}"
-            raise self._mismatch(f"its network differs; set training: {{{sizes}}}")
+        sizes, wanted = card.hidden_sizes, training.hidden_sizes
+        if len(sizes) != len(wanted) or any(size > wide for size, wide in zip(sizes, wanted, strict=True)):
+            least = f"training: {{hidden_sizes: {list(sizes)}}}"
+            raise self._mismatch(f"its network does not fit into {list(wanted)}; set {least}, or wider layers")
         for name, field in (
             ("actions", "actions"),
             ("lidar_sectors", "sensors.lidar.sectors"),

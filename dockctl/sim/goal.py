@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dockctl.errors import DockctlError
-from dockctl.geometry import Bools, Floats, Ints, wrap
+from dockctl.geometry import Bools, Floats, Ints, rotate, wrap
 
 TO_INTERMEDIATE, TO_FINAL = 0, 1
 
@@ -45,6 +45,11 @@ def bearing(eta: Floats, goal: Floats) -> Floats:
     """Return the direction of the goals (n,) [rad] in the body frame of poses; both (n, 3)."""
     offset = goal - eta
     return wrap(np.arctan2(offset[:, 1], offset[:, 0]) - eta[:, 2])
+
+
+def offset(eta: Floats, goal: Floats) -> Floats:
+    """Return the positions of poses in the frames of goals, ahead and to port, (n, 2) [m]; both (n, 3)."""
+    return np.column_stack(rotate(*(eta - goal)[:, :2].T, -goal[:, 2]))
 
 
 def course(eta: Floats, nu: Floats, goal: Floats) -> tuple[Floats, Floats]:

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from pydantic import Field, NonNegativeInt
 
 from dockctl.agents.checkpoint import flatten, nest
-from dockctl.agents.dqn.network import FIRST_LAYER, DuelingQNetwork
+from dockctl.agents.dqn.network import FIRST_LAYER, DuelingQNetwork, widened
 from dockctl.agents.dqn.policy import GreedyPolicy
 from dockctl.agents.dqn.replay import Batch, NStep, Replay, mirror_every_second
 from dockctl.agents.dqn.update import DoubleDQN
@@ -111,13 +111,16 @@ class DQN:
         return drawn
 
     def start_from(self, policy: Tensors, inputs: NDArray[np.int64]) -> None:
-        """Take over the parameters of the newest network; new inputs have no weight. See `FineTunable`."""
+        """Take over the parameters of the newest network, which may be narrower; see `FineTunable`."""
         (newest, *_), *_ = split(policy)
         first, known = newest[FIRST_LAYER], inputs >= 0
         weights = np.zeros((len(first), len(inputs)), first.dtype)
         weights[:, known] = first[:, inputs[known]]
+        own = numpy_tensors(self.learner.online.state_dict())
+        given = {**newest, FIRST_LAYER: weights}
+        started = {name: widened(array, own[name]) for name, array in given.items()}
         for network in (self.learner.online, self.learner.target, self.learner.evaluated):
-            load_parameters(network, {**newest, FIRST_LAYER: weights})
+            load_parameters(network, started)
         self.learner.publish_all()
 
     def learn_mirrored(self, mirror: Mirror) -> None:

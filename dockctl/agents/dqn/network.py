@@ -5,7 +5,9 @@ from __future__ import annotations
 from collections.abc import Sequence
 from itertools import pairwise
 
+import numpy as np
 import torch
+from numpy.typing import NDArray
 from torch import Tensor, nn
 
 from dockctl.dueling import advantage_units
@@ -55,3 +57,20 @@ class DuelingQNetwork(nn.Module):
         features = self.shared(observation)
         value, advantage = self.value(features), self.advantage(features)
         return torch.as_tensor(value + advantage - advantage.mean(dim=1, keepdim=True))
+
+
+def widened(given: NDArray[np.float32], wide: NDArray[np.float32]) -> NDArray[np.float32]:
+    """Return `wide` with `given` as its first rows and columns, and zeros right of them.
+
+    With all tensors of a network widened so, the network computes the same function: its units do not depend
+    on those that were added, which keep the weights that they have in `wide` (function-preserving widening,
+    after Net2Net, Chen et al. 2016).
+
+    Args:
+        given: weights (outputs, inputs) or biases (outputs,) of a layer.
+        wide: those of a layer with at least as many outputs and inputs.
+    """
+    result = wide.copy()
+    result[: len(given)] = 0
+    result[tuple(map(slice, given.shape))] = given
+    return result
