@@ -63,6 +63,7 @@ $(VENV)/.run: pyproject.toml constraints.txt
 
 $(VENV)/.dev: $(VENV)/.run
 	$(PIP) --editable '.[dev]'
+	$(BIN)/python -m tests.compiling   # once, so that the tests need not
 	@touch $@
 
 $(VENV)/.docs: $(VENV)/.run

@@ -27,3 +27,7 @@ def compile_learner() -> None:
 
 
 PARTS = {"simulator": compile_simulator, "learner": compile_learner}
+
+if __name__ == "__main__":
+    for compile_part in PARTS.values():
+        compile_part()

@@ -63,27 +63,23 @@ class InitialPolicy:
         make_folder(folder)
         save_policy(folder, self.tensors, self.card)
 
-    def start(self, algorithm: Algorithm, scenario: Scenario) -> None:
-        """Initialize an algorithm that has not learned yet with the parameters of the policy.
-
-        The scenario may observe more than the policy, and its network may have wider layers: the policy acts
-        as before, whatever the new inputs are.
+    def require_fit(self, scenario: Scenario) -> None:
+        """Check that a training of the scenario can start from the policy.
 
         Raises:
             DockctlError: the policy was trained with another algorithm or network, other actions or another
                 range sensor, or it observes what the scenario does not.
         """
         card, training, new = self.card, scenario.training, PolicyInterface.of(scenario)
-        own = card.interface
-        if not isinstance(algorithm, FineTunable) or card.algorithm["kind"] != training.algorithm.kind:
-            kinds = f"'{card.algorithm['kind']}', and the training is by '{training.algorithm.kind}'"
-            raise self._mismatch(f"its algorithm is {kinds}; fine-tuning is possible with 'dqn'")
-        if own is None:
-            raise self._mismatch("its card does not list what it observes; it is from an earlier version")
+        own = self._interface
+        if card.algorithm["kind"] != training.algorithm.kind:
+            raise self._wrong_algorithm(training.algorithm.kind)
         sizes, wanted = card.hidden_sizes, training.hidden_sizes
         if len(sizes) != len(wanted) or any(size > wide for size, wide in zip(sizes, wanted, strict=True)):
             least = f"training: {{hidden_sizes: {list(sizes)}}}"
-            raise self._mismatch(f"its network does not fit into {list(wanted)}; set {least}, or wider layers")
+            raise self._mismatch(
+                f"its network does not fit into {list(wanted)}; set {least}, or wider layers"
+            )
         for name, field in (
             ("actions", "actions"),
             ("lidar_sectors", "sensors.lidar.sectors"),
@@ -94,12 +90,34 @@ class InitialPolicy:
         lacking = [part.part for part in own.observation if part not in new.observation]
         if lacking:
             raise self._mismatch(f"the scenario does not observe {', '.join(lacking)} as the policy does")
-        algorithm.start_from(self.tensors, self._inputs(own, new))
+
+    def start(self, algorithm: Algorithm, scenario: Scenario) -> None:
+        """Initialize an algorithm that has not learned yet with the parameters of the policy, which must fit.
+
+        The scenario may observe more than the policy, and its network may have wider layers: the policy acts
+        as before, whatever the new inputs are.
+
+        Raises:
+            DockctlError: the algorithm cannot start from a policy.
+        """
+        if not isinstance(algorithm, FineTunable):
+            raise self._wrong_algorithm(scenario.training.algorithm.kind)
+        algorithm.start_from(self.tensors, self._inputs(self._interface, PolicyInterface.of(scenario)))
+
+    @property
+    def _interface(self) -> PolicyInterface:
+        if self.card.interface is None:
+            raise self._mismatch("its card does not list what it observes; it is from an earlier version")
+        return self.card.interface
 
     def _inputs(self, own: PolicyInterface, new: PolicyInterface) -> NDArray[np.int64]:
         """Return for each number of the new observation its index in that of the policy, or -1."""
         before, now = (ObservationEncoder(i.observation, i.lidar_sectors).names for i in (own, new))
         return np.array([before.index(name) if name in before else -1 for name in now])
+
+    def _wrong_algorithm(self, kind: str) -> DockctlError:
+        kinds = f"'{self.card.algorithm['kind']}', and the training is by '{kind}'"
+        return self._mismatch(f"its algorithm is {kinds}; fine-tuning is possible with 'dqn'")
 
     def _mismatch(self, reason: str) -> DockctlError:
         return DockctlError(f"--from {self.source}: {reason}", code="mismatch")

@@ -271,6 +271,8 @@ def _prepare(loaded: LoadedScenario, device: str, initial: InitialPolicy | None 
     """
     training = loaded.scenario.training
     dry_run(loaded)
+    if initial is not None:  # before the harbors are built, which can take a minute
+        initial.require_fit(loaded.scenario)
     worlds = build_worlds(loaded.scenario, loaded.base_dir)
     used = sorted({site.harbor for site in sites(loaded.scenario) if is_trained(site)})
     memory = require_memory(loaded.scenario, [worlds[number] for number in used])

@@ -17,7 +17,7 @@ from dockctl.scenarios.loader import load
 from dockctl.sim.world import in_open_water
 
 CHANGING_SIGN = {
-    "v", "r", "rudder", "heading_error", "bearing_sin", "course_sin", "wind_port",
+    "v", "r", "rudder", "heading_error", "bearing_sin", "offset_port", "course_sin", "wind_port",
     "v_1_ago", "r_1_ago", "rudder_1_ago", "v_2_ago", "r_2_ago", "rudder_2_ago",
 }  # fmt: skip
 OPPOSITE = {f"range_{sector}": f"range_{9 - sector}" for sector in range(1, 9)}
@@ -77,7 +77,7 @@ def environment(side: int) -> DockingVectorEnv:
         for pose, (x, y, heading) in poses.items()
         for key, value in (("x_m", x), ("y_m", side * y), ("heading_deg", side * heading))
     ]
-    parts = "[phase, distance, bearing, heading_error, velocity, command, lidar, course]"
+    parts = "[phase, distance, bearing, heading_error, velocity, command, lidar, course, offset]"
     loaded = load("s3", overrides=[*changes, f"observation={parts}"])
     world = in_open_water(loaded.scenario.sensors.lidar.build(np.array(WALL, float)))
     return DockingVectorEnv(loaded, len(POSES), worlds=[world])

@@ -86,6 +86,13 @@ def test_the_bearing_is_in_the_body_frame() -> None:
     assert encoder("bearing")(replace(VIEW, eta=np.array([[20.0, 2.0, 0.0]])))[0] == pytest.approx([0, 1])
 
 
+def test_the_offset_is_in_the_frame_of_the_goal() -> None:
+    """The goal heads 180 degrees; the boat is 1 m south and 6 m west of it, then out of bounds."""
+    near = replace(VIEW, eta=np.array([[30.0, 1.0, 0.3]]))
+    assert encoder("offset")(near)[0] == pytest.approx([6 / 2, 1 / 2])
+    assert encoder({"offset": {"scale_m": 4, "cap_m": 8}})(VIEW)[0] == pytest.approx([2, 0], abs=1e-6)
+
+
 numbers = st.floats(-1e6, 1e6)
 
 
@@ -106,7 +113,9 @@ def test_every_view_is_within_the_bounds(values: Sequence[float], phase: int) ->
         apparent_wind=x[:, 3:5],
         through_water=x[:, 5:7],
     )
-    encode = encoder("phase", "distance", "heading_error", "velocity", "command", "lidar", "bearing")
+    encode = encoder(
+        "phase", "distance", "heading_error", "velocity", "command", "lidar", "bearing", "offset"
+    )
     assert encode.space.contains(encode(view)[0])
 
 

@@ -43,6 +43,18 @@ def test_a_policy_acts_as_before_whatever_the_new_inputs_are(run: TrainedRun, tm
     assert len(set(chosen)) > 1
 
 
+def test_a_policy_acts_as_before_in_wider_layers(run: TrainedRun, tmp_path: Path) -> None:
+    wider = trained(
+        tmp_path, "training.warmup_steps=1000", "training.hidden_sizes=[24, 8]", start_from=run.path
+    )
+    before, after = load_policy(run.path)[0], load_policy(wider.path)[0]
+    observation = np.random.default_rng(0).normal(size=(500, 16)).astype(np.float32)
+    np.testing.assert_array_equal(after.act(observation, {}), before.act(observation, {}))
+    weights = load_pair(find_policy(wider.path))[0]["shared.0.weight"]
+    assert weights.shape == (24, 16)
+    assert (weights[16:] != 0).all()  # the new units can learn
+
+
 def test_of_an_ensemble_the_newest_network_is_taken(tmp_path: Path) -> None:
     ensemble = ("training.ensemble={networks: 3, every_steps: 10}", "training.target_update_interval=5")
     first = trained(tmp_path / "first", *ensemble, "training.hysteresis=100")
@@ -68,6 +80,7 @@ def test_the_run_folder_suffices_to_repeat_the_training(run: TrainedRun, tmp_pat
     ("overrides", "words"),
     [
         (("training.hidden_sizes=[16]",), "hidden_sizes"),
+        (("training.hidden_sizes=[16, 4]",), "hidden_sizes"),
         (("sensors.lidar.sectors=12",), "sensors.lidar"),
         (("observation=[distance, velocity, command]",), "phase, heading_error, lidar"),
         (("actions={kind: grid, propeller_n: [-50, 0, 50]}",), "actions"),

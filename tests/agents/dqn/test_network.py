@@ -7,7 +7,7 @@ import pytest
 import torch
 
 from dockctl.agents.dqn.algorithm import DQN
-from dockctl.agents.dqn.network import DuelingQNetwork
+from dockctl.agents.dqn.network import DuelingQNetwork, widened
 from dockctl.agents.dqn.policy import GreedyPolicy
 from dockctl.agents.tensors import numpy_tensors
 from dockctl.dueling import Ensemble, Mirror, join, shapes
@@ -55,6 +55,18 @@ def test_the_generator_decides_the_weights() -> None:
     )
     assert (first == same).all()
     assert (first != other).any()
+
+
+def test_a_widened_network_computes_the_same_function() -> None:
+    narrow = DuelingQNetwork(16, 77, (12, 9, 5), generator=torch.Generator().manual_seed(1))
+    wide = DuelingQNetwork(16, 77, (20, 9, 31), generator=torch.Generator().manual_seed(2))
+    own = wide.state_dict()
+    for name, given in narrow.state_dict().items():
+        own[name] = torch.from_numpy(widened(given.numpy(), own[name].numpy()))
+    observation = torch.randn(50, 16, generator=torch.Generator().manual_seed(3))
+    assert not torch.allclose(wide(observation), narrow(observation))
+    wide.load_state_dict(own)
+    torch.testing.assert_close(wide(observation), narrow(observation))
 
 
 @pytest.mark.parametrize("shape", [(5,), (2, 4), (2, 6), (1, 1, 5)])
