@@ -8,10 +8,10 @@ from pathlib import Path
 import numpy as np
 
 
-def compile_simulator() -> None:
+def compile_simulator(scenario: str = "s1") -> None:
     from dockctl.envs.vector import DockingVectorEnv
 
-    environment = DockingVectorEnv("s1", 2)
+    environment = DockingVectorEnv(scenario, 2)
     environment.reset(seed=0)
     environment.step(np.zeros(2, np.int64))
 
@@ -26,7 +26,11 @@ def compile_learner() -> None:
         trainer_in(RunDirectory(Path(folder)), Training(**{**SETTINGS, **short})).run()
 
 
-PARTS = {"simulator": compile_simulator, "learner": compile_learner}
+def compile_noise() -> None:
+    compile_simulator("s1-weather")
+
+
+PARTS = {"simulator": compile_simulator, "learner": compile_learner, "noise": compile_noise}
 
 if __name__ == "__main__":
     for compile_part in PARTS.values():

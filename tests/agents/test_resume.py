@@ -296,6 +296,7 @@ def test_sums_of_rewards_continue_whatever_their_type(tmp_path: Path) -> None:
     assert {row["reward_distance"] for row in rows} == {-0.25}
 
 
+@pytest.mark.thorough
 def test_a_block_that_is_listed_again_and_again_does_not_fill_the_memory(tmp_path: Path) -> None:
     run = new_run(tmp_path)
     stop_at(304, run)
@@ -492,7 +493,7 @@ def test_an_error_of_the_environments_state_names_the_checkpoint(tmp_path: Path)
 @pytest.mark.parametrize(
     ("scenario", "overrides"),
     [
-        ("s2", (*OVERRIDES, "sensors.lidar={kind: planar}", CURRENT)),
+        pytest.param("s2", (*OVERRIDES, "sensors.lidar={kind: planar}", CURRENT), marks=pytest.mark.thorough),
         ("s3", (*OVERRIDES, "training.retried_starts={fraction: 0.6}")),
     ],
 )

@@ -71,6 +71,7 @@ def test_runs_of_one_scenario_and_seed_are_named_by_the_folders_that_differ(
     assert set(json.loads((tmp_path / "c.json").read_text())["policies"]) == names
 
 
+@pytest.mark.thorough
 def test_runs_of_one_scenario_and_seed_have_the_names_they_were_given(
     trained: Trained, tmp_path: Path
 ) -> None:

@@ -120,6 +120,7 @@ def test_the_policy_that_was_measured_is_exported(
     assert (tmp_path / "out" / "mine" / "policy.safetensors").read_bytes() == measured
 
 
+@pytest.mark.thorough
 @pytest.mark.slow
 def test_measurements_of_another_policy_are_not_in_the_card(runs: MakeRun, tmp_path: Path) -> None:
     run = runs(1, "+", "+++")

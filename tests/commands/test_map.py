@@ -40,6 +40,7 @@ def test_blocked_starts_have_no_episode(run: Path) -> None:
     assert {"map.png", "map.svg"} <= {path.name for path in (run / "figures").iterdir()}
 
 
+@pytest.mark.thorough
 @pytest.mark.slow
 def test_the_same_map_has_the_same_bytes(run: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(Figure, "savefig", SAVEFIG)
@@ -97,6 +98,7 @@ def test_a_second_policy_does_not_replace_the_map_of_the_first(run: Path, tmp_pa
     assert (outcome.code, outcome.error_code) == (2, "mismatch")
 
 
+@pytest.mark.thorough
 def test_a_changed_scenario_of_the_same_name_has_files_of_its_own(run: Path, tmp_path: Path) -> None:
     (tmp_path / "s1.yaml").write_text("extends: s1\ntask: {max_steps: 5}\n")
     small = ("--reach-m", 0, "--headings", "0")

@@ -50,6 +50,7 @@ def test_only_an_earlier_recording_is_replaced(
         assert sorted(path.name for path in folder.iterdir()) == before
 
 
+@pytest.mark.thorough
 def test_a_second_policy_does_not_replace_the_recording_of_the_first(run: Path, tmp_path: Path) -> None:
     def recorded(ckpt: object, *out: object) -> Outcome:
         return dockctl("evaluate", ckpt, "--pose", "20,2,160", "--record", *out)
@@ -81,6 +82,7 @@ def test_a_pose_that_cannot_be_used(run: Path, pose: str, code: str) -> None:
     assert not (run / "transfer").exists()
 
 
+@pytest.mark.thorough
 def test_figures_of_a_recording_stay_until_it_changes(run: Path, tmp_path: Path) -> None:
     def record(pose: str) -> None:
         assert dockctl("evaluate", run, "--pose", pose, "--record", tmp_path / "here").code == 0

@@ -29,6 +29,7 @@ def contents(run: Path) -> dict[str, bytes]:
     return {name: (run / name).read_bytes() for name in FILES}
 
 
+@pytest.mark.thorough
 @pytest.mark.slow
 def test_a_run_killed_at_its_end_is_completed(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """At each of the last renames: of a file and the folder of the checkpoint, trajectories, provenance."""

@@ -21,6 +21,7 @@ FILES = [
 
 
 VARIANTS = {
+    "marina-fleet",
     "marina-l-basin",
     "marina-smooth",
     "marina-stern-to",

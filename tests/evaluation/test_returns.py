@@ -77,6 +77,7 @@ def through_the_intermediate_pose(scenario: Scenario) -> tuple[BehaviorSimulatio
     return approach, commands, approach.run(DOCKING, commands)
 
 
+@pytest.mark.thorough
 def test_loitering_stops_just_before_the_intermediate_pose_is_reached() -> None:
     scenario = load("s3").scenario
     approach, commands, reaching = through_the_intermediate_pose(scenario)

@@ -7,7 +7,7 @@ from pathlib import Path
 
 import pytest
 import yaml
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 from dockctl.errors import InputError, Problem
@@ -59,7 +59,6 @@ FLOW = st.sampled_from([None, False, True])
 
 
 @pytest.mark.slow
-@settings(max_examples=60)
 @given(st.sampled_from([path for path in PLACES if path[-1] not in SELECTORS]), FLOW)
 def test_a_value_that_cannot_be_used_is_reported_at_itself(
     tmp_path_factory: pytest.TempPathFactory, path: Steps, flow: bool | None
@@ -71,7 +70,6 @@ def test_a_value_that_cannot_be_used_is_reported_at_itself(
     assert {(problem.line, problem.column) for problem in found} <= {*inside}
 
 
-@settings(max_examples=30)
 @given(st.sampled_from(MAPPINGS), FLOW)
 def test_an_unknown_key_is_reported_at_itself(
     tmp_path_factory: pytest.TempPathFactory, path: Steps, flow: bool | None
@@ -84,7 +82,6 @@ def test_an_unknown_key_is_reported_at_itself(
 
 
 @pytest.mark.slow
-@settings(max_examples=60)
 @given(st.sampled_from([path for path in PLACES if isinstance(at(COMPLETE, path), int | float)]), FLOW)
 def test_a_number_that_is_none_is_reported_at_itself(
     tmp_path_factory: pytest.TempPathFactory, path: Steps, flow: bool | None

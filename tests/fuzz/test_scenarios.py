@@ -21,7 +21,7 @@ from dockctl.sim.world import load_checked
 from tests.fuzz.scenario_files import bases, write_case
 
 FIRST = int(os.environ.get("DOCKCTL_FUZZ_FIRST", "0"))
-CASES = int(os.environ.get("DOCKCTL_FUZZ_CASES", "200"))
+CASES = int(os.environ.get("DOCKCTL_FUZZ_CASES", "100"))
 
 
 def fault(path: Path) -> tuple[str, str]:

@@ -67,6 +67,7 @@ def test_the_boat_moves_through_the_frames(data: dict[str, Any]) -> None:
     np.testing.assert_array_equal(shown[-1], shown[-2])
 
 
+@pytest.mark.thorough
 def test_the_wind_turns_with_the_time(data: dict[str, Any]) -> None:
     """Its arrow differs from frame to frame, where without wind nothing does."""
     still = np.tile(data["episodes"][0]["arrays"]["pose"][:1], (STEPS + 1, 1))

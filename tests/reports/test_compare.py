@@ -52,6 +52,7 @@ def test_titles_do_not_overlap_however_long_the_names_are() -> None:
     assert all(box.x1 < after.x0 for box, after in itertools.pairwise(sorted(boxes, key=lambda box: box.x0)))
 
 
+@pytest.mark.thorough
 def test_files_are_reproducible(tmp_path: Path) -> None:
     with figure_style():
         save({name: compare_figure(two_policies(), KINDS, "caption") for name in ("one", "same")}, tmp_path)

@@ -77,6 +77,7 @@ def test_the_page_holds_each_step_of_each_policy(played: Replay, html: str) -> N
     assert len(colors) == len({policy for policy, _ in colors}) == len({color for _, color in colors}) == 2
 
 
+@pytest.mark.thorough
 def test_policies_of_the_same_scenario_and_seed_are_told_apart(tmp_path: Path) -> None:
     """For example a training that was stopped early, and its longer repetition."""
     for name in ("early", "late"):

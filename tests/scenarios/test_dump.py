@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 from dockctl.errors import DockctlError
@@ -30,7 +30,6 @@ TEXT = st.text(st.characters(exclude_categories=["Cs", "Cc"]), max_size=30)
 NUMBER = st.floats(-1e6, 1e6)
 
 
-@settings(max_examples=30)
 @given(
     title=TEXT,
     x=st.floats(-1e4, 1e4),

@@ -267,6 +267,7 @@ def ring(thick: bool) -> trimesh.Trimesh:
     return trimesh.Trimesh(np.concatenate([foot, foot + [0, 0, 2]]), faces, process=False)
 
 
+@pytest.mark.thorough
 @settings(max_examples=EXAMPLES)
 @given(
     vessel=vessels(st.builds(Hull, length_m=st.floats(0.05, 6), beam_m=st.floats(0.02, 3))),

@@ -227,6 +227,7 @@ def test_ranges_do_not_depend_on_the_batch_or_the_threads(monkeypatch: pytest.Mo
     np.testing.assert_array_equal(together, array.sector_ranges(poses))
 
 
+@pytest.mark.thorough
 def test_the_grid_is_conservative() -> None:
     """Bands contain, and distances do not exceed, those of points sampled on the triangles."""
     triangles = clutter(5)
