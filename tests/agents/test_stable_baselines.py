@@ -16,7 +16,7 @@ from dockctl.agents.trainer import Trainer
 from dockctl.evaluation.rollout import run_episodes
 from dockctl.runs.directory import RunDirectory
 from dockctl.scenarios.training import Training
-from tests.agents.test_resume import finish, new_run, stop_at
+from tests.agents.stops import finish, new_run, stop_at
 from tests.agents.test_trainer import SETTINGS, TABLES, read_table, trainer_in
 from tests.agents.toy import ToyDocking, starts_at
 

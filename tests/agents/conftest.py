@@ -1,0 +1,25 @@
+"""Fixtures of the tests of stopped trainings."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+
+import pytest
+
+from dockctl.agents import trainer
+from tests.agents.stops import TRAINING, finish, new_run
+
+
+@pytest.fixture(scope="module")
+def rows_of_several_updates() -> Iterator[None]:
+    """Most stops are between the updates of one row of updates.csv, as in longer trainings."""
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(trainer, "UPDATE_ROWS", TRAINING.updates_due(TRAINING.total_steps) // 7)
+        yield
+
+
+@pytest.fixture(scope="module")
+def uninterrupted(
+    rows_of_several_updates: None, tmp_path_factory: pytest.TempPathFactory
+) -> dict[str, bytes]:
+    return finish(new_run(tmp_path_factory.mktemp("whole")))
