@@ -292,7 +292,7 @@ class Pilot:
         if reading is None:
             raise _Unusable(f"{name}: no data yet")
         try:
-            age = float(now_s) - float(reading.time_s)
+            age = now_s - _seconds(reading.time_s)
             given: NDArray[Any] = np.ma.asarray(reading.value)
             if given.size and given.dtype.kind not in "iuf":  # also not booleans, times and complex numbers
                 raise TypeError

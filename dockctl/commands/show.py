@@ -53,10 +53,11 @@ def show(
     from dockctl.sim.world import load_checked
 
     loaded = load_checked(scenario, overrides=set_ or (), plugin_files=plugin or (), trust=trust)
-    shown = run(loaded, None if pose is None else parse_pose(pose))
-    name, scan = loaded.scenario.name, shown.scan
+    name = loaded.scenario.name
     folder = out or Path(FIGURES) / "show" / name
     require_writable(folder)
+    shown = run(loaded, None if pose is None else parse_pose(pose))
+    scan = shown.scan
     console = Console()
     print_text(console, f"{len(scan.points):,} LiDAR points from {scan.label}")
     print_table(console, sector_table(scan))
