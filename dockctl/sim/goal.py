@@ -49,7 +49,8 @@ def bearing(eta: Floats, goal: Floats) -> Floats:
 
 def offset(eta: Floats, goal: Floats) -> Floats:
     """Return the positions of poses in the frames of goals, ahead and to port, (n, 2) [m]; both (n, 3)."""
-    return np.column_stack(rotate(*(eta - goal)[:, :2].T, -goal[:, 2]))
+    x, y, _ = (eta - goal).T
+    return np.column_stack(rotate(x, y, -goal[:, 2]))
 
 
 def course(eta: Floats, nu: Floats, goal: Floats) -> tuple[Floats, Floats]:
