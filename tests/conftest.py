@@ -20,7 +20,7 @@ os.environ.setdefault("MPLBACKEND", "Agg")
 
 # The same examples on every machine. No deadline: the first call of a compiled function includes compilation.
 settings.register_profile("thorough", deadline=None, derandomize=True)
-settings.register_profile("quick", settings.get_profile("thorough"), max_examples=20)
+settings.register_profile("quick", settings.get_profile("thorough"), max_examples=15)
 
 
 def pytest_configure(config: pytest.Config) -> None:

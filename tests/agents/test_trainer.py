@@ -299,6 +299,7 @@ class WithoutInfos(ToyDocking):
         return *super().step(actions)[:4], {}
 
 
+@pytest.mark.thorough
 def test_an_environment_whose_infos_are_always_empty(tmp_path: Path) -> None:
     training, warnings = Training(**{**SETTINGS, "stop": None}), list[str]()
     environment = WithoutInfos(training.boats)

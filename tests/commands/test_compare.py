@@ -84,6 +84,7 @@ def test_runs_of_one_scenario_and_seed_have_the_names_they_were_given(
     assert list(json.loads((tmp_path / "c.json").read_text())["policies"]) == ["narrow", "wide", "third"]
 
 
+@pytest.mark.thorough
 def test_a_policy_is_compared_with_itself_under_a_changed_value(trained: Trained, tmp_path: Path) -> None:
     fault = "conditions.lidar_faults={sectors: [1, 2]}"
     arguments = ("compare", trained[0], "--vary", fault, "--json", tmp_path / "c.json", "--out", tmp_path)

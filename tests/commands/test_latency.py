@@ -47,6 +47,7 @@ def test_a_trained_policy_is_timed_on_its_scenario(trained: tuple[Path, Outcome]
     assert (facts["policy"]["scenario"], facts["policy"]["seed"]) == ("s1", 3)
 
 
+@pytest.mark.thorough
 @pytest.mark.slow
 def test_the_latest_run_is_timed_and_files_name_another_scenario(
     trained: tuple[Path, Outcome], tmp_path: Path, monkeypatch: pytest.MonkeyPatch

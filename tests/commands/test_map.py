@@ -88,6 +88,7 @@ def test_the_map_of_a_checkpoint_without_a_run_is_below_figures(
     assert files == {f"map-s1-alone.{end}" for end in ("csv", "json", "png", "svg")}
 
 
+@pytest.mark.thorough
 def test_a_second_policy_does_not_replace_the_map_of_the_first(run: Path, tmp_path: Path) -> None:
     """Two runs with folders of one name, and one output folder."""
     others = shutil.copytree(run, tmp_path / "others" / run.name)

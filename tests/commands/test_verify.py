@@ -28,7 +28,12 @@ def test_a_run_repeats_on_this_machine(run: Path) -> None:
 
 
 @pytest.mark.parametrize(
-    ("name", "column"), [("episodes.csv", "return"), ("updates.csv", "loss"), ("evaluations.csv", "outcome")]
+    ("name", "column"),
+    [
+        ("episodes.csv", "return"),
+        pytest.param("updates.csv", "loss", marks=pytest.mark.thorough),
+        pytest.param("evaluations.csv", "outcome", marks=pytest.mark.thorough),
+    ],
 )
 def test_a_row_that_differs(run: Path, name: str, column: str) -> None:
     rows = list(csv.DictReader((run / name).open()))

@@ -136,8 +136,8 @@ def measured(what: str) -> set[str]:
     ("command", "files"),
     [
         (("map", "--reach-m", 0, "--headings", 0), measured("map")),
-        (("latency", "--decisions", 10), measured("latency")),
-        (("returns",), measured("returns")),
+        pytest.param(("latency", "--decisions", 10), measured("latency"), marks=pytest.mark.thorough),
+        pytest.param(("returns",), measured("returns"), marks=pytest.mark.thorough),
     ],
 )
 def test_every_command_takes_a_controller(

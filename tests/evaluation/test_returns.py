@@ -102,7 +102,7 @@ def test_a_boat_that_drifts_through_the_pose_cannot_loiter_before_it() -> None:
     assert loiter_before_intermediate(inside, NOTHING, reaching.intermediate_step) is None
 
 
-@pytest.mark.parametrize("unit_m", [20.0, 1.0])
+@pytest.mark.parametrize("unit_m", [20.0, pytest.param(1.0, marks=pytest.mark.thorough)])
 def test_docking_and_loitering_have_equal_returns_at_break_even(unit_m: float) -> None:
     scenario = load("s3").scenario
     approach, commands, reaching = through_the_intermediate_pose(scenario)

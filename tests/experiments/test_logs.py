@@ -143,6 +143,7 @@ def test_the_log_of_a_training_that_is_interrupted_and_resumed(
     assert json.loads((run / "provenance.json").read_text())["log"] == ["tensorboard"]
 
 
+@pytest.mark.thorough
 @pytest.mark.slow
 def test_the_log_changes_no_table(tmp_path: Path) -> None:
     pytest.importorskip("tensorboard")

@@ -57,6 +57,7 @@ def test_figures_without_a_table_are_left_out(tmp_path: Path, removed: str, expe
     assert set(drawn(folder)) == expected
 
 
+@pytest.mark.thorough
 def test_a_run_of_one_episode_can_be_drawn(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setitem(STYLE, "savefig.dpi", 50)
     folder = write_run(tmp_path / "run", count=1)

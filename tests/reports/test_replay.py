@@ -145,6 +145,7 @@ def test_currents_are_in_the_page() -> None:
     np.testing.assert_allclose(stored(block, given["arrays"]["current"]), [[0.0, 0.1]], atol=1e-6)
 
 
+@pytest.mark.thorough
 def test_the_sectors_of_the_page_contain_the_points_of_their_index() -> None:
     loaded = load("s1", overrides=["sensors.lidar.sectors=6"])
     header, _ = contents(page(page_data(preview(loaded, POSES[:1]))))

@@ -261,6 +261,7 @@ def test_poses_do_not_influence_each_other() -> None:
         assert all(np.array_equal(result, together) for result in pool.map(boat.blocked, [eta] * 16))
 
 
+@pytest.mark.thorough
 def test_surfaces_that_are_built_again_give_the_same_results(monkeypatch: pytest.MonkeyPatch) -> None:
     rng = np.random.default_rng(6)
     eta = np.column_stack((rng.uniform(5, 38, 20), rng.uniform(-38, 38, 20), rng.uniform(-3, 3, 20)))

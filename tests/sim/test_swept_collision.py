@@ -54,7 +54,10 @@ def coasting(hull: Hull) -> Vessel:
 # Cases
 
 
-@pytest.mark.parametrize(("speed", "length"), [(5.0, 1.5), (8.0, 3.0), (30.0, 0.3)])
+@pytest.mark.parametrize(
+    ("speed", "length"),
+    [(5.0, 1.5), *(pytest.param(*fast, marks=pytest.mark.thorough) for fast in ((8.0, 3.0), (30.0, 0.3)))],
+)
 def test_fast_boats_do_not_cross_a_block(speed: float, length: float) -> None:
     hull = Hull(length_m=length, beam_m=length / 3)
     block = checker(box((10, -50, -1), (30, 50, 1)), hull=hull)
@@ -217,6 +220,7 @@ def test_nothing_is_touched_if_nothing_is_near(
     assert boat.near(pose[None], within)[0] or not any(touching)
 
 
+@pytest.mark.thorough
 @settings(max_examples=EXAMPLES)
 @given(
     path=paths(),
