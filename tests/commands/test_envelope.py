@@ -49,6 +49,7 @@ def test_without_wind_or_delay_it_is_the_evaluation(measured: Path) -> None:
         assert {name: getattr(row, name) for name in outcomes.index} == outcomes.to_dict()
 
 
+@pytest.mark.thorough
 def test_every_value_is_a_scenario(run: Path) -> None:
     policy = load_policy(run)
     for name, factor in FACTORS.items():

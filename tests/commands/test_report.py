@@ -11,6 +11,7 @@ from tests.commands.conftest import dockctl
 
 
 @pytest.mark.slow
+@pytest.mark.thorough
 def test_the_report_of_a_run_has_its_replay(run: Path, tmp_path: Path) -> None:
     outcome = dockctl("report", run, "--out", tmp_path / "page.html")
     assert outcome.code == 0, outcome.err

@@ -273,6 +273,7 @@ def test_copies_share_the_harbor(how: str) -> None:
 
 
 @pytest.mark.slow
+@pytest.mark.thorough
 def test_another_process_continues_from_a_pickle(tmp_path: Path) -> None:
     env = DockingVectorEnv(
         load_scenario("s3", overrides=["sensors={lidar: {kind: planar, rays: 36}}"]), 2, exploring=True

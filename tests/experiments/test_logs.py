@@ -173,6 +173,7 @@ def wandb_records(file: Path) -> Iterator[bytes]:
 
 
 @pytest.mark.slow
+@pytest.mark.thorough
 def test_wandb_has_the_numbers_of_the_tables(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     pytest.importorskip("wandb")
     from wandb.proto import wandb_internal_pb2

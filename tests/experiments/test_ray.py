@@ -170,6 +170,7 @@ def test_an_address_that_cannot_be_reached_is_an_error_at_once() -> None:
 
 @needs_ray
 @pytest.mark.slow
+@pytest.mark.thorough
 @pytest.mark.parametrize("to_cluster", [False, True])
 def test_a_missing_token_is_an_error(to_cluster: bool, tmp_path: Path) -> None:
     """Ray reads its environment once, so this runs in another process."""

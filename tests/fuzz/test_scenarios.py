@@ -12,6 +12,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from hypothesis import settings
 
 from dockctl.envs.vector import DockingVectorEnv
 from dockctl.errors import InputError, Problem
@@ -21,7 +22,7 @@ from dockctl.sim.world import load_checked
 from tests.fuzz.scenario_files import bases, write_case
 
 FIRST = int(os.environ.get("DOCKCTL_FUZZ_FIRST", "0"))
-CASES = int(os.environ.get("DOCKCTL_FUZZ_CASES", "100"))
+CASES = int(os.environ.get("DOCKCTL_FUZZ_CASES", 4 * settings.default.max_examples))
 
 
 def fault(path: Path) -> tuple[str, str]:
@@ -78,4 +79,4 @@ def test_every_case_is_valid_and_can_be_stepped_or_gives_located_errors(tmp_path
             faults.append(f"case {case}, {outcome}: {wrong}")
     print(f"{CASES} cases: {dict(counts)}, {len(faults)} faults")
     assert not faults, "\n\n".join(faults[:20])
-    assert min(counts["valid"], counts["errors"]) > 0.1 * CASES  # the cases test both
+    assert min(counts["valid"], counts["errors"]) > 0.05 * CASES  # the cases test both

@@ -16,6 +16,7 @@ from typing import Any
 import numpy as np
 import pytest
 import yaml
+from hypothesis import settings
 from safetensors.numpy import load, save
 
 from dockctl.agents.divergence import DivergenceError
@@ -26,7 +27,7 @@ from dockctl.runs.directory import RunDirectory
 from dockctl.runs.reader import read_run
 from tests.commands.conftest import Outcome, dockctl, only_run, quick_train
 
-COUNT = int(os.environ.get("DOCKCTL_MUTATIONS", "38"))
+COUNT = int(os.environ.get("DOCKCTL_MUTATIONS", settings.default.max_examples))
 VALUES: tuple[Any, ...] = (
     *(None, True, False, 0, -1, 1, 3.5, 1e300, -1e300, 10**18, 10**400, float("nan"), float("inf")),
     *("", "x", "nan", "../..", "/dev/null", "\x00", "\ud800", "ß" * 300, [], {}, [[]], [None], {"a": 1}),
