@@ -64,6 +64,7 @@ $(VENV)/.run: pyproject.toml constraints.txt
 $(VENV)/.dev: $(VENV)/.run
 	$(PIP) --editable '.[dev]'
 	$(BIN)/python -m tests.compiling   # once, so that the tests need not
+	@PYTHONDONTWRITEBYTECODE= $(BIN)/pytest --collect-only -q >/dev/null   # caches the bytecode of the tests
 	@touch $@
 
 $(VENV)/.docs: $(VENV)/.run

@@ -390,7 +390,7 @@ def test_files_that_are_no_policy(file: Path, tmp_path: Path) -> None:
         assert code_of(file, final=final) == "wrong_type"
 
 
-@pytest.mark.parametrize("name", ["s3", "marinas"])
+@pytest.mark.parametrize("name", ["s3", pytest.param("marinas", marks=pytest.mark.thorough)])
 def test_an_onnx_model_decides_the_same(name: str, tmp_path: Path) -> None:
     pytest.importorskip("onnxruntime")
     files = tmp_path / "policy.npz", tmp_path / "policy.onnx"

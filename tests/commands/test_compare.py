@@ -55,6 +55,7 @@ def test_a_policy_does_not_differ_from_itself(trained: Trained, tmp_path: Path) 
     assert difference["second"] == f"{run.name} (2)"
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize(
     ("folders", "names"),
     [

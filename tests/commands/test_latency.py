@@ -15,6 +15,7 @@ from tests.commands.conftest import Outcome, dockctl, forget_interface
 ENDS = ("png", "svg", "csv", "json")
 
 
+@pytest.mark.thorough
 @pytest.mark.slow
 def test_without_a_run_a_shipped_policy_is_timed(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.chdir(tmp_path)

@@ -53,6 +53,7 @@ def test_the_same_map_has_the_same_bytes(run: Path, tmp_path: Path, monkeypatch:
     assert (tmp_path / "maps" / "map-s1-run.svg").read_bytes() == first
 
 
+@pytest.mark.thorough
 def test_the_table_has_what_the_conditions_drew(run: Path) -> None:
     wind = ("--set", "conditions.wind={speed_mps: [0, 1], direction_deg: 30}")
     arguments = ("--reach-m", 20, "--step-m", 20, "--headings", "0", *wind, "--csv", run / "mine.csv")
@@ -62,6 +63,7 @@ def test_the_table_has_what_the_conditions_drew(run: Path) -> None:
     assert table["wind_speed_mps"].isna().equals(table["blocked"] == 1)
 
 
+@pytest.mark.thorough
 def test_a_map_of_another_scenario_has_its_name(run: Path) -> None:
     small = ("--reach-m", 0, "--headings", "0")
     assert dockctl("map", "--ckpt", run, "--scenario", "s2", *small).code == 0

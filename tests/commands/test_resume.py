@@ -107,7 +107,7 @@ def test_resume_without_a_run_continues_the_latest_that_is_interrupted(
     assert (outcome.code, outcome.error_code) == (2, "not_found")
 
 
-@pytest.mark.parametrize("content", ["", None])
+@pytest.mark.parametrize("content", [pytest.param("", marks=pytest.mark.thorough), None])
 def test_a_run_without_provenance_resumes_as_its_error_says(tmp_path: Path, content: str | None) -> None:
     assert quick_train(tmp_path, "s1", "--steps", 120).code == 0
     run = only_run(tmp_path)

@@ -85,6 +85,7 @@ def test_what_is_registered_keeps_the_contracts() -> None:
     check_harbor("basin.yaml")
 
 
+@pytest.mark.thorough
 def test_a_policy_runs_an_episode() -> None:
     outcome = dockctl("init", "policy", "mine")
     first, second = (shlex.split(line)[1:] for line in outcome.out.split("Next:\n")[1].splitlines())
