@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Annotated, Any
+from typing import Annotated, Any, Literal
 
 import typer
 
@@ -69,10 +69,8 @@ def train(
         ),
     ] = None,
     on_divergence: Annotated[
-        str | None,
-        typer.Option(
-            metavar="stop|rollback|continue", help="What to do if the training diverges; stop by default."
-        ),
+        Literal["stop", "rollback", "continue"] | None,
+        typer.Option(help="What to do if the training diverges; stop by default."),
     ] = None,
     log: Annotated[
         list[str] | None,
