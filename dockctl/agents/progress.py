@@ -86,13 +86,14 @@ class Progress:
         Enough of the last episodes docked, both of all of them and of those from the initial poses, and the
         greedy policy docked from every start of the latest evaluation.
         """
+        if not 0 < self.evaluation_episodes == self.evaluation_docked:
+            return False
         recent = self.recent[-rule.episodes :]
         own = [docked for docked, from_initial_pose in recent if from_initial_pose]
         return (
             len(recent) == rule.episodes
             and sum(docked for docked, _ in recent) >= rule.docked
             and sum(own) * rule.episodes >= rule.docked * len(own)
-            and 0 < self.evaluation_episodes == self.evaluation_docked
         )
 
     def validated(self, rule: StopRule) -> bool:

@@ -86,7 +86,7 @@ class CollisionChecker:
     def collided_part(self, eta: Floats) -> str | None:
         """Return the name of the part that blocks the pose (3,), or None."""
         pose = eta[None]
-        close = np.flatnonzero(self._low.gaps(self._bounds(pose))[0] <= 0).tolist()
+        close = np.flatnonzero(self._low.overlaps(self._bounds(pose))[0]).tolist()
         touched = (
             part
             for hull in self._hull.placed(pose)
@@ -130,16 +130,16 @@ class CollisionChecker:
         """Return x_min, y_min, x_max, y_max (n, 4) [m] of the hull, enlarged on all sides."""
         length, beam, _ = self._size / 2 + SLACK_M + margin_m
         cosine, sine = np.abs(np.cos(eta[:, 2])), np.abs(np.sin(eta[:, 2]))
-        reach = np.column_stack([length * cosine + beam * sine, length * sine + beam * cosine])
-        return np.hstack([eta[:, :2] - reach, eta[:, :2] + reach])
+        reach = np.array([length * cosine + beam * sine, length * sine + beam * cosine]).T
+        return np.concatenate([eta[:, :2] - reach, eta[:, :2] + reach], axis=1)
 
     def _touching(self, shape: _Shape, eta: Floats, margin_m: float = 0.0, z: float = 0.0) -> Bools:
         """Return whether the hull, or its box with a margin, touches what is between keel and deck."""
-        close = self._low.gaps(self._bounds(eta, margin_m)) <= 0
-        rows, touching = np.flatnonzero(close.any(axis=1)), np.zeros(len(eta), bool)
-        for row, boat in zip(rows, shape.placed(eta[rows], z), strict=True):
-            parts = np.flatnonzero(close[row]).tolist()
-            touching[row] = any(_touch(boat, self._low.of_part(part)) for part in parts)
+        close = self._low.overlaps(self._bounds(eta, margin_m))
+        (rows,), touching = close.any(axis=1).nonzero(), np.zeros(len(eta), bool)
+        for row, boat in zip(rows.tolist(), shape.placed(eta[rows], z), strict=True):
+            (parts,) = close[row].nonzero()
+            touching[row] = any(_touch(boat, self._low.of_part(part)) for part in parts.tolist())
         return touching
 
 
@@ -173,9 +173,16 @@ class _Surfaces:
         """
         below = self._low - bounds[:, None, 2:]
         above = bounds[:, None, :2] - self._high
-        x, y = np.moveaxis(np.maximum(np.maximum(below, above), 0.0), -1, 0)
-        gaps: Floats = np.hypot(x, y)
+        gap = np.maximum(np.maximum(below, above), 0.0)
+        gaps: Floats = np.hypot(gap[:, :, 0], gap[:, :, 1])
         return gaps
+
+    def overlaps(self, bounds: Floats) -> Bools:
+        """Return where `gaps` is 0, (n, 4) to (n, parts)."""
+        x0, y0, x1, y1 = bounds.T[:, :, None]
+        (low_x, low_y), (high_x, high_y) = self._low.T, self._high.T
+        overlapping: Bools = (low_x <= x1) & (x0 <= high_x) & (low_y <= y1) & (y0 <= high_y)
+        return overlapping
 
     def of_part(self, part: int) -> fcl.CollisionObject:
         """Return the surface of a part."""
@@ -254,11 +261,11 @@ def first_contact(
     while sections:
         begin, end = sections.pop()
         middle = (begin + end) / 2
-        at = np.array([np.interp(middle, moved, column) for column in path.T])
+        pose = np.array([[np.interp(middle, moved, column) for column in path.T[:3]]])
         if end - begin <= resolution:
-            if blocked(at[None, :3])[0]:
-                return at
-        elif near(at[None, :3], rounded_up(end - middle))[0]:
+            if blocked(pose)[0]:
+                return np.array([np.interp(middle, moved, column) for column in path.T])
+        elif near(pose, rounded_up(end - middle))[0]:
             sections += [(middle, end), (begin, middle)]
     return None
 
@@ -341,7 +348,7 @@ class _Interior:
         return np.array([self._part_containing(x, y) for x, y, _ in eta], np.int64)
 
     def _part_containing(self, x: float, y: float) -> int:
-        (x0, y0), (x1, y1) = np.moveaxis(self._segments, 0, -1)
+        (x0, y0), (x1, y1) = self._segments.transpose(1, 2, 0)
         crossed = np.flatnonzero((y0 <= y) != (y1 <= y))  # half-open: a shared corner counts once
         x0, y0, x1, y1 = x0[crossed], y0[crossed], x1[crossed], y1[crossed]
         right = x0 + (y - y0) / (y1 - y0) * (x1 - x0) > x

@@ -437,6 +437,8 @@ class Simulator:
         Raises:
             IntegrationError: a pose or velocity is not finite, or far beyond any harbor or vessel.
         """
+        if np.abs(eta).max() < STATE_LIMIT and np.abs(nu).max() < STATE_LIMIT:
+            return
         state = np.hstack([eta, nu])
         for row in np.flatnonzero(~(np.abs(state) < STATE_LIMIT).all(axis=1)):
             (x, y, heading, u, v, r), (force, angle) = state[row], self.command[row]
