@@ -136,9 +136,9 @@ class CollisionChecker:
     def _touching(self, shape: _Shape, eta: Floats, margin_m: float = 0.0, z: float = 0.0) -> Bools:
         """Return whether the hull, or its box with a margin, touches what is between keel and deck."""
         close = self._low.overlaps(self._bounds(eta, margin_m))
-        (rows,), touching = close.any(axis=1).nonzero(), np.zeros(len(eta), bool)
+        (rows,), touching = np.nonzero(close.any(axis=1)), np.zeros(len(eta), bool)
         for row, boat in zip(rows.tolist(), shape.placed(eta[rows], z), strict=True):
-            (parts,) = close[row].nonzero()
+            (parts,) = np.nonzero(close[row])
             touching[row] = any(_touch(boat, self._low.of_part(part)) for part in parts.tolist())
         return touching
 
