@@ -30,10 +30,11 @@ from dockctl.scenarios.harbor import DEFAULT_MODELS, Marina
 from dockctl.scenarios.loader import load
 from dockctl.scenarios.schema import Scenario
 from dockctl.scenarios.training import THESIS
+from dockctl.sim.checks import load_checked
 from dockctl.sim.goal import StepStatus
 from dockctl.sim.simulator import Simulator
 from dockctl.sim.starts import given_start, own_site
-from dockctl.sim.world import in_open_water, load_checked
+from dockctl.sim.world import in_open_water
 
 ROOT = Path(__file__).parents[1]
 DOCUMENTS = sorted([*ROOT.glob("*.md"), *ROOT.glob("docs/**/*.md"), *ROOT.glob("examples/**/*.md")])

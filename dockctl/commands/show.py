@@ -50,7 +50,7 @@ def show(
     """
     from dockctl.experiments.show import show as run
     from dockctl.runs.files import require_writable
-    from dockctl.sim.world import load_checked
+    from dockctl.sim.checks import load_checked
 
     loaded = load_checked(scenario, overrides=set_ or (), plugin_files=plugin or (), trust=trust)
     name = loaded.scenario.name

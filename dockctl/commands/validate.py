@@ -32,7 +32,7 @@ def validate(
     from dockctl.experiments.registered import phases, summary
     from dockctl.plugins import SCENARIOS
     from dockctl.scenarios import catalog
-    from dockctl.sim.world import load_checked, notes
+    from dockctl.sim.checks import load_checked, notes
 
     catalog.fill()
     for path in plugin or ():

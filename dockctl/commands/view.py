@@ -59,7 +59,7 @@ def view(
     from dockctl.reports import animation
     from dockctl.reports.replay import page
     from dockctl.runs.files import require_writable_file, write_atomically
-    from dockctl.sim.world import load_checked
+    from dockctl.sim.checks import load_checked
 
     for path, suffix in ((out, ".html"), (gif, ".gif"), (mp4, ".mp4")):
         if path:

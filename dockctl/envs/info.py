@@ -31,16 +31,16 @@ def of_boats(simulator: Simulator) -> Info:
 def of_conditions(simulator: Simulator) -> Info:
     """Return what the conditions of the scenario add."""
     info: Info = {}
-    if simulator.has("water_velocity"):
+    if simulator.disturbances.define("water_velocity"):
         info["current"] = simulator.current()
-    if simulator.has("air_velocity"):
+    if simulator.disturbances.define("air_velocity"):
         info["wind"] = simulator.wind()
-    if simulator.has("actuate"):
+    if simulator.disturbances.define("actuate"):
         info["actuation"] = simulator.actuation.copy()
-    if simulator.has("pose_error") or simulator.has("velocity_error"):
+    if simulator.disturbances.define("pose_error") or simulator.disturbances.define("velocity_error"):
         info["measured_pose"] = simulator.measured_pose()
         info["measured_velocity"] = simulator.measured_velocity()
-    if episode := simulator.episode():
+    if episode := simulator.disturbances.episode():
         info["conditions"] = episode
     return info
 

@@ -24,10 +24,11 @@ from dockctl.plugins import ACTIONS, Guard
 from dockctl.rewards.compose import RewardFunction
 from dockctl.scenarios.loader import LoadedScenario
 from dockctl.scenarios.schema import Scenario
+from dockctl.sim.checks import load_checked
 from dockctl.sim.retries import FailedStarts
 from dockctl.sim.simulator import Simulator
 from dockctl.sim.starts import Start, StartSampler, free_sites, given_start, is_trained, own_site
-from dockctl.sim.world import World, build_worlds, load_checked, near_in, unreachable_in
+from dockctl.sim.world import World, build_worlds, near_in, unreachable_in
 
 Observations = NDArray[np.float32]
 OPTIONS = ("poses", "starts", "reset_mask")

@@ -38,7 +38,7 @@ from dockctl.scenarios.catalog import SUFFIXES, display_path
 from dockctl.scenarios.content import first_difference
 from dockctl.scenarios.loader import LoadedScenario, load
 from dockctl.scenarios.schema import Scenario
-from dockctl.sim.world import load_checked
+from dockctl.sim.checks import load_checked
 from dockctl.trust import file_digest, require
 
 Factory = Callable[[Scenario], Any]

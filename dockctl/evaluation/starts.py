@@ -16,6 +16,7 @@ from dockctl.scenarios.base import Pose
 from dockctl.scenarios.layouts import layouts
 from dockctl.scenarios.loader import LoadedScenario
 from dockctl.scenarios.schema import Scenario
+from dockctl.sim.checks import PoseCheck
 from dockctl.sim.harbor.build import build_harbor
 from dockctl.sim.starts import (
     Site,
@@ -29,7 +30,7 @@ from dockctl.sim.starts import (
     sites,
     with_offset,
 )
-from dockctl.sim.world import PoseCheck, World, unreachable_in
+from dockctl.sim.world import World, unreachable_in
 
 TRAINING = "training"
 """Kind of the starts at the initial poses of the training."""

@@ -18,10 +18,11 @@ from dockctl.scenarios.harbor import Generated
 from dockctl.scenarios.layouts import layouts
 from dockctl.scenarios.loader import LoadedScenario
 from dockctl.scenarios.schema import Scenario
+from dockctl.sim.checks import PoseCheck
 from dockctl.sim.harbor.build import Harbor, build_harbor, build_scene
 from dockctl.sim.harbor.solids import hull_mesh
 from dockctl.sim.starts import sites
-from dockctl.sim.world import PoseCheck, build_sensor, scan_points, scan_sectors
+from dockctl.sim.world import build_sensor, scan_points, scan_sectors
 
 
 @dataclass(frozen=True, eq=False)

@@ -43,7 +43,7 @@ from dockctl.scenarios.loader import load
 from dockctl.scenarios.problems import validate
 from dockctl.scenarios.schema import PolicyInterface, Scenario
 from dockctl.scenarios.yaml_tree import Location, input_error, read_file
-from dockctl.sim.world import load_checked
+from dockctl.sim.checks import load_checked
 
 Probe = Literal["map", "latency", "returns"]
 PROBE_STEMS = {"latency": LATENCY, "map": MAP, "returns": RETURNS}

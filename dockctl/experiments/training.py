@@ -40,8 +40,9 @@ from dockctl.runs.tables import RECENT, Value
 from dockctl.scenarios.content import mesh_files, with_paths
 from dockctl.scenarios.loader import LoadedScenario, dump
 from dockctl.scenarios.schema import PolicyInterface, Scenario
+from dockctl.sim.checks import load_checked, notes
 from dockctl.sim.starts import is_trained, own_site, sites
-from dockctl.sim.world import World, build_worlds, load_checked, notes
+from dockctl.sim.world import World, build_worlds
 
 
 @dataclass(frozen=True, eq=False)

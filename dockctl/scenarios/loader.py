@@ -74,7 +74,7 @@ class LoadedScenario:
         received: the file is in a checkpoint or a run.
         rejected_starts: shares of the random starts that are drawn again, by the field with their offsets.
         blocked_berths: names of the berths that are left out, because a pose of the task is blocked there, by
-            the field that lists them. `dockctl.sim.world.load_checked` finds both.
+            the field that lists them. `dockctl.sim.checks.load_checked` finds both.
     """
 
     scenario: Scenario

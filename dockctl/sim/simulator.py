@@ -11,10 +11,11 @@ from numpy.typing import NDArray
 from dockctl.compute import map_on_all_cores
 from dockctl.errors import DockctlError, require_shape
 from dockctl.geometry import Bools, Floats, Ints, rotate
-from dockctl.plugins import CONDITIONS, RANGE_SENSORS, Guard
-from dockctl.scenarios.extensions import Disturbance, NoisyRangeSensor, RangeNoise
+from dockctl.plugins import RANGE_SENSORS, Guard
+from dockctl.scenarios.extensions import NoisyRangeSensor
 from dockctl.scenarios.schema import Scenario
 from dockctl.sim.collision import first_contact, rounded_up
+from dockctl.sim.disturbances import Disturbances
 from dockctl.sim.goal import TO_FINAL, StepStatus, measure, reached
 from dockctl.sim.starts import Start
 from dockctl.sim.vessel import VesselModel, coefficients
@@ -65,20 +66,9 @@ class Simulator:
         self._prepared: set[int] = set()
         self.prepare([0])
         self.vessel = VesselModel(scenario.vessel)
-        self._conditions = [Guard(CONDITIONS, condition.kind) for condition in scenario.conditions.values()]
-        self._condition_names = tuple(scenario.conditions)
-        self.disturbances: list[Disturbance] = []
-        for guard, condition in zip(self._conditions, scenario.conditions.values(), strict=True):
-            with guard:
-                built = condition.build(num_boats)
-                if not isinstance(built, Disturbance):
-                    raise TypeError(f"build returned {built!r}, not a Disturbance")
-                self.disturbances.append(built)
+        self.disturbances = Disturbances(scenario, num_boats)
         self._range_m = scenario.sensors.lidar.range_m
-        noisy = sum(type(each).range_noise is not Disturbance.range_noise for each in self.disturbances)
-        if noisy > 1:
-            raise DockctlError("conditions: more than one is noise of the range sensor", code="mismatch")
-        if noisy and not isinstance(worlds[0].lidar, NoisyRangeSensor):
+        if self.disturbances.define("range_noise") and not isinstance(worlds[0].lidar, NoisyRangeSensor):
             kind = scenario.sensors.lidar.kind
             message = f"the range sensor '{kind}' has no noisy_sector_ranges, which the conditions need"
             raise DockctlError(message, code="mismatch")
@@ -129,14 +119,7 @@ class Simulator:
         self.steps[rows] = 0
         self.resting[rows] = False
         self.command[rows] = self.actuation[rows] = 0.0
-        if self.disturbances:
-            drawn = [
-                rngs[i] if start.seed is None else np.random.default_rng(start.seed)
-                for i, start in enumerate(starts)
-            ]
-            for guard, disturbance in zip(self._conditions, self.disturbances, strict=True):
-                with guard:
-                    disturbance.reset(rows, drawn)
+        self.disturbances.reset(rows, starts, rngs)
         self._scale_coefficients(rows)
         self._measure()
         self.sector_ranges_m[rows] = self.scan(rows)
@@ -159,9 +142,7 @@ class Simulator:
         previous_command, self.command = self.command, command.astype(float)
         collided = self._move()
         self.steps += ~self.resting
-        for guard, disturbance in zip(self._conditions, self.disturbances, strict=True):
-            with guard:
-                disturbance.advance(self.vessel.vessel.control_period_s)
+        self.disturbances.advance(self.vessel.vessel.control_period_s)
         self._measure()
         speed = np.hypot(self.nu[:, 0], self.nu[:, 1])
         intermediate, final = reached(self.task, phase, self.distance_m, self.heading_error_rad, speed)
@@ -203,12 +184,7 @@ class Simulator:
 
     def state(self) -> dict[str, Any]:
         """Return the arrays of all boats by name, and the states of the conditions in their order."""
-        state = {name: getattr(self, name) for name in STATE}
-        state["conditions"] = []
-        for guard, disturbance in zip(self._conditions, self.disturbances, strict=True):
-            with guard:
-                state["conditions"].append(disturbance.state())
-        return state
+        return {**{name: getattr(self, name) for name in STATE}, "conditions": self.disturbances.state()}
 
     def restore(self, state: dict[str, Any]) -> None:
         """Continue from what `state` returned.
@@ -228,10 +204,7 @@ class Simulator:
         self.prepare(state["harbor"].tolist())
         for name in STATE:
             setattr(self, name, state[name])
-        conditions = zip(self._conditions, self.disturbances, state["conditions"], strict=True)
-        for guard, disturbance, own in conditions:
-            with guard:
-                disturbance.restore(own)
+        self.disturbances.restore(state["conditions"])
         self._scale_coefficients(np.arange(len(self.eta)))
 
     def scan(self, rows: Ints | None = None) -> Floats:
@@ -241,7 +214,7 @@ class Simulator:
             DockctlError: the sensor returned another shape.
         """
         boats, sectors = self.sector_ranges_m.shape
-        noise = self._range_noise()
+        noise = self.disturbances.range_noise()
 
         def ranges_of(world: World, rows: Ints) -> Floats:
             if noise is None:
@@ -260,23 +233,7 @@ class Simulator:
             lost = uniforms(own.seeds + np.uint64(2), sectors) < own.lost_sectors[:, None]
             ranges = np.where(lost, self._range_m, ranges)
         scanned = np.arange(boats) if rows is None else rows
-        for guard, disturbance in zip(self._conditions, self.disturbances, strict=True):
-            with guard:
-                ranges = disturbance.reported_ranges(ranges, scanned, self._range_m)
-                require_shape(
-                    f"{type(disturbance).__name__}.reported_ranges", ranges.shape, (len(scanned), sectors)
-                )
-        return ranges
-
-    def _range_noise(self) -> RangeNoise | None:
-        """Return the noise of the next scan, if a condition defines it."""
-        for guard, disturbance in zip(self._conditions, self.disturbances, strict=True):
-            with guard:
-                if (noise := disturbance.range_noise()) is not None:
-                    if not isinstance(noise, RangeNoise):
-                        raise TypeError(f"range_noise returned {noise!r}, not a RangeNoise")
-                    return noise
-        return None
+        return self.disturbances.reported_ranges(ranges, scanned, self._range_m)
 
     def in_harbors(
         self,
@@ -324,7 +281,7 @@ class Simulator:
         before, nu_r, current = self.eta, self.nu, self.current()
         tau = self.vessel.tau(self._actuate())
         if self.disturbances:
-            tau = tau + self._sum("force", 3, before.copy(), self.nu.copy())[:, None]
+            tau = tau + self.disturbances.sum("force", 3, before.copy(), self.nu.copy())[:, None]
             nu_r = nu_r - _in_body_frame(current, before[:, 2])
         eta, nu, travel = self.vessel.step_and_travel(before, nu_r, tau, self._coefficients)
         if self.disturbances:
@@ -356,61 +313,26 @@ class Simulator:
 
     def current(self) -> Floats:
         """Return the velocity of the water over ground (n, 2), in the world frame [m/s]."""
-        return self._sum("water_velocity", 2)
+        return self.disturbances.sum("water_velocity", 2)
 
     def wind(self) -> Floats:
         """Return the velocity of the air over ground (n, 2), in the world frame [m/s]."""
-        return self._sum("air_velocity", 2)
-
-    def has(self, hook: str) -> bool:
-        """Return whether a condition defines this hook of `Disturbance`."""
-        return any(getattr(type(each), hook) is not getattr(Disturbance, hook) for each in self.disturbances)
-
-    def episode(self) -> dict[str, Floats]:
-        """Return what the conditions drew for each boat's episode (n,), by ``<condition>_<value>``."""
-        drawn = {}
-        for guard, name, disturbance in zip(
-            self._conditions, self._condition_names, self.disturbances, strict=True
-        ):
-            with guard:
-                for key, value in disturbance.episode().items():
-                    require_shape(f"{type(disturbance).__name__}.episode", np.shape(value), (len(self.eta),))
-                    drawn[f"{name}_{key}"] = np.array(value, float)
-        return drawn
-
-    def _sum(self, hook: str, columns: int, *arguments: Any) -> Floats:
-        """Return the sum (n, columns) of what a hook of the conditions returns."""
-        total = np.zeros((len(self.eta), columns))
-        for guard, disturbance in zip(self._conditions, self.disturbances, strict=True):
-            with guard:
-                value = np.asarray(getattr(disturbance, hook)(*arguments))
-                if value.ndim:  # the default is a number, nothing
-                    require_shape(f"{type(disturbance).__name__}.{hook}", value.shape, total.shape)
-                total += value
-        return total
+        return self.disturbances.sum("air_velocity", 2)
 
     def measured_pose(self) -> Floats:
         """Return the poses with the errors of the sensors, (n, 3) [m, m, rad]."""
-        return self.eta + self._sum("pose_error", 3) if self.disturbances else self.eta
+        return self.eta + self.disturbances.sum("pose_error", 3) if self.disturbances else self.eta
 
     def measured_velocity(self) -> Floats:
         """Return the velocities over ground with the errors of the sensors, (n, 3) [m/s, m/s, rad/s]."""
-        return self.nu + self._sum("velocity_error", 3) if self.disturbances else self.nu
+        return self.nu + self.disturbances.sum("velocity_error", 3) if self.disturbances else self.nu
 
     def _scale_coefficients(self, rows: Ints) -> None:
         """Set the coefficients of the equations of motion of the boats in `rows` (k,)."""
-        if not self.has("coefficient_factors"):
+        if not self.disturbances.define("coefficient_factors"):
             return
-        factors, own = dict[str, Floats](), self.vessel.vessel
-        for guard, disturbance in zip(self._conditions, self.disturbances, strict=True):
-            with guard:
-                for name, factor in disturbance.coefficient_factors().items():
-                    if not isinstance(getattr(own, name, None), float):
-                        raise ValueError(f"coefficient_factors: the vessel has no coefficient '{name}'")
-                    require_shape("coefficient_factors", np.shape(factor), (len(self.eta),))
-                    if not (np.asarray(factor) > 0).all():
-                        raise ValueError(f"coefficient_factors: a factor of '{name}' is not positive")
-                    factors[name] = factors.get(name, 1.0) * factor
+        own = self.vessel.vessel
+        factors = self.disturbances.coefficient_factors(own)
         if self._coefficients is None:
             self._coefficients = np.repeat(self.vessel.coefficients, len(self.eta), axis=0)
         for row in rows:
@@ -420,14 +342,11 @@ class Simulator:
     def _actuate(self) -> Floats:
         """Return propeller forces and rudder angles (n, k, 2) [N, rad], in equal parts of the period."""
         commands = self.command[:, None]
-        if not self.has("actuate"):
+        if not self.disturbances.define("actuate"):
             return commands
         vessel = self.vessel.vessel
-        actual = commands = np.repeat(commands, vessel.substeps, axis=1)
-        for guard, disturbance in zip(self._conditions, self.disturbances, strict=True):
-            with guard:
-                actual = disturbance.actuate(actual, vessel.control_period_s / vessel.substeps)
-                require_shape(f"{type(disturbance).__name__}.actuate", actual.shape, commands.shape)
+        commands = np.repeat(commands, vessel.substeps, axis=1)
+        actual = self.disturbances.actuate(commands, vessel.control_period_s / vessel.substeps)
         self.actuation = actual[:, -1].copy()
         return actual
 

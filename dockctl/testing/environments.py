@@ -17,15 +17,9 @@ from dockctl.envs.vector import DockingVectorEnv
 from dockctl.errors import DockctlError
 from dockctl.scenarios.loader import dump
 from dockctl.scenarios.schema import Scenario
+from dockctl.sim.checks import load_checked, with_few_layouts
 from dockctl.sim.lidar.spinning import SpinningLidars
-from dockctl.sim.world import (
-    NothingInRange,
-    World,
-    build_worlds,
-    in_open_water,
-    load_checked,
-    with_few_layouts,
-)
+from dockctl.sim.world import NothingInRange, World, build_worlds, in_open_water
 from dockctl.testing.contract import ContractError, Rule, contract_of
 
 SECTORS = 8  # of `open_water`

@@ -26,7 +26,7 @@ from dockctl.evaluation.rollout import Rollout, evaluation_rows
 from dockctl.evaluation.starts import validation_starts
 from dockctl.runs.directory import RunDirectory
 from dockctl.runs.tables import Value
-from dockctl.sim.world import load_checked
+from dockctl.sim.checks import load_checked
 from tests.agents.stops import REPLAY, TRAINING, finish, new_run, stop_at, toy
 from tests.agents.test_trainer import make_card
 

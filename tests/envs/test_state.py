@@ -179,7 +179,7 @@ def test_a_condition_with_its_own_state_is_restored() -> None:
     for _ in range(30):
         saved.step(np.full(3, 73))
     assert assert_continues(saved, fresh, 1, 60) > 5
-    mine, theirs = saved.simulator.disturbances[0], fresh.simulator.disturbances[0]
+    (mine, _), (theirs, _) = saved.simulator.disturbances, fresh.simulator.disturbances
     assert isinstance(mine, Eddies)
     assert isinstance(theirs, Eddies)
     assert (mine.drawn, mine.pair, type(theirs.pair[1])) == (theirs.drawn, theirs.pair, np.float32)

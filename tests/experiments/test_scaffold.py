@@ -22,7 +22,7 @@ from dockctl.errors import DockctlError
 from dockctl.experiments.scaffold import STARTERS, TEMPLATES, write_starter
 from dockctl.plugins import SCENARIOS, load_file
 from dockctl.scenarios.loader import load
-from dockctl.sim.world import load_checked
+from dockctl.sim.checks import load_checked
 from dockctl.testing import (
     check_harbor,
     check_observation_part,

@@ -17,8 +17,8 @@ from hypothesis import settings
 from dockctl.envs.vector import DockingVectorEnv
 from dockctl.errors import InputError, Problem
 from dockctl.scenarios.loader import LoadedScenario
+from dockctl.sim.checks import load_checked
 from dockctl.sim.lidar.spinning import SpinningLidars
-from dockctl.sim.world import load_checked
 from tests.fuzz.scenario_files import bases, write_case
 
 FIRST = int(os.environ.get("DOCKCTL_FUZZ_FIRST", "0"))

@@ -6,9 +6,9 @@ import numpy as np
 import pytest
 
 from dockctl.envs.vector import DockingVectorEnv
+from dockctl.sim.checks import load_checked
 from dockctl.sim.retries import KEPT, FailedStarts
 from dockctl.sim.starts import Start
-from dockctl.sim.world import load_checked
 
 BOTH = np.array([True, True])
 

@@ -12,8 +12,8 @@ from dockctl.errors import InputError
 from dockctl.scenarios.harbor import BerthPlace, Marina
 from dockctl.scenarios.layouts import layouts
 from dockctl.scenarios.loader import load
+from dockctl.sim.checks import check_poses
 from dockctl.sim.starts import StartSampler, free_sites, own_site, sites
-from dockctl.sim.world import check_poses
 from tests.sim.worlds import Wall
 
 S3, MARINA = load("s3").scenario, load("marina").scenario

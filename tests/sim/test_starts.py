@@ -17,6 +17,7 @@ from dockctl.scenarios.harbor import Marina
 from dockctl.scenarios.loader import load
 from dockctl.scenarios.schema import Scenario
 from dockctl.scenarios.training import Training
+from dockctl.sim.checks import load_checked, notes
 from dockctl.sim.starts import (
     Start,
     StartSampler,
@@ -26,7 +27,7 @@ from dockctl.sim.starts import (
     own_site,
     rejected_shares,
 )
-from dockctl.sim.world import build_worlds, load_checked, notes
+from dockctl.sim.world import build_worlds
 from tests.sim.worlds import Wall
 
 S1, S2, S3 = (load(name).scenario for name in ("s1", "s2", "s3"))

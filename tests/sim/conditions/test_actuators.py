@@ -8,8 +8,8 @@ import numpy as np
 import pytest
 
 from dockctl.envs.vector import DockingVectorEnv
+from dockctl.sim.checks import notes
 from dockctl.sim.conditions.actuators import Actuators
-from dockctl.sim.world import notes
 from tests.sim.conditions.conditions import scenario, simulator
 
 SUBSTEPS, SUBSTEP_S = 5, 0.1
@@ -42,7 +42,7 @@ def test_a_delay_is_a_shift_by_whole_steps(delay: int) -> None:
 
 def test_delays_are_drawn_per_episode_and_in_their_range() -> None:
     sim = simulator("actuators: {delay_steps: [0, 2]}", boats=60)
-    delays = sim.episode()["actuators_delay_steps"]
+    delays = sim.disturbances.episode()["actuators_delay_steps"]
     assert {*delays} == {0.0, 1.0, 2.0}
     kick = np.zeros((60, 2))
     kick[:, 0] = 50

@@ -43,7 +43,7 @@ def test_each_boat_moves_as_a_vessel_with_its_coefficients(text: str) -> None:
 
 def test_factors_are_uniform_in_their_range_and_drawn_per_episode() -> None:
     sim = simulator("uncertainty: {masses: 0.2, damping: 0.1}", boats=500)
-    drawn = sim.episode()
+    drawn = sim.disturbances.episode()
     for names, width in ((MASSES, 0.2), (DAMPING, 0.1)):
         values = np.array([drawn[f"uncertainty_{name}_factor"] for name in names])
         assert (np.abs(values - 1) <= width).all()

@@ -12,12 +12,12 @@ from dockctl.envs.vector import DockingVectorEnv
 from dockctl.evaluation.rollout import Rollout, trajectories_csv
 from dockctl.geometry import Floats
 from dockctl.scenarios.loader import load_vessel
+from dockctl.sim.checks import notes
 from dockctl.sim.conditions.authority import ControlAuthority
 from dockctl.sim.conditions.wind import UniformWind, Wind, wind_force
 from dockctl.sim.simulator import Simulator
 from dockctl.sim.starts import given_start, own_site
 from dockctl.sim.vessel import VesselModel
-from dockctl.sim.world import notes
 from tests.sim.conditions.conditions import scenario, simulator
 
 VESSEL = load_vessel("eilbrecht")

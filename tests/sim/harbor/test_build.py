@@ -24,11 +24,12 @@ from dockctl.scenarios.base import Pose
 from dockctl.scenarios.harbor import HarborSpec, Marina, MeshFile, MeshHarbor
 from dockctl.scenarios.loader import load
 from dockctl.scenarios.vessel import Hull
+from dockctl.sim.checks import PoseCheck, load_checked
 from dockctl.sim.collision import CollisionChecker
 from dockctl.sim.harbor import build
 from dockctl.sim.harbor.build import Harbor, build_harbor, build_scene
 from dockctl.sim.harbor.solids import Part, box, hull_outline
-from dockctl.sim.world import PoseCheck, build_worlds, load_checked
+from dockctl.sim.world import build_worlds
 from tests.sim.harbor.harbors import reference_harbor, reference_spec
 from tests.sim.meshes import peer
 

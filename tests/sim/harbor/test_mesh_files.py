@@ -14,9 +14,9 @@ from dockctl.errors import InputError
 from dockctl.scenarios.content import first_difference, mesh_files, with_paths
 from dockctl.scenarios.harbor import DEFAULT_MODELS, VESSEL_MODELS
 from dockctl.scenarios.loader import dump, load
+from dockctl.sim.checks import load_checked
 from dockctl.sim.harbor.build import build_harbor
 from dockctl.sim.harbor.mesh_files import MooredModel, moored_model, read_model
-from dockctl.sim.world import load_checked
 from tests.sim.meshes import peer
 
 ROOT = Path(__file__).parents[3]

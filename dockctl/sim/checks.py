@@ -1,0 +1,224 @@
+"""Checks of a scenario in its harbors: poses, random starts, berths and meshes; notes on what is unusual."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import replace
+from pathlib import Path
+from typing import NamedTuple
+
+import numpy as np
+
+from dockctl.errors import InputError
+from dockctl.geometry import Floats, pose_array, pose_label, to_world
+from dockctl.scenarios.base import Pose
+from dockctl.scenarios.harbor import Generated
+from dockctl.scenarios.layouts import layouts
+from dockctl.scenarios.loader import LoadedScenario, load
+from dockctl.scenarios.schema import Scenario
+from dockctl.sim.collision import CollisionChecker, collision_checker
+from dockctl.sim.harbor.build import Harbor, build_harbor, open_bodies
+from dockctl.sim.harbor.solids import hull_outline
+from dockctl.sim.starts import UNREACHABLE, blocked_berths, free_sites, own_site, rejected_shares
+
+MAX_REJECTED, NOTED_REJECTED = 0.95, 0.3
+"""Shares of random starts: more are an error, or are noted."""
+CHECKED_LAYOUTS = 3
+"""Generated layouts of each kind whose starts are checked; the others follow the same rules."""
+SEARCH_RADII_M = np.arange(1, 41) * 0.25
+SEARCH_DIRECTIONS = np.array([(math.cos(a), math.sin(a), 0.0) for a in np.arange(16) * (math.pi / 8)])
+
+
+def load_checked(
+    source: str | Path,
+    *,
+    overrides: Sequence[str] = (),
+    plugin_files: Sequence[Path] = (),
+    received: bool = False,
+    trust: bool = False,
+) -> LoadedScenario:
+    """Load `source` as `load` does, and check its mesh files and that none of its poses is blocked.
+
+    Raises:
+        InputError: all problems of the scenario, with their locations.
+        DockctlError: the scenario or a plugin does not exist.
+    """
+    loaded = load(source, overrides=overrides, plugin_files=plugin_files, received=received, trust=trust)
+    try:
+        found = check_poses(loaded.scenario, loaded.base_dir)
+    except InputError as error:  # of a mesh file: the field is known, but not its line
+        of_file = (loaded.problem(p.field, str(replace(p, field="")), p.code) for p in error.problems)
+        raise InputError(list(of_file)) from None
+    if found.problems:
+        raise InputError([loaded.problem(*each) for each in found.problems])
+    return replace(loaded, rejected_starts=found.rejected_starts, blocked_berths=found.blocked_berths)
+
+
+class PoseFindings(NamedTuple):
+    """What `check_poses` found.
+
+    Attributes:
+        problems: field path and message of each.
+        rejected_starts, blocked_berths: see `LoadedScenario`.
+    """
+
+    problems: list[tuple[str, str]]
+    rejected_starts: Mapping[str, float] = {}
+    blocked_berths: Mapping[str, Sequence[str]] = {}
+
+
+def check_poses(scenario: Scenario, base_dir: Path) -> PoseFindings:
+    """Check every start, goal and test pose, and try random starts.
+
+    The final pose of a task that is relocated to berths must be the pose of one of them, some berths of each
+    kind must be free, and so must a share of the random starts.
+
+    Raises:
+        InputError: a mesh file of the harbor is missing or damaged.
+        DockctlError: the harbor cannot be built.
+    """
+    scenario = with_few_layouts(scenario)
+    every = layouts(scenario.harbor, scenario.task.berths)
+    harbors = [build_harbor(layout.harbor, base_dir) for layout in every]
+    try:
+        check = PoseCheck.build(scenario, harbors[own_site(scenario).harbor])
+        if found := [(field, reason) for field, pose in _poses(scenario) if (reason := check.problem(pose))]:
+            return PoseFindings(found)
+        unreachable = [collision_checker(harbor, scenario.vessel.hull).unreachable for harbor in harbors]
+        free = free_sites(scenario, unreachable)
+    except InputError as error:  # the task does not match its berths
+        return PoseFindings([(problem.field, problem.message) for problem in error.problems])
+    shares = rejected_shares(scenario, unreachable, free)
+    advice = f"{UNREACHABLE}; reduce the offsets, or move the pose"
+    excessive = ((field, share) for field, share in shares.items() if share > MAX_REJECTED)
+    problems = [(field, f"{share:.0%} of the poses drawn here {advice}") for field, share in excessive]
+    # Of generated layouts, only a few were checked, in which some berths are always blocked.
+    blocked = {} if isinstance(scenario.harbor, Generated) else blocked_berths(scenario, free)
+    return PoseFindings(problems, shares, blocked)
+
+
+def with_few_layouts(scenario: Scenario) -> Scenario:
+    """Return the scenario with at most `CHECKED_LAYOUTS` generated layouts of each kind, for checks."""
+    if not isinstance(harbor := scenario.harbor, Generated):
+        return scenario
+    few = {name: min(getattr(harbor, name), CHECKED_LAYOUTS) for name in ("layouts", "held_out_layouts")}
+    return scenario.model_copy(update={"harbor": harbor.model_copy(update=few)})
+
+
+def notes(loaded: LoadedScenario) -> list[str]:
+    """Return what a user should know about a scenario that `load_checked` returned.
+
+    Starts that are drawn again, berths that are left out, open meshes, and conditions beyond the vessel's
+    control authority.
+    """
+    scenario = loaded.scenario
+    return (
+        [
+            f"{field}: {share:.0%} of the poses drawn here {UNREACHABLE}, and are drawn again"
+            for field, share in loaded.rejected_starts.items()
+            if share > NOTED_REJECTED
+        ]
+        + [
+            str(loaded.problem(field, f"left out, a pose of the task is blocked there: {', '.join(names)}"))
+            for field, names in loaded.blocked_berths.items()
+        ]
+        + [
+            str(
+                loaded.problem(
+                    field,
+                    f"{number} of its bodies are open, so that a boat inside them is not found;"
+                    " contact with their surfaces is. Close the mesh to test for both",
+                )
+            )
+            for field, number in open_bodies(scenario.harbor, loaded.base_dir).items()
+        ]
+        + [
+            str(loaded.problem(f"conditions.{name}.{field}", message))
+            for name, condition in scenario.conditions.items()
+            for field, message in condition.notes(scenario.vessel)
+        ]
+        + [str(loaded.problem("conditions", message)) for message in _together(scenario)]
+    )
+
+
+def _together(scenario: Scenario) -> Iterator[str]:
+    """Yield a message if conditions exceed the control authority only together."""
+    vessel = scenario.vessel
+    forces = [condition.side_force_n(vessel) for condition in scenario.conditions.values()]
+    if max(forces, default=0.0) <= vessel.max_side_n < sum(forces):
+        yield (
+            f"together they take up to {sum(forces):.0f} N sideways to hold the boat in place; the vessel has"
+            f" {vessel.max_side_n:.0f} N"
+        )
+
+
+def _poses(scenario: Scenario) -> Iterator[tuple[str, Pose]]:
+    task = scenario.task
+    yield from ((f"task.initial.{i}", pose) for i, pose in enumerate(task.initial))
+    if task.intermediate is not None:
+        yield "task.intermediate", task.intermediate
+    yield "task.final", task.final
+    yield from ((f"evaluation.poses.{i}", pose) for i, pose in enumerate(scenario.evaluation.poses))
+
+
+class PoseCheck:
+    """Checks poses of one vessel in one harbor, and describes why a pose is not free."""
+
+    def __init__(
+        self,
+        checker: CollisionChecker,
+        basin: tuple[float, float, float, float] | None,
+        outline: Floats,
+        final: Floats,
+    ) -> None:
+        self._checker, self._final = checker, final
+        self._basin = basin
+        self._outline = outline
+
+    @classmethod
+    def build(cls, scenario: Scenario, harbor: Harbor) -> PoseCheck:
+        """Return the check for the vessel of a scenario in one of its harbors."""
+        hull = scenario.vessel.hull
+        final = pose_array(scenario.task.final)
+        return cls(collision_checker(harbor, hull), harbor.basin, hull_outline(hull), final)
+
+    def free(self, eta: Floats) -> bool:
+        """Return whether the boat can be at a pose (3,) [m, m, rad] and move from there to the final pose."""
+        return not self._obstruction(eta)
+
+    def problem(self, pose: Pose) -> str:
+        """Return why a pose is not free and the nearest free one, or an empty string."""
+        eta = pose_array(pose)
+        if not (obstruction := self._obstruction(eta)):
+            return ""
+        return f"the boat at {pose_label(pose.x_m, pose.y_m, pose.heading_deg)} {obstruction}"
+
+    def _obstruction(self, eta: Floats) -> str:
+        """Return why the pose (3,) is not free, or an empty string."""
+        if part := self._checker.collided_part(eta):
+            return f"is blocked by the {part}; {self._nearest_free(eta)}"
+        if not self._in_basin(eta):
+            return f"is outside the basin; {self._nearest_free(eta)}"
+        if self._in_basin(self._final) and not self._checker.blocked(self._final[None])[0]:
+            separated = self._checker.unreachable(eta[None], self._final)[0]
+            return "is not connected by water with the final pose" if separated else ""
+        return ""
+
+    def _in_basin(self, eta: Floats) -> bool:
+        """Return whether the whole outline is in the basin; a harbor of mesh files has no basin."""
+        if self._basin is None:
+            return True
+        points = to_world(self._outline, eta)
+        return bool(((points > self._basin[:2]) & (points < self._basin[2:])).all())
+
+    def _nearest_free(self, eta: Floats) -> str:
+        """Describe the nearest free position with the same heading."""
+        for radius in SEARCH_RADII_M:
+            candidates = eta + radius * SEARCH_DIRECTIONS
+            for pose in filter(self._in_basin, candidates[~self._checker.blocked(candidates)]):
+                return f"the nearest free position with this heading is about ({pose[0]:.2f}, {pose[1]:.2f})"
+        if self._basin is None:
+            return f"no position within {SEARCH_RADII_M[-1]:g} m is free"
+        x0, y0, x1, y1 = self._basin
+        return f"the basin is x {x0:g} to {x1:g} m, y {y0:g} to {y1:g} m"

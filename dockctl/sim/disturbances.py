@@ -1,0 +1,145 @@
+"""The conditions of a scenario for n boats: what `Simulator` asks of all of them at once."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping, Sequence
+from typing import Any
+
+import numpy as np
+
+from dockctl.errors import DockctlError, require_shape
+from dockctl.geometry import Floats, Ints
+from dockctl.plugins import CONDITIONS, Guard
+from dockctl.scenarios.extensions import Disturbance, RangeNoise
+from dockctl.scenarios.schema import Scenario
+from dockctl.scenarios.vessel import Vessel
+from dockctl.sim.starts import Start
+
+
+class Disturbances:
+    """All conditions of a scenario, in the order of the scenario; errors name the condition.
+
+    Raises:
+        DockctlError: a condition cannot be built, or more than one is noise of the range sensor.
+    """
+
+    def __init__(self, scenario: Scenario, num_boats: int) -> None:
+        self._boats = num_boats
+        self._all: dict[str, tuple[Guard, Disturbance]] = {}
+        for name, condition in scenario.conditions.items():
+            with (guard := Guard(CONDITIONS, condition.kind)):
+                built = condition.build(num_boats)
+                if not isinstance(built, Disturbance):
+                    raise TypeError(f"build returned {built!r}, not a Disturbance")
+                self._all[name] = guard, built
+        if sum(type(each).range_noise is not Disturbance.range_noise for each in self) > 1:
+            raise DockctlError("conditions: more than one is noise of the range sensor", code="mismatch")
+
+    def __iter__(self) -> Iterator[Disturbance]:
+        return (disturbance for _, disturbance in self._all.values())
+
+    def __len__(self) -> int:
+        return len(self._all)
+
+    def define(self, hook: str) -> bool:
+        """Return whether a condition defines this hook of `Disturbance`."""
+        return any(getattr(type(each), hook) is not getattr(Disturbance, hook) for each in self)
+
+    def reset(self, rows: Ints, starts: Sequence[Start], rngs: Sequence[np.random.Generator]) -> None:
+        """Begin an episode in each of the rows (k,); the seed of its start replaces its generator."""
+        if not self._all:
+            return
+        drawn = [
+            rng if start.seed is None else np.random.default_rng(start.seed)
+            for start, rng in zip(starts, rngs or [None] * len(starts), strict=True)
+        ]
+        for guard, disturbance in self._all.values():
+            with guard:
+                disturbance.reset(rows, drawn)
+
+    def advance(self, period_s: float) -> None:
+        """Go on to the next control period."""
+        for guard, disturbance in self._all.values():
+            with guard:
+                disturbance.advance(period_s)
+
+    def state(self) -> list[Any]:
+        """Return the states of the conditions in their order."""
+        states = []
+        for guard, disturbance in self._all.values():
+            with guard:
+                states.append(disturbance.state())
+        return states
+
+    def restore(self, states: Sequence[Any]) -> None:
+        """Continue from what `state` returned."""
+        for (guard, disturbance), own in zip(self._all.values(), states, strict=True):
+            with guard:
+                disturbance.restore(own)
+
+    def sum(self, hook: str, columns: int, *arguments: Any) -> Floats:
+        """Return the sum (n, columns) of what a hook of the conditions returns."""
+        total = np.zeros((self._boats, columns))
+        for guard, disturbance in self._all.values():
+            with guard:
+                value = np.asarray(getattr(disturbance, hook)(*arguments))
+                if value.ndim:  # the default is a number, nothing
+                    require_shape(f"{type(disturbance).__name__}.{hook}", value.shape, total.shape)
+                total += value
+        return total
+
+    def actuate(self, commands: Floats, substep_s: float) -> Floats:
+        """Return the forces and angles of the actuators, (n, substeps, 2), at commands of the same shape."""
+        actual = commands
+        for guard, disturbance in self._all.values():
+            with guard:
+                actual = disturbance.actuate(actual, substep_s)
+                require_shape(f"{type(disturbance).__name__}.actuate", actual.shape, commands.shape)
+        return actual
+
+    def coefficient_factors(self, vessel: Vessel) -> Mapping[str, Floats]:
+        """Return the factors (n,) of the vessel's coefficients by name.
+
+        Raises:
+            DockctlError: the vessel has no such coefficient, or a factor is not positive.
+        """
+        factors = dict[str, Floats]()
+        for guard, disturbance in self._all.values():
+            with guard:
+                for name, factor in disturbance.coefficient_factors().items():
+                    if not isinstance(getattr(vessel, name, None), float):
+                        raise ValueError(f"coefficient_factors: the vessel has no coefficient '{name}'")
+                    require_shape("coefficient_factors", np.shape(factor), (self._boats,))
+                    if not (np.asarray(factor) > 0).all():
+                        raise ValueError(f"coefficient_factors: a factor of '{name}' is not positive")
+                    factors[name] = factors.get(name, 1.0) * factor
+        return factors
+
+    def range_noise(self) -> RangeNoise | None:
+        """Return the noise of the next scan, if a condition defines it."""
+        for guard, disturbance in self._all.values():
+            with guard:
+                if (noise := disturbance.range_noise()) is not None:
+                    if not isinstance(noise, RangeNoise):
+                        raise TypeError(f"range_noise returned {noise!r}, not a RangeNoise")
+                    return noise
+        return None
+
+    def reported_ranges(self, ranges: Floats, rows: Ints, range_m: float) -> Floats:
+        """Return what the sensor reports of the ranges (k, sectors) [m] that the boats `rows` (k,) scan."""
+        for guard, disturbance in self._all.values():
+            with guard:
+                reported = disturbance.reported_ranges(ranges, rows, range_m)
+                require_shape(f"{type(disturbance).__name__}.reported_ranges", reported.shape, ranges.shape)
+                ranges = reported
+        return ranges
+
+    def episode(self) -> dict[str, Floats]:
+        """Return what the conditions drew for each boat's episode (n,), by ``<condition>_<value>``."""
+        drawn = {}
+        for name, (guard, disturbance) in self._all.items():
+            with guard:
+                for key, value in disturbance.episode().items():
+                    require_shape(f"{type(disturbance).__name__}.episode", np.shape(value), (self._boats,))
+                    drawn[f"{name}_{key}"] = np.array(value, float)
+        return drawn
