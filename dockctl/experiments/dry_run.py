@@ -10,6 +10,7 @@ from dataclasses import replace
 from typing import Any
 
 import numpy as np
+from gymnasium.spaces import Discrete
 from numpy.typing import ArrayLike
 
 from dockctl.agents.algorithms import AlgorithmSpec, Dqn, MemoryUse, algorithm_of, discrete_sizes
@@ -31,7 +32,7 @@ from dockctl.plugins import (
     Registry,
 )
 from dockctl.scenarios.base import FieldError
-from dockctl.scenarios.extensions import ActionType
+from dockctl.scenarios.extensions import ActionType, RangeSensorSpec
 from dockctl.scenarios.layouts import layouts
 from dockctl.scenarios.loader import LoadedScenario
 from dockctl.sim.conditions.lidar_faults import SectorError
@@ -45,6 +46,8 @@ DRAWS, PERIODS, SUBSTEPS = 64, 20, 1000
 WALL = np.array([[[10, -9, -1], [10, 9, -1], [10, 9, 6]], [[10, -9, -1], [10, 9, 6], [10, -9, 6]]], float)
 """What the range sensor sees."""
 WALL.flags.writeable = False  # as in a `World`
+ROUNDING = 1e-9
+"""Relative excess of a command over its limit that comes from converting units."""
 
 
 def dry_run(loaded: LoadedScenario) -> None:
@@ -68,6 +71,7 @@ def _in_open_water(loaded: LoadedScenario, boats: int) -> DockingVectorEnv:
     scenario = loaded.scenario
     lidar = scenario.sensors.lidar
     with Guard(RANGE_SENSORS, lidar.kind):
+        _require_hashable(lidar)
         is_own = RANGE_SENSORS.origin(lidar.kind) == PACKAGE_ORIGIN
         world = in_open_water(NothingInRange(lidar) if is_own else lidar.build(WALL))
     worlds = [world] * len(layouts(scenario.harbor, scenario.task.berths))
@@ -82,6 +86,7 @@ def _step(loaded: LoadedScenario) -> None:
     scenario = loaded.scenario
     lidar, env = scenario.sensors.lidar, _in_open_water(loaded, BOATS)
     _require_described(ACTIONS, scenario.actions)
+    _require_within_limits(env)
     for _ in range(STEPS):
         actions = env.action_space.sample()
         with Guard(ACTIONS, scenario.actions.kind):
@@ -136,6 +141,31 @@ def _step(loaded: LoadedScenario) -> None:
         _require_saved(loaded, spaces)
         with Guard(ALGORITHMS, spec.kind):
             _learn(build_algorithm(loaded, spaces, BOATS, "cpu"), env)
+
+
+def _require_hashable(lidar: RangeSensorSpec) -> None:
+    """Check that the sensors of a harbor can be found by their spec; a frozen model hashes its fields."""
+    try:
+        hash(lidar)
+    except TypeError as error:
+        raise TypeError(f"{error} in a key of the range sensor: use tuples for lists") from None
+
+
+def _require_within_limits(env: DockingVectorEnv) -> None:
+    """Check the commands of every discrete action, or else of random ones."""
+    actions, vessel, space = env.scenario.actions, env.scenario.vessel, env.single_action_space
+    with Guard(ACTIONS, actions.kind):
+        given = env.action_space.sample()
+        if isinstance(space, Discrete):
+            given = space.start + np.arange(space.n)
+        limit = env.simulator.vessel.command_limit
+        commands = actions.next_commands(given, vessel, np.zeros((len(given), 2)))
+        if (np.abs(commands) > limit * (1 + ROUNDING)).any():
+            force, angle = np.abs(commands).max(axis=0)
+            raise ValueError(
+                f"commands of up to {force:g} N and {np.degrees(angle):g}°; the vessel has {limit[0]:g} N and"
+                f" {np.degrees(limit[1]):g}°"
+            )
 
 
 def _require_described(registry: Registry[Any], part: ActionType | AlgorithmSpec) -> None:

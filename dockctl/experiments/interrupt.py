@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import signal
+import threading
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from typing import Any
@@ -13,7 +14,13 @@ INTERRUPTED = 130
 
 @contextmanager
 def on_interrupt(stop: Callable[[], None]) -> Iterator[None]:
-    """Call `stop` on Ctrl-C, on SIGTERM, and once on SIGHUP, of which a closing terminal may send two."""
+    """Call `stop` on Ctrl-C, on SIGTERM, and once on SIGHUP, of which a closing terminal may send two.
+
+    Python allows this in the main thread only; in another one, `stop` is never called.
+    """
+    if threading.current_thread() is not threading.main_thread():
+        yield
+        return
     called = False
 
     def handle(signum: int, frame: Any) -> None:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import signal
+import threading
 
 import pytest
 
@@ -37,3 +38,17 @@ def test_a_hangup_that_nohup_ignores_stays_ignored() -> None:
             assert not interrupted()
     finally:
         signal.signal(signal.SIGHUP, before)
+
+
+def test_outside_the_main_thread_signals_stay_as_they_are() -> None:
+    """Python sets handlers in the main thread only; a notebook or a server may train in another one."""
+    seen: list[bool] = []
+
+    def work() -> None:
+        with interruptible() as interrupted:
+            seen.append(interrupted())
+
+    thread = threading.Thread(target=work)
+    thread.start()
+    thread.join()
+    assert seen == [False]
