@@ -7,12 +7,14 @@ import os
 import signal
 from collections.abc import Iterator
 from contextlib import contextmanager, suppress
+from pathlib import Path
 
 import pytest
 from filelock import FileLock, Timeout
 from hypothesis import settings
 
 from dockctl import plugins
+from dockctl.experiments.portable import export_files
 from dockctl.scenarios import catalog
 from tests.compiling import PARTS
 
@@ -81,3 +83,11 @@ def _own_registries() -> Iterator[None]:
     """Undo what a test registers."""
     with own_registries():
         yield
+
+
+@pytest.fixture(scope="session")
+def s3_pilot(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """The shipped policy of scenario 3, exported for a boat."""
+    path = tmp_path_factory.mktemp("pilot") / "s3.npz"
+    export_files([Path("s3")], None, path)
+    return path

@@ -68,15 +68,8 @@ def stub(name: str, **content: Any) -> dict[str, ModuleType]:
     return {name: module}
 
 
-@pytest.fixture(scope="module")
-def policy(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    file = tmp_path_factory.mktemp("ros2") / "s3.npz"
-    export_files([Path("s3")], None, file)
-    return file
-
-
 @pytest.fixture
-def node(policy: Path, monkeypatch: pytest.MonkeyPatch) -> Any:
+def node(s3_pilot: Path, monkeypatch: pytest.MonkeyPatch) -> Any:
     messages = {
         name: type(name, (SimpleNamespace,), {})
         for name in ("Odometry", "PointCloud2", "Vector3Stamped", "Float64", "String")
@@ -94,7 +87,7 @@ def node(policy: Path, monkeypatch: pytest.MonkeyPatch) -> Any:
     }
     for name, module in modules.items():
         monkeypatch.setitem(sys.modules, name, module)
-    monkeypatch.setattr(Node, "given", {"policy": str(policy), "clouds": ["/bow", "/stern"]})
+    monkeypatch.setattr(Node, "given", {"policy": str(s3_pilot), "clouds": ["/bow", "/stern"]})
     spec = spec_from_file_location("docking_node", NODE)
     assert spec is not None and spec.loader is not None
     module = module_from_spec(spec)
@@ -165,7 +158,7 @@ def tick(node: Any, time_s: float) -> dict[str, Any]:
     return dict(node.published)
 
 
-def test_clouds_and_odometry_become_commands(node: Any, policy: Path) -> None:
+def test_clouds_and_odometry_become_commands(node: Any, s3_pilot: Path) -> None:
     assert node.timer[0] == 0.5
     before = tick(node, 1.0)
     assert (before["~/propeller"], before["~/rudder"]) == (0, 0)
@@ -175,7 +168,7 @@ def test_clouds_and_odometry_become_commands(node: Any, policy: Path) -> None:
     assert tick(node, 1.5)["~/status"].startswith("stop: cloud '/stern'")
     node.callbacks["/stern"](cloud(1.4, POINTS[2:]))
     after = tick(node, 1.6)
-    alone = Pilot.load(policy)
+    alone = Pilot.load(s3_pilot)
     expected = alone.decide(
         0.0,
         Reading(0.0, (23.0, -10.0, math.pi / 2)),
@@ -219,14 +212,14 @@ def test_a_policy_that_observes_wind_and_current(
 
 
 def test_the_command_of_the_page_gives_parameters_that_the_node_has(
-    node: Any, policy: Path, monkeypatch: pytest.MonkeyPatch
+    node: Any, s3_pilot: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     page = (NODE.parent / "README.md").read_text(encoding="utf-8")
     (line,) = re.findall(r"^python3 docking_node\.py --ros-args (.+)$", page, re.M)
     given = dict(word.split(":=") for word in shlex.split(line) if word != "-p")
     values = {name: yaml.safe_load(value) for name, value in given.items()}
     assert values.pop("policy") == "s3.npz"
-    monkeypatch.setattr(Node, "given", {"policy": str(policy), **values})
+    monkeypatch.setattr(Node, "given", {"policy": str(s3_pilot), **values})
     assert {*values} <= {*node.module.PARAMETERS}
     assert {*node.module.DockingNode().callbacks} == {*values["clouds"], values["odometry"]}
 

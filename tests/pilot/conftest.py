@@ -11,17 +11,9 @@ from dockctl.pilot import Pilot
 from tests.pilot.inputs import FINAL, INTERMEDIATE
 
 
-@pytest.fixture(scope="module")
-def file(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """The shipped policy of scenario 3, exported."""
-    path = tmp_path_factory.mktemp("pilot") / "s3.npz"
-    export_files([Path("s3")], None, path)
-    return path
-
-
 @pytest.fixture
-def pilot(file: Path) -> Pilot:
-    return Pilot.load(file)
+def pilot(s3_pilot: Path) -> Pilot:
+    return Pilot.load(s3_pilot)
 
 
 @pytest.fixture(scope="module")

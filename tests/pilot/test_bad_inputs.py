@@ -134,8 +134,8 @@ def test_inputs_at_the_limits_are_good(pilot: Pilot) -> None:
     assert decide(pilot, 11.0, pose=(23.0, -7.1, 1.5)).stop == ""
 
 
-def test_the_checks_can_be_changed(file: Path) -> None:
-    pilot = Pilot.load(file, checks=Checks(max_age_s=2.0, min_points=0))
+def test_the_checks_can_be_changed(s3_pilot: Path) -> None:
+    pilot = Pilot.load(s3_pilot, checks=Checks(max_age_s=2.0, min_points=0))
     assert decide(pilot, 2.0, cloud=Reading(0.0, CLOUD[:0])).stop == ""
 
 

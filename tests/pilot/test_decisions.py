@@ -40,8 +40,8 @@ print(*(name for name in ("torch", "numba", "pydantic", "gymnasium", "trimesh") 
 """
 
 
-def test_it_needs_only_numpy(file: Path, pilot: Pilot) -> None:
-    done = subprocess.run([sys.executable, "-c", ALONE, file], capture_output=True, text=True)
+def test_it_needs_only_numpy(s3_pilot: Path, pilot: Pilot) -> None:
+    done = subprocess.run([sys.executable, "-c", ALONE, s3_pilot], capture_output=True, text=True)
     assert done.returncode == 0, done.stderr
     action, heavy = done.stdout.split("\n")[:2]
     assert int(action) in range(77)
@@ -108,8 +108,8 @@ def test_it_continues_with_the_final_pose_after_the_intermediate_one(pilot: Pilo
     assert decide(pilot, 2.0).phase == 0
 
 
-def test_it_stops_where_it_arrives(file: Path) -> None:
-    pilot = Pilot.load(file, final=FINAL)
+def test_it_stops_where_it_arrives(s3_pilot: Path) -> None:
+    pilot = Pilot.load(s3_pilot, final=FINAL)
     near = (FINAL[0] - 0.9, FINAL[1], math.radians(-178))
     assert decide(pilot, 0.0, pose=near).phase == 1  # no intermediate pose
     assert not decide(pilot, 0.5, pose=near, velocity=(0.101, 0.0, 0.0)).arrived
@@ -143,11 +143,11 @@ def test_a_policy_that_observes_the_wind(weather: Pilot, pilot: Pilot) -> None:
         assert [first[f"{name}_{age}_ago"] for name in ("u", "propeller")] == pytest.approx([0.3, 0])
 
 
-def test_several_clouds_are_one(pilot: Pilot, file: Path) -> None:
+def test_several_clouds_are_one(pilot: Pilot, s3_pilot: Path) -> None:
     pose, velocity = Reading(0.0, AWAY), Reading(0.0, REST)
     clouds = {str(number): Reading(0.0, CLOUD[[number]]) for number in range(3)}
     split = pilot.decide(0.0, pose, velocity, clouds)
-    whole = decide(Pilot.load(file))
+    whole = decide(Pilot.load(s3_pilot))
     assert split.sector_ranges_m is not None and whole.sector_ranges_m is not None
     assert split.sector_ranges_m.tolist() == whole.sector_ranges_m.tolist()
 

@@ -30,7 +30,7 @@ def zip_of(member: bytes, flags: int) -> bytes:
     return bytes(archived)
 
 
-def test_files_that_are_no_policy(file: Path, tmp_path: Path) -> None:
+def test_files_that_are_no_policy(s3_pilot: Path, tmp_path: Path) -> None:
     def code_of(path: Path, **given: Any) -> str:
         with pytest.raises(DockctlError) as caught:
             Pilot.load(path, **given)
@@ -38,7 +38,7 @@ def test_files_that_are_no_policy(file: Path, tmp_path: Path) -> None:
 
     assert code_of(tmp_path / "none.npz") == "not_found"
     assert code_of(tmp_path) == "not_readable"
-    content = file.read_bytes()
+    content = s3_pilot.read_bytes()
     damaged = tmp_path / "damaged.npz"
     header = io.BytesIO()
     description = {"descr": "<f4", "fortran_order": False, "shape": (10**13,)}
@@ -52,7 +52,7 @@ def test_files_that_are_no_policy(file: Path, tmp_path: Path) -> None:
     ):  # fmt: skip
         damaged.write_bytes(flawed)
         assert code_of(damaged) == "not_readable"
-    with np.load(file) as arrays:
+    with np.load(s3_pilot) as arrays:
         tensors = {name: arrays[name] for name in arrays.files}
     facts = json.loads(str(tensors["description"]))
     changes: list[dict[str, Any]] = [
@@ -74,7 +74,7 @@ def test_files_that_are_no_policy(file: Path, tmp_path: Path) -> None:
         np.savez(damaged, **{**tensors, **change})
         assert code_of(damaged) == "not_readable"
     for final in ((1.0, 2.0), (10**400, 0, 0), (1e300, 0, 0), np.ma.masked_all(3)):
-        assert code_of(file, final=final) == "wrong_type"
+        assert code_of(s3_pilot, final=final) == "wrong_type"
 
 
 @pytest.mark.parametrize("name", ["s3", pytest.param("marinas", marks=pytest.mark.thorough)])
@@ -120,7 +120,7 @@ def test_onnx_models_that_are_no_policy(tmp_path: Path, monkeypatch: pytest.Monk
         Pilot.load(file)
 
 
-def test_an_intermediate_pose_needs_a_final_one(file: Path) -> None:
+def test_an_intermediate_pose_needs_a_final_one(s3_pilot: Path) -> None:
     with pytest.raises(DockctlError) as caught:
-        Pilot.load(file, intermediate=INTERMEDIATE)
+        Pilot.load(s3_pilot, intermediate=INTERMEDIATE)
     assert caught.value.code == "missing_key"

@@ -281,6 +281,17 @@ def test_surfaces_that_are_built_again_give_the_same_results(monkeypatch: pytest
         )
 
 
+def test_bounds_overlap_where_their_gap_is_zero() -> None:
+    surfaces, rng = CollisionChecker(reference_harbor(), HULL)._low, np.random.default_rng(7)
+    corners = rng.uniform((0, -40), (40, 40), (200, 2, 2))
+    drawn = np.concatenate([corners.min(axis=1), corners.max(axis=1)], axis=1)
+    beside = np.concatenate([surfaces._high, surfaces._high + 1.0], axis=1)  # touch a part in one point
+    boxes = np.concatenate([drawn, beside[np.isfinite(beside).all(axis=1)]])
+    gaps = surfaces.gaps(boxes)
+    assert np.array_equal(surfaces.overlaps(boxes), gaps == 0)
+    assert 0 < (gaps == 0).sum() < gaps.size
+
+
 def test_no_poses_give_empty_results() -> None:
     boat = CollisionChecker(reference_harbor(), HULL)
     for answer in (boat.collides, boat.blocked, boat.clearance):
