@@ -27,7 +27,7 @@ from dockctl.envs.vector import DockingVectorEnv
 from dockctl.sim.world import NothingInRange
 
 BOATS = (1, 16, 256, 4096)
-BOAT_STEPS = 4096  # of all boats together, in one round
+BOAT_STEPS = 4096  # summed over all boats, in one round
 
 
 def stepping(env: DockingVectorEnv, steps: int) -> Callable[[], None]:

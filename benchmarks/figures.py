@@ -121,7 +121,7 @@ def scan_figure(lidar: Json) -> Figure:
 
 
 def docking_figure(optimal: Json) -> Figure:
-    """Return the plan view of the optimal ways of scenario 3 and s3-direct, and of their policies'."""
+    """Return the plan view of the optimal paths of scenario 3 and s3-direct, and of their policies."""
     loaded = load("s3")
     names = {
         "s3-direct": ("direct, optimal", palette.PURPLE),

@@ -17,7 +17,7 @@ from dockctl.envs.single import DockingEnv
 
 BATCHES = (256, 512, 1024, 2048, 4096, 8192)
 TRANSITIONS = 200_000
-"""Per round, about."""
+"""Approximate number of transitions per round."""
 
 
 def main() -> None:

@@ -106,7 +106,7 @@ def main() -> None:
             scenes.append(quartered(scenes[-1]))
         cuts = [point(SpinningSensor(spec, scene), arguments.rounds, "triangles") for scene in scenes]
     with multiprocessing.get_context("spawn").Pool(1, maxtasksperchild=1) as process:
-        # Each in a process of its own, whose memory holds nothing else.
+        # Each in its own process, so that the memory of other cases is not counted.
         harbors = [process.apply(in_harbors, (count, arguments.rounds)) for count in HARBORS]
     report.facts = {
         "rays": rays, "triangles": cuts, "sectors": sectors, "harbors": harbors, "boats": BOATS

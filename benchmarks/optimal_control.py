@@ -44,7 +44,7 @@ KNOWN_S = 38.7
 
 
 def result(docking: Docking, found: Optimum | None, episode: Episode) -> dict[str, Any]:
-    """Return the row of one task: the optimum, its way through the simulator, and the episode of a policy."""
+    """Return the row of one task: the optimum, its replay in the simulator, and the episode of a policy."""
     x, y, heading = docking.start.eta.tolist()
     row: dict[str, Any] = {
         "start": [x, y, round(math.degrees(heading), 6)],
@@ -158,7 +158,7 @@ def storms() -> Iterator[dict[str, Any]]:
 
 
 def shown(rows: Iterator[dict[str, Any]]) -> Iterator[dict[str, Any]]:
-    """Print each row when it is known: all of them take minutes."""
+    """Print each row as soon as it is known: all of them together take minutes."""
     for row in rows:
         bench.console.print(row)
         yield row

@@ -1,4 +1,4 @@
-"""Plans of a docking in minimum time: dockctl's equations of motion on symbols of CasADi, solved by IPOPT.
+"""Minimum-time docking plans: dockctl's equations of motion with CasADi symbols, solved by IPOPT.
 
 The commands of the control periods, the states between them and the length of the periods are the variables
 (multiple shooting). Every plan is then executed by the simulator, in periods of the scenario's length: it
@@ -34,16 +34,16 @@ from dockctl.sim.starts import Start
 from dockctl.sim.vessel import VesselModel
 from dockctl.sim.world import World
 
-ca.GlobalOptions.setNumpyMode(1)  # functions of numpy take symbols: dockctl's own equations can be called
+ca.GlobalOptions.setNumpyMode(1)  # NumPy functions accept symbols: dockctl can be called
 
 CLEARANCE_M = 0.05
 """Between the hull and the outlines in the way, at the end of every period."""
 WITHIN = 0.999
-"""Share of the tolerances that a plan uses: they are strict, and the simulator rounds differently."""
+"""Fraction of the tolerances that a plan uses: they are strict, and the simulator rounds differently."""
 LIMIT_S = 6.0
 """CPU time of the solver for one plan; most of those that are found take about one second."""
 SMOOTH_S = 1e-4
-"""Weight of the squared changes of the commands against the time: commands without effect stay calm."""
+"""Weight of the squared changes of the commands relative to time: idle commands stay constant."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -141,7 +141,7 @@ class Docking:
 
 
 def thrust(model: VesselModel, command: Any) -> list[Any]:
-    """Return `VesselModel.tau` of symbols."""
+    """Return `VesselModel.tau` for symbols."""
     force, rudder = ca.vertsplit(command)
     sideways = force * ca.sin(rudder)
     return [force * ca.cos(rudder), -sideways, model.vessel.propeller_arm_m * sideways]
@@ -275,7 +275,7 @@ class Run:
 
 
 def carry_out(docking: Docking, plan: Plan) -> Run:
-    """Give the commands of a plan to the simulator, each for one control period."""
+    """Run the commands of a plan in the simulator, each for one control period."""
     simulator, docked, contact = docking.simulator(), False, None
     for command in plan.commands:
         status = simulator.step(command[None])
@@ -291,7 +291,7 @@ def carry_out(docking: Docking, plan: Plan) -> Run:
 
 @dataclass(frozen=True, eq=False)
 class Optimum:
-    """The minimum time that was found, the plan in whole control periods, and its way in the simulator."""
+    """The minimum time that was found, the plan in whole control periods, and its simulation."""
 
     time_s: float
     plan: Plan
@@ -350,7 +350,7 @@ def straight(docking: Docking, speed_mps: float) -> Plan:
 
 
 def followed(docking: Docking, episode: Episode) -> Plan:
-    """Return a guess: what a policy did."""
+    """Return a guess: the trajectory of a policy."""
     recorded = episode.trajectory
     poses = np.column_stack([recorded["pose"][:, :2], np.unwrap(recorded["pose"][:, 2])])
     states = [[*eta, *docking.relative(eta, nu)] for eta, nu in zip(poses, recorded["velocity"], strict=True)]

@@ -1,4 +1,4 @@
-"""Soak: memory and open files of one process that trains and evaluates for a long time.
+"""Soak test: memory and open files of one process that trains and evaluates for a long time.
 
     python benchmarks/soak.py --minutes 30 --evaluations 1000
 
@@ -43,7 +43,7 @@ def train_once(scenario: str, steps: int, seed: int) -> float:
 
 
 def sample(began: float, scenario: str, training_s: float, steps: int, evaluations: int) -> Sample:
-    """Return what the process uses now."""
+    """Return what the process uses now: memory [MB], open files and threads."""
     process, heap = psutil.Process(), psutil.heap_info()
     return {
         "minutes": (time.monotonic() - began) / 60,
@@ -52,14 +52,14 @@ def sample(began: float, scenario: str, training_s: float, steps: int, evaluatio
         "steps": steps,
         "evaluations": evaluations,
         "rss_mb": process.memory_info().rss / 2**20,
-        "allocated_mb": (heap.heap_used + heap.mmap_used) / 2**20,  # of the C library, without what it keeps
+        "allocated_mb": (heap.heap_used + heap.mmap_used) / 2**20,  # of the C heap, freed memory excluded
         "open_files": process.num_fds(),
         "threads": process.num_threads(),
     }
 
 
 def soak(minutes: float, evaluations: int, steps: int) -> list[Sample]:
-    """Train for `minutes` and make `evaluations`; print and return a sample after each training."""
+    """Train for `minutes` and run `evaluations`; print and return a sample after each training run."""
     began, training_s, done = time.monotonic(), 0.0, 0
     policies = itertools.cycle(EVALUATED)
     samples: list[Sample] = []

@@ -58,7 +58,7 @@ def train(scenario: str, seed: int, out: Path) -> dict[str, Any]:
     process = psutil.Popen(command, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL)
     processor_s = peak_bytes = 0.0
     while process.poll() is None:
-        with contextlib.suppress(psutil.Error):  # it may have ended
+        with contextlib.suppress(psutil.Error):  # the process may have ended
             times, memory = process.cpu_times(), process.memory_info()
             processor_s, peak_bytes = times.user + times.system, max(peak_bytes, memory.rss)
         if scenario == "marina" and docked_share(out) >= ENOUGH:

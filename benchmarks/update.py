@@ -21,12 +21,12 @@ IN_TORCH = """
 from dockctl.agents.dqn import update
 update.CompiledSteps = update.AutogradSteps
 """
-"""What a process runs before `dockctl train` to use torch on the CPU, too."""
+"""What a process runs before `dockctl train` so that the CPU also uses the torch update."""
 COMMAND = "from dockctl.cli import main; main()"
 
 
 def train(scenario: str, steps: int, before: str) -> None:
-    """Train in a process of its own, start-up included, and without validations."""
+    """Train in a separate process, start-up included, and without validations."""
     with tempfile.TemporaryDirectory() as out:
         options = ["--steps", str(steps), "--out", out, "--set", f"training.evaluate_every_steps={steps}"]
         command = [sys.executable, "-c", before + COMMAND, "train", scenario, *options]
@@ -34,7 +34,7 @@ def train(scenario: str, steps: int, before: str) -> None:
 
 
 def seconds(scenario: str, steps: int, before: str) -> float:
-    """Return the wall time of a training [s]."""
+    """Return the wall-clock time of a training run [s]."""
     begin = time.perf_counter()
     train(scenario, steps, before)
     return time.perf_counter() - begin

@@ -4,7 +4,7 @@ import sys
 
 
 def main() -> None:
-    """Run the command line. Ctrl-C while it is imported ends it like Ctrl-C later."""
+    """Run the command line. Ctrl-C during imports ends it like Ctrl-C later."""
     try:
         from dockctl import cli
 

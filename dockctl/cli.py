@@ -51,7 +51,7 @@ COMMANDS = {name: function for group in GROUPS.values() for name, function in gr
 
 
 class _OnDemand(Mapping[str, Any]):
-    """`COMMANDS` by name, each imported when it is asked for: an invocation needs one of them."""
+    """`COMMANDS` by name, each imported on access, because an invocation needs only one of them."""
 
     def __iter__(self) -> Iterator[str]:
         return iter(COMMANDS)
@@ -61,15 +61,15 @@ class _OnDemand(Mapping[str, Any]):
 
     def __getitem__(self, name: str) -> Any:
         function = COMMANDS[name]
-        alone = typer.Typer(add_completion=False, rich_markup_mode=None)
-        alone.command(name, cls=_Command)(
+        single = typer.Typer(add_completion=False, rich_markup_mode=None)
+        single.command(name, cls=_Command)(
             getattr(importlib.import_module(f"dockctl.commands.{name}"), function)
         )
-        return typer.main.get_command(alone)
+        return typer.main.get_command(single)
 
 
 class _Commands(TyperGroup):
-    """Prints errors that a user can fix, and those of plugins, without a traceback."""
+    """Prints errors that a user can fix, and errors of plugins, without a traceback."""
 
     def __init__(self, *, commands: Any, **settings: Any) -> None:
         on_demand: Any = _OnDemand()  # a mapping is enough
@@ -81,7 +81,7 @@ class _Commands(TyperGroup):
         except KeyboardInterrupt:
             raise typer.Exit(INTERRUPTED) from None
         except Exception as error:
-            # Compiled code turns it into a SystemError.
+            # Compiled code turns a KeyboardInterrupt into a SystemError.
             if isinstance(error, SystemError) and isinstance(error.__cause__, KeyboardInterrupt):
                 raise typer.Exit(INTERRUPTED) from None
             known = _known_error(error)
@@ -101,9 +101,9 @@ class _Commands(TyperGroup):
 
 
 class _Command(TyperCommand):
-    """Options whose metavar is in brackets may be given without a value, which is the empty text then.
+    """Allows options whose metavar is in brackets without a value, which is then the empty string.
 
-    The help does not break the line of the example.
+    The help does not wrap the example.
     """
 
     def format_help_text(self, ctx: Any, formatter: Any) -> None:
@@ -121,8 +121,8 @@ class _Command(TyperCommand):
 class _Notes(logging.Handler):
     """Prints the progress of long preparations.
 
-    A spinner on the terminal replaces standard error as long as it turns, so that messages appear above it.
-    The stream handler of `logging` keeps the stream that it was made with.
+    A spinner on the terminal replaces standard error while it is shown, so that messages appear above it.
+    The stream handler of `logging` would keep the stream that it was created with.
     """
 
     def emit(self, record: logging.LogRecord) -> None:
@@ -135,7 +135,7 @@ def _known_error(error: Exception) -> DockctlError | None:
     from dockctl.plugins import runtime_error  # not before it is needed: the command starts faster
 
     known = runtime_error(error)
-    if known is None and isinstance(error, OSError) and error.filename is not None:  # as for a name too long
+    if known is None and isinstance(error, OSError) and error.filename is not None:  # e.g., name too long
         return DockctlError(f"{error.filename}: {error.strerror}", code="unavailable")
     return known
 
@@ -168,10 +168,10 @@ def _main(
 
 def main() -> None:
     """Run the command line."""
-    # The threads that BLAS starts when numpy is imported wait in busy loops; nothing here uses them.
+    # BLAS threads, started when numpy is imported, wait in busy loops; nothing here uses them.
     os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
-    # Imported modules (a million objects with torch) are never freed. Scanning them for garbage, above all at
-    # the exit, took a quarter of the CPU time of a short evaluation.
+    # Imported modules (a million objects with torch) are never freed. Scanning them for garbage, mostly at
+    # exit, took a quarter of the CPU time of a short evaluation.
     gc.set_threshold(10_000)
     atexit.register(gc.freeze)
     for name in ("stdout", "stderr"):
@@ -190,7 +190,7 @@ def main() -> None:
 
 
 def _output_status() -> int:
-    """Return the exit status of a command whose work is done; a reader may close the pipe early."""
+    """Return the exit status of a finished command; a reader may close the pipe early."""
     if not isinstance(sys.stdout, SafeStream):
         return 0
     sys.stdout.flush()

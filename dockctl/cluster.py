@@ -21,7 +21,7 @@ def connected(on: str) -> Iterator[int]:
     """Start Ray on the cores of this machine, or connect to a cluster; yield the number of its cores.
 
     Args:
-        on: ``ray``, or ``ray:ADDRESS`` with an address that `ray.init` takes.
+        on: ``ray``, or ``ray:ADDRESS`` with an address that `ray.init` accepts.
 
     Raises:
         DockctlError: Ray is not installed or does not start, or the cluster cannot be reached.
@@ -44,7 +44,7 @@ def connected(on: str) -> Iterator[int]:
         _require_listener(address)
     try:
         ray.init(address or "local", **settings)
-    except Exception as error:  # Ray raises plain ones, too, as on a machine too busy to start it in time
+    except Exception as error:  # also plain exceptions, as on a machine too busy to start Ray in time
         reason = (str(error).strip() or type(error).__name__).splitlines()[0]
         if not address:
             raise DockctlError(f"--on ray: Ray does not start: {reason}", code="unavailable") from None
@@ -75,10 +75,10 @@ def _unreachable(address: str, reason: str) -> DockctlError:
 
 
 def require_version(version: str) -> None:
-    """Check, on a worker, that its dockctl is that of the command.
+    """Check, on a worker, that it has the same version of dockctl as the command.
 
     Raises:
-        DockctlError: it is another version.
+        DockctlError: the versions differ.
     """
     if version != __version__:
         message = f"{socket.gethostname()}: has dockctl {__version__}, but this command is {version}"
@@ -86,7 +86,7 @@ def require_version(version: str) -> None:
 
 
 def write_files(folder: Path, files: Mapping[str, bytes]) -> None:
-    """Write files, by their paths below `folder`."""
+    """Write files, given by their paths below `folder`."""
     for name, content in files.items():
         path = folder / name
         path.parent.mkdir(parents=True, exist_ok=True)

@@ -30,15 +30,15 @@ T = TypeVar("T")
 Result = TypeVar("Result")
 
 CACHE_BYTES = 4_000_000_000
-"""Limit of the size of all cached tables on disk."""
+"""Maximum total size of all cached tables on disk."""
 UNUSED_BYTES = 512_000_000
-"""Limit of the total size of unused results of `shared` functions that are kept."""
+"""Maximum total size of unused results of `shared` functions that are kept."""
 log = logging.getLogger(__name__)
 
 
 @cache
 def usable_cores() -> int:
-    """Return the number of cores that this process may use, read once because every scan asks."""
+    """Return the number of cores that this process may use; cached because every scan needs it."""
     return len(psutil.Process().cpu_affinity())
 
 
@@ -51,8 +51,8 @@ def workers() -> ThreadPoolExecutor:
     """Return the process's thread pool for compiled code that releases the GIL.
 
     All such work, scans and learning alike, runs in this pool and in the main thread, which together have one
-    thread per core: of more threads, some would wait for one core while another is idle. A task must not wait
-    for a task of the pool that may not have begun.
+    thread per core: with more threads, some would wait for one core while another is idle. A task must not
+    wait for a task of the pool that may not have started.
     """
     if not _WORKERS:
         _WORKERS.append(ThreadPoolExecutor(max(1, usable_cores() - 1), thread_name_prefix="core"))
@@ -60,7 +60,7 @@ def workers() -> ThreadPoolExecutor:
 
 
 def on_all_cores(function: Callable[[T], object], items: Iterable[T]) -> None:
-    """Call a function, which releases the GIL, with each item; this thread and the pool share the items.
+    """Call a function that releases the GIL with each item; this thread and the pool share the items.
 
     The function may itself use all cores: it runs tasks that the pool has not started in its own thread.
     """
@@ -82,7 +82,7 @@ def on_all_cores(function: Callable[[T], object], items: Iterable[T]) -> None:
 
 
 def map_on_all_cores(function: Callable[[T], Result], items: Iterable[T]) -> list[Result]:
-    """Return a function of each item, in their order; see `on_all_cores`."""
+    """Return the results of a function for each item, in order; see `on_all_cores`."""
     items, results = list(items), dict[int, Result]()
 
     def keep(number: int) -> None:
@@ -93,10 +93,10 @@ def map_on_all_cores(function: Callable[[T], Result], items: Iterable[T]) -> lis
 
 
 def in_background(function: Callable[[], T]) -> Future[T]:
-    """Call a function in the pool, behind the next tasks of `on_all_cores` or after `begin_background`.
+    """Call a function in the pool, after the next tasks of `on_all_cores` or after `begin_background`.
 
-    In a training the scan of a step then uses all cores, and the function runs beside the work that has only
-    one thread, until the scan of the next step. If it began at once, it would delay the scan.
+    In training, the scan of a step then uses all cores, and the function runs in parallel with the
+    single-threaded work until the scan of the next step. If it started at once, it would delay the scan.
     """
     begin_background()
     result: Future[T] = Future()
@@ -112,7 +112,7 @@ def in_background(function: Callable[[], T]) -> Future[T]:
 
 
 def begin_background() -> None:
-    """Let the pool call the function that was last given to `in_background`, if it has not begun."""
+    """Let the pool call the function that was last given to `in_background`, if it has not started."""
     while _BACKGROUND:
         workers().submit(_BACKGROUND.pop())
 
@@ -129,12 +129,12 @@ def limit_blas_threads() -> None:
 def compiled(**options: Any) -> Callable[[Function], Function]:
     """Return a decorator that compiles a function, caches it on disk and releases the GIL while it runs.
 
-    Numba recompiles a function if its own file has changed, but not if another file with a function that it
-    calls has changed. The name under which it is cached therefore includes a hash of the files it may call.
+    Numba recompiles a function if its own file has changed, but not if a file with a function that it calls
+    has changed. The name under which it is cached therefore includes a hash of the files it may call.
     If nothing can be cached, functions are compiled in every process.
 
     Args:
-        options: of `numba.njit`.
+        options: options of `numba.njit`.
     """
 
     from numba import njit  # about half a second, which commands without a simulation do not need
@@ -158,7 +158,7 @@ def _announce_compilation() -> None:
 
     @cache
     def announce() -> None:
-        log.warning("compiling the code that this command is the first to need (once, up to a minute)")
+        log.warning("compiling code that is not cached yet (once, up to a minute)")
 
     class Listener(event.Listener):
         def on_start(self, event: Any) -> None:
@@ -173,7 +173,7 @@ def _announce_compilation() -> None:
 
 @cache
 def _digest(folder: Path) -> str:
-    """Hash the sources that compiled functions in a folder may call: the folder, the geometry, the noise."""
+    """Hash the sources that compiled functions in a folder may call: the folder, geometry and noise."""
     sources = [path.read_bytes() for path in sorted(folder.glob("*.py"))]
     called = [source for source in sources if b"@compiled" in source]
     package = Path(geometry.__file__).parent
@@ -182,14 +182,14 @@ def _digest(folder: Path) -> str:
 
 
 _recent: dict[tuple[object, ...], tuple[object, int]] = {}
-"""Results of `shared` functions that are kept, with their sizes, the least recently used first."""
+"""Results of `shared` functions that are kept, with their sizes, least recently used first."""
 
 
 def shared(size: Callable[[Any], int]) -> Callable[[Callable[P, T]], Callable[P, T]]:
-    """Return a decorator of a function whose calls with equal arguments share one result.
+    """Return a decorator for a function whose calls with equal arguments share one result.
 
-    They do while something uses the result. After that it is kept until more recent ones, of all such
-    functions, take `UNUSED_BYTES`.
+    They share it while it is in use. After that it is kept until more recent results of all such functions
+    take `UNUSED_BYTES`.
 
     Args:
         size: estimates the size of a result [bytes].
@@ -227,7 +227,7 @@ def cached(name: str, inputs: Iterable[bytes], build: Callable[[], Arrays]) -> A
     cache cannot be written, the arrays are computed every time.
 
     Args:
-        name: what the tables are, for the file's name and the log.
+        name: description of the tables, for the file name and the log.
         inputs: everything that the arrays depend on, including the code.
         build: computes the arrays.
     """
@@ -253,7 +253,7 @@ def cached(name: str, inputs: Iterable[bytes], build: Callable[[], Arrays]) -> A
 
 
 def _write(path: Path, arrays: Arrays) -> None:
-    """Write the file atomically, then delete the least recently used ones beyond `CACHE_BYTES`."""
+    """Write the file atomically, then delete the least recently used files beyond `CACHE_BYTES`."""
     path.parent.mkdir(parents=True, exist_ok=True)
     handle, part = tempfile.mkstemp(dir=path.parent, suffix=".part")
     try:

@@ -19,9 +19,9 @@ from rich.table import Column, Table
 from rich.text import Text
 
 WIDE = Console(width=10_000)
-"""For measurements."""
+"""Console for measuring widths."""
 CONTROLS = re.compile(r"[\x00-\x08\x0b-\x1f\x7f-\x9f\u202a-\u202e\u2066-\u2069]")
-"""Characters in untrusted text that control a terminal or reverse what it shows."""
+"""Characters in untrusted text that control a terminal or reverse the text direction."""
 
 
 class SafeStream(io.TextIOWrapper):
@@ -35,7 +35,7 @@ class SafeStream(io.TextIOWrapper):
 
     @classmethod
     def wrap(cls, stream: io.TextIOWrapper) -> Self:
-        """Return a replacement for `stream` that escapes the characters that its encoding lacks."""
+        """Return a replacement for `stream` that escapes characters that its encoding does not have."""
         errors, buffered = "backslashreplace", stream.line_buffering
         return cls(stream.detach(), stream.encoding, errors, line_buffering=buffered)
 
@@ -75,9 +75,9 @@ def printable(text: str) -> str:
 
 
 def print_text(console: Console, text: str, style: str = "") -> None:
-    """Print `text` literally, without markup or highlighting; lines break on a terminal, between words.
+    """Print `text` literally, without markup or highlighting; on a terminal, lines wrap between words.
 
-    Words longer than a line, such as paths, and indented lines, which are commands, stay whole. Control
+    Words longer than a line, such as paths, and indented lines, which are commands, are not broken. Control
     characters are shown as their codes.
     """
     for line in text.splitlines():
@@ -89,9 +89,9 @@ def print_text(console: Console, text: str, style: str = "") -> None:
 def print_table(console: Console, table: Table) -> None:
     """Print a table if it has rows; one that is too wide is printed in parts, each with the first column.
 
-    Columns that do not fit beside the first one are printed last, as lines below its cells. Words longer than
-    a line, such as paths, stay whole, as in `print_text`: the terminal breaks them.
-    Cells of type `str` are markup; text from others is of type `Text`, with control characters as codes.
+    Columns that do not fit beside the first are printed last, as lines below its cells. As in `print_text`,
+    words longer than a line, such as paths, are left for the terminal to break.
+    Cells of type `str` are markup; untrusted text has type `Text`, with control characters as codes.
     """
     for cell in (cell for column in table.columns for cell in column.cells if isinstance(cell, Text)):
         cell.plain = printable(cell.plain)
@@ -119,7 +119,7 @@ def print_table(console: Console, table: Table) -> None:
 
 
 def _print_below(console: Console, first: Column, others: Sequence[Column]) -> None:
-    """Print each cell of the first column, and below it those of the others with their names."""
+    """Print each cell of the first column, and below it the cells of the others with their names."""
     indent = 2 + max(len(str(column.header)) for column in others)
     for title, *cells in zip(*(column.cells for column in (first, *others)), strict=True):
         console.print(_text(title), soft_wrap=True)
@@ -142,14 +142,14 @@ def _part(table: Table, columns: Sequence[Column]) -> Table:
 
 
 def _least_width(table: Table) -> int:
-    """Return the width below which Rich cuts cells; its own measure lets columns shrink that do not wrap."""
+    """Return the width below which Rich cuts cells; Rich's own measure also shrinks unwrappable columns."""
     return _width(table, [low for low, _ in _widths(table)])
 
 
 def _fitted(table: Table, width: int) -> Table:
     """Return the table with the widest columns narrowed to `width`, but none below its longest word.
 
-    Rich narrows columns without regard to their words, and breaks them.
+    Rich itself would narrow columns regardless of their words, and break them.
     """
     spans = _widths(table)
     for limit in range(width, 0, -1):
@@ -164,7 +164,7 @@ def _fitted(table: Table, width: int) -> Table:
 def _widths(table: Table) -> list[tuple[int, int]]:
     """Return the width of the longest word and line of each column; both of the line if it cannot wrap.
 
-    A column with `min_width` may break the words that are longer.
+    A column with `min_width` may break longer words.
     """
     spans = []
     for column in table.columns:

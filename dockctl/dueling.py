@@ -3,9 +3,9 @@
 `dockctl.agents.dqn.network` defines it in torch, for training. Running it needs no torch, which is slow to
 import.
 
-A policy can be an ensemble of such networks. Then the names of their tensors begin with the number of the
-network. Tensors named ``mirror.<name>`` define how observations and actions are mirrored, and those named
-``hysteresis.<name>`` how the last action is kept.
+A policy can be an ensemble of such networks. Then the names of their tensors start with the number of the
+network. Tensors named ``mirror.<name>`` define how observations and actions are mirrored, and tensors named
+``hysteresis.<name>`` define how the last action is kept.
 """
 
 from __future__ import annotations
@@ -23,18 +23,18 @@ Layer = tuple[NDArray[Any], NDArray[Any]]
 
 
 LEAST_UNITS = 32
-"""Units of the advantage's hidden layer for few actions: with only two or three, all of them can die."""
+"""Minimum width of the advantage stream's hidden layer: if it has only two or three units, all can die."""
 SAME_COMMAND = 1e-4
 """Observed commands that differ by less are equal."""
 
 
 def advantage_units(actions: int) -> int:
-    """Return the width of the advantage's hidden layer: the number of actions (thesis Fig. 3.12), or more."""
+    """Return the width of the advantage hidden layer: `actions` (thesis Fig. 3.12) or more."""
     return max(actions, LEAST_UNITS)
 
 
 def shapes(observation_size: int, actions: int, hidden_sizes: Sequence[int]) -> dict[str, tuple[int, ...]]:
-    """Return the shapes of all tensors of a network by name, those of a checkpoint."""
+    """Return the shapes of all tensors of a network by name, as in a checkpoint."""
     width = hidden_sizes[-1]
     streams = {
         "shared": (observation_size, *hidden_sizes),
@@ -73,12 +73,12 @@ class Mirror(NamedTuple):
 
 
 class Hysteresis(NamedTuple):
-    """Keeps the last action until the value of another one is higher by a margin.
+    """Keeps the last action until the value of another action is higher by a margin.
 
     Attributes:
-        columns: (2,) where an observation has the last command.
-        commands: (actions, 2) the command of each action, as it is observed.
-        margin: (actions,) what is added to the value of an action that was the last one.
+        columns: (2,) columns of the last command in an observation.
+        commands: (actions, 2) the command of each action, as observed.
+        margin: (actions,) amount added to the value of an action if it was the last one.
     """
 
     columns: NDArray[np.int64]
@@ -100,7 +100,7 @@ class Layers(NamedTuple):
 
     @classmethod
     def of(cls, tensors: Tensors) -> Layers:
-        """Return the layers of the tensors of a checkpoint.
+        """Return the layers from the tensors of a checkpoint.
 
         Raises:
             ValueError: the tensors are not those of a dueling network.
@@ -122,7 +122,7 @@ class Layers(NamedTuple):
             sizes = [inputs or stream[0][0].shape[1], *(len(bias) for _, bias in stream)]
             shapes = [weight.shape for weight, _ in stream]
             if shapes != [(outputs, inputs) for inputs, outputs in pairwise(sizes)]:
-                raise ValueError(f"the layers of shapes {shapes} do not fit together")
+                raise ValueError(f"the layers of shapes {shapes} do not match each other")
         if len(layers.value[-1][1]) != 1:
             raise ValueError("the value stream has more than one output")
         return layers
@@ -140,7 +140,7 @@ class Layers(NamedTuple):
 
 
 class Ensemble(NamedTuple):
-    """Networks whose mean is the value of an action; with a mirror also over the images of the observation.
+    """Networks whose mean Q-values are used; with a mirror, the mean includes mirrored observations.
 
     Attributes:
         networks: newest first.
@@ -152,15 +152,15 @@ class Ensemble(NamedTuple):
 
     @classmethod
     def of(cls, tensors: Tensors) -> Ensemble:
-        """Return the networks of the tensors of a checkpoint, which may be only one.
+        """Return the networks, possibly only one, from the tensors of a checkpoint.
 
         Raises:
-            KeyError, ValueError: the tensors are not those of dueling networks of one size.
+            KeyError, ValueError: the tensors are not those of dueling networks of the same size.
         """
         parts, mirror, hysteresis = split(tensors)
         ensemble = cls(tuple(map(Layers.of, parts)), mirror, hysteresis)
         if len({network.sizes for network in ensemble.networks}) != 1:
-            raise ValueError("expected one network, or several of one size")
+            raise ValueError("expected one network, or several of the same size")
         inputs, actions = ensemble.sizes
         if mirror is not None:
             for images, count in ((mirror.columns, inputs), (mirror.actions, actions)):
@@ -171,7 +171,7 @@ class Ensemble(NamedTuple):
         if hysteresis is not None:
             given = tuple(array.shape for array in hysteresis)
             if given != (expected := ((2,), (actions, 2), (actions,))):
-                raise ValueError(f"a hysteresis of shapes {given}, expected {expected}")
+                raise ValueError(f"the hysteresis has shapes {given}, expected {expected}")
             columns = hysteresis.columns
             if columns.dtype.kind != "i" or not 0 <= columns.min() <= columns.max() < inputs:
                 raise ValueError(f"the hysteresis reads the columns {columns} of {inputs}")
@@ -202,7 +202,7 @@ def split(tensors: Tensors) -> tuple[list[Tensors], Mirror | None, Hysteresis | 
     """Return the tensors of each network of a checkpoint, newest first; mirror and hysteresis, if any.
 
     Raises:
-        ValueError: the mirror or the hysteresis lacks an array, or has others.
+        ValueError: the arrays of the mirror or the hysteresis are not the expected ones.
     """
     groups: dict[str, dict[str, NDArray[Any]]] = {}
     for name, array in tensors.items():
@@ -218,7 +218,7 @@ def split(tensors: Tensors) -> tuple[list[Tensors], Mirror | None, Hysteresis | 
 def _extra(
     groups: dict[str, dict[str, NDArray[Any]]], name: str, kind: type[Mirror | Hysteresis]
 ) -> dict[str, NDArray[Any]] | None:
-    """Remove and return the arrays of a mirror or of a hysteresis, if there are any."""
+    """Remove and return the arrays of a mirror or of hysteresis, if there are any."""
     arrays = groups.pop(name, None)
     if arrays is not None and arrays.keys() != {*kind._fields}:
         raise ValueError(f"the {name} has the arrays {', '.join(arrays)}, not {', '.join(kind._fields)}")

@@ -27,12 +27,12 @@ Code = Literal[
     "not_found",  # no such file, folder, run or checkpoint
     "not_readable",  # no permission, damaged, or not the expected format
     "not_writable",
-    "mismatch",  # two inputs do not fit together
+    "mismatch",  # two inputs do not match
     "busy",  # another process is using it
-    "unavailable",  # this machine lacks a device, memory or package
+    "unavailable",  # a device, memory or a package is not available on this machine
     "plugin",  # a plugin failed or broke its contract
-    "diverged",  # the training diverged and cannot succeed
-    "untrusted",  # code of a received file that the user has not allowed to run
+    "diverged",  # training diverged and cannot succeed
+    "untrusted",  # code in a received file that the user has not allowed to run
 ]
 
 
@@ -99,7 +99,7 @@ class InputError(DockctlError):
 
 
 class DuplicateNameError(DockctlError):
-    """A name is registered by two origins; both are in `origins`."""
+    """A name is registered twice; `origins` names both."""
 
     code = "duplicate"
 
@@ -121,21 +121,21 @@ class PluginError(DockctlError):
 
 
 def one_line(error: BaseException) -> str:
-    """Return type and message of an exception of other code; two lines would be printed as two errors."""
+    """Return type and message of an exception on one line; two lines would be printed as two errors."""
     message = " ".join(str(getattr(error, "msg", error)).split())
     return f"{type(error).__name__}: {message}"
 
 
 @contextmanager
 def plugin_errors(what: str, path: Path | None = None) -> Iterator[None]:
-    """Convert any exception in the block but a `DockctlError` to a `PluginError` with its location.
+    """Convert any exception in the block except a `DockctlError` to a `PluginError` with its location.
 
     Args:
         what: what failed, for example ``policy 'pid' fails``.
         path: the plugin's file, whose line is reported; by default that of the innermost frame.
 
     Raises:
-        PluginError: the block raised another exception.
+        PluginError: the block raised such an exception.
     """
     try:
         yield
@@ -172,7 +172,7 @@ def _with_suggestion(message: str, suggestion: str) -> str:
 
 
 def _place(error: BaseException, path: Path | None) -> str:
-    """Return the line in which a plugin failed: in the file `path`, else in the last frame of other code."""
+    """Return the line where a plugin failed: in the file `path`, else in the last frame outside dockctl."""
     if isinstance(error, SyntaxError) and error.lineno:
         return f" ({error.filename}:{error.lineno})"
     stack = traceback.extract_tb(error.__traceback__)

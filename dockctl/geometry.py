@@ -28,7 +28,7 @@ def read_only(array: NDArray[Any]) -> NDArray[Any]:
 
 
 class DegreePose(Protocol):
-    """A pose as scenarios write it, with the heading in degrees."""
+    """A pose as in scenarios, with the heading in degrees."""
 
     @property
     def x_m(self) -> float: ...
@@ -44,7 +44,7 @@ def pose_array(pose: DegreePose) -> Floats:
 
 
 def shown_heading(heading_deg: float) -> float:
-    """Return a heading as people read it: rounded to two decimals, in 0 to 360 [°]."""
+    """Return a heading for display: rounded to two decimals, in 0 to 360 [°]."""
     return round(heading_deg, 2) % 360
 
 
@@ -56,7 +56,7 @@ def pose_label(x_m: float, y_m: float, heading_deg: float) -> str:
 
 
 def wrap(angle: Floats) -> Floats:
-    """Return the angle [rad] wrapped to (-pi, pi]; an angle inside is returned to the last bit."""
+    """Return the angle [rad] wrapped to (-pi, pi]; an angle in this range is returned unchanged."""
     turned = angle - 2 * np.pi * np.round(angle / (2 * np.pi))
     return np.where(turned <= -np.pi, np.pi, np.minimum(turned, np.pi))
 
@@ -81,7 +81,7 @@ def relocate_poses(poses: Floats, origin: Floats, to: Floats, mirrored: bool) ->
     Args:
         poses: (k, 3) x, y [m] and heading [rad].
         origin, to: (3,) poses.
-        mirrored: reflect the poses in the line along `origin` first, port to starboard.
+        mirrored: first reflect the poses in the line along `origin`, port to starboard.
 
     Returns:
         (k, 3), headings in (-pi, pi].
@@ -96,8 +96,8 @@ def relocate_poses(poses: Floats, origin: Floats, to: Floats, mirrored: bool) ->
 def sector_index(azimuth: Floats | float, sectors: int) -> Any:
     """Return the index of the LiDAR sector at an azimuth from -pi to pi in the body frame (thesis Fig. 3.9).
 
-    The circle is cut into equal sectors from -pi to pi. The result has the shape of `azimuth`. The LiDAR scan
-    compiles this function for numbers.
+    The circle is divided into equal sectors from -pi to pi. The result has the shape of `azimuth`. The LiDAR
+    scan compiles this function for scalars.
     """
     return np.int64(np.minimum((azimuth + np.pi) / (2 * np.pi) * sectors, sectors - 1))
 
@@ -112,7 +112,7 @@ def nearest_in_sectors(points: Floats, sectors: int, range_m: float) -> Floats:
 
     Args:
         points: (k, 2) or (k, 3) in the body frame [m].
-        range_m: the value of a sector without a nearer point.
+        range_m: value of a sector without a nearer point [m].
     """
     x, y = points[:, 0], points[:, 1]
     nearest = np.full(sectors, range_m, float)
@@ -121,5 +121,5 @@ def nearest_in_sectors(points: Floats, sectors: int, range_m: float) -> Floats:
 
 
 def proximities(ranges_m: Floats) -> Floats:
-    """Return the inverse [1/m] of ranges [m] in the same shape, those below 1 mm as 1 mm."""
+    """Return the inverse [1/m] of ranges [m], in the same shape; ranges below 1 mm count as 1 mm."""
     return 1 / np.maximum(ranges_m, 1e-3)

@@ -1,7 +1,7 @@
 """Random numbers that depend only on a seed and an index, so that each can be drawn without the others.
 
 The bits are those of SplitMix64 (Steele, Lea, Flood 2014, "Fast splittable pseudorandom number generators"),
-whose state is a multiple of the index. Normal numbers are made of two of them (Box and Muller 1958).
+whose state is a multiple of the index. A normal number is made from two uniform ones (Box and Muller 1958).
 """
 
 from __future__ import annotations
@@ -33,29 +33,29 @@ def bits(seed: int | np.uint64, index: int) -> np.uint64:
 
 @compiled()
 def uniform(seed: int | np.uint64, index: int) -> float:
-    """Return a number of the uniform distribution over [0, 1)."""
+    """Return a random number, uniform over [0, 1)."""
     return float(bits(seed, index) >> TO_UNIT) * UNIT
 
 
 @compiled()
 def normal(seed: int | np.uint64, index: int) -> float:
-    """Return a number of the standard normal distribution."""
+    """Return a standard normal random number."""
     radius = math.sqrt(-2.0 * math.log(1.0 - uniform(seed, 2 * index)))
     return radius * math.cos(2.0 * math.pi * uniform(seed, 2 * index + 1))
 
 
 @compiled(inline="always")
 def may_exceed(seed: int | np.uint64, index: int, share: float) -> bool:
-    """Return whether the size of a `normal` number may be above sqrt(-2 ln share), from half of its bits.
+    """Return whether the magnitude of a `normal` number may exceed sqrt(-2 ln share), from half of its bits.
 
-    It is at most sqrt(-2 ln u) for the uniform number u of its radius; most are ruled out without the rest.
+    It is at most sqrt(-2 ln u) with the uniform number u of its radius, so most need no second draw.
     """
     return 1.0 - uniform(seed, 2 * index) <= share
 
 
 @compiled()
 def normals(seeds: Seeds, index: Ints, count: int) -> Floats:
-    """Return `count` standard normal numbers from `index` (n,) on for each of n seeds, (n, count)."""
+    """Return `count` standard normal numbers, starting at `index` (n,), for each of n seeds, (n, count)."""
     numbers = np.empty((len(seeds), count))
     for row in range(len(seeds)):
         for k in range(count):

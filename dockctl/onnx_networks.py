@@ -1,7 +1,7 @@
-"""Run a model of ``dockctl export --onnx``, with ONNX Runtime, which is imported when a model is opened.
+"""Run a model from ``dockctl export --onnx`` with ONNX Runtime, which is imported when a model is opened.
 
-Such a model takes observations in units, scales them, and gives action values and the action. Its metadata
-contain the description that `dockctl.pilot` reads.
+Such a model takes observations in physical units, scales them, and returns action values and the action. Its
+metadata contains the description that `dockctl.pilot` reads.
 """
 
 from __future__ import annotations
@@ -20,11 +20,11 @@ Q_VALUES, ACTION = "q_values", "action"
 
 
 def open_session(model: bytes | str) -> Any:
-    """Return the session of ONNX Runtime for a model: its content, or its path if it has further files.
+    """Return an ONNX Runtime session for a model, given as content, or as path if it has further files.
 
     Raises:
         ImportError: ONNX Runtime is not installed.
-        ValueError: it is no model.
+        ValueError: it is not a model.
     """
     import onnxruntime
 
@@ -33,27 +33,27 @@ def open_session(model: bytes | str) -> Any:
 
 
 def description(session: Any) -> str:
-    """Return the description of a model; empty for one of another library."""
+    """Return the description of a model; empty for a model from another library."""
     text: str = session.get_modelmeta().custom_metadata_map.get(DESCRIPTION, "")
     return text
 
 
 class OnnxNetworks:
-    """The networks in a model, used as `dockctl.dueling.Ensemble`: with scaled observations.
+    """The networks in a model, with the interface of `dockctl.dueling.Ensemble`: scaled observations.
 
     Args:
-        session: of `open_session`.
-        facts: its description, which has the scale of each column.
+        session: result of `open_session`.
+        facts: its description, which contains the scale of each column.
 
     Raises:
-        ValueError: the model does not take observations of as many columns, or has other outputs.
+        ValueError: the model has a different number of observation columns, or different outputs.
     """
 
     def __init__(self, session: Any, facts: Mapping[str, Any]) -> None:
         self._session = session
         self._scale = np.array([column["scale"] for column in facts["observation"]], float)
         blank = np.zeros((1, len(self._scale)), np.float32)
-        with _errors():  # it runs once, and thereafter with inputs of the same shape
+        with _errors():  # a first run; later inputs have the same shape
             self.sizes = (blank.shape[1], self.q_values(blank).shape[1])
             self.greedy(blank, blank)
 
@@ -73,7 +73,7 @@ class OnnxNetworks:
 
 @contextmanager
 def _errors() -> Iterator[None]:
-    """Raise a ValueError for each exception of ONNX Runtime, which have no base of their own."""
+    """Raise a ValueError for each exception of ONNX Runtime, which have no common base class."""
     try:
         yield
     except Exception as error:

@@ -8,9 +8,9 @@ headings counterclockwise from +x [rad]; the body frame has x forward, y to port
 at the center of gravity. Sectors, goals and the switch to the final pose are computed by the functions that
 the simulator uses, in `dockctl.geometry` and `dockctl.sim.goal`.
 
-A `Decision` without a command of the policy is a stop, 0 N and rudder amidships, with the reason: an input is
-missing, older than allowed or implausible, the boat has arrived, or the time is over. The next decision with
-good inputs continues.
+If the policy cannot or should not act, the `Decision` is a stop (0 N, rudder amidships) with the reason: an
+input is missing, too old or implausible, the boat has arrived, or time is up. The next decision with valid
+inputs continues.
 """
 
 from __future__ import annotations
@@ -41,11 +41,11 @@ PARTS = frozenset(
 )  # fmt: skip
 """Parts of the observation that a pilot computes."""
 FLOWS = {"apparent_wind": ("wind_ahead", "wind_port"), "through_water": ("u_water", "v_water")}
-"""Inputs that not every policy observes, and their columns."""
+"""Inputs that only some policies observe, and their columns."""
 BOUNDED = {"distance", "u", "v", "r", *(column for columns in FLOWS.values() for column in columns)}
-"""Columns in whose bounds a policy decides; others are clipped to them."""
+"""Columns that must be within their bounds for the policy to act; other columns are clipped."""
 EARLIER = re.compile(r"(.+)_(\d+)_ago")
-"""Name of a column of the part `history`: another column, and the decisions since then."""
+"""Name of a column of the part `history`: another column, and the number of decisions since then."""
 RANGE_MARGIN = 1.1
 """Factor on the range: a point may be farther from the body's origin than from its LiDAR."""
 MAX_MAGNITUDE = 1e9
@@ -65,10 +65,10 @@ class Checks:
     """Limits of the inputs.
 
     Attributes:
-        max_age_s: oldest input that is used, and farthest in the future.
-        max_jump_m: how much farther the position may move between decisions than the maximum observed speed
-            allows.
-        min_points: points of all clouds together.
+        max_age_s: maximum age of an input [s], and maximum time in the future.
+        max_jump_m: how much farther the position may move between decisions than the maximum observable
+            speed allows [m].
+        min_points: minimum number of points of all clouds together.
     """
 
     max_age_s: float = 0.5
@@ -78,7 +78,7 @@ class Checks:
 
 @dataclass(frozen=True)
 class Tolerance:
-    """When a pose is reached."""
+    """Limits at which a pose counts as reached: distance [m], heading [rad] and speed [m/s]."""
 
     distance_m: float
     heading: float
@@ -87,17 +87,17 @@ class Tolerance:
 
 @dataclass(frozen=True, eq=False)
 class Decision:
-    """A command, and how it came about.
+    """A command, and how it was chosen.
 
     Attributes:
         propeller_n: propeller force of the command [N].
-        rudder_rad: its rudder angle [rad].
-        stop: why it is a stop; empty if the policy chose it.
+        rudder_rad: rudder angle of the command [rad].
+        stop: why it is a stop; empty if the policy chose the command.
         arrived: the final pose is reached.
         phase: 0 on the way to the intermediate pose, 1 on the way to the final pose.
-        action: index of the action; None at a stop, as the following.
+        action: index of the action; None at a stop, like the following attributes.
         observation: (k,) as the network receives it.
-        sector_ranges_m: (sectors,).
+        sector_ranges_m: (sectors,) range of the nearest point in each sector [m].
         q_values: (actions,).
     """
 
@@ -121,9 +121,9 @@ class Pilot:
     """A policy that decides from the readings of a real boat.
 
     Attributes:
-        description: facts of the policy, as `dockctl export` writes them (docs/deployment.md).
-        goals: (2, 3) intermediate and final pose, x, y [m] and heading [rad]; the first is NaN if there is
-            none.
+        description: description of the policy, as written by `dockctl export` (docs/deployment.md).
+        goals: (2, 3) intermediate and final pose, x, y [m] and heading [rad]; the first is NaN if there is no
+            intermediate pose.
         phase: 0 on the way to the intermediate pose, 1 on the way to the final pose.
         flows: those of the inputs `apparent_wind` and `through_water` that the policy observes.
     """
@@ -174,11 +174,11 @@ class Pilot:
         intermediate: ArrayLike | None = None,
         checks: Checks | None = None,
     ) -> Pilot:
-        """Load a file of ``dockctl export --pilot``, or, where ONNX Runtime is installed, of ``--onnx``.
+        """Load a file from ``dockctl export --pilot``, or, if ONNX Runtime is installed, from ``--onnx``.
 
         Args:
             final: (3,) x, y [m] and heading [rad] of the final pose, instead of the one in the file.
-            intermediate: the same of the intermediate pose; used together with `final`.
+            intermediate: the same for the intermediate pose; requires `final`.
 
         Raises:
             DockctlError: the file is missing, damaged, or of another kind; a pose is not three numbers; ONNX
@@ -191,7 +191,7 @@ class Pilot:
         except INCOMPLETE as error:
             raise not_a_policy(file, error) from None
         if intermediate is not None and final is None:
-            raise DockctlError("an intermediate pose needs the final pose, too", code="missing_key")
+            raise DockctlError("an intermediate pose also needs the final pose", code="missing_key")
         if final is not None:
             try:
                 pilot.goals = np.stack([_pose(intermediate), _pose(final)])
@@ -202,11 +202,11 @@ class Pilot:
 
     @property
     def limits(self) -> tuple[float, float]:
-        """Maximum propeller force [N] and rudder angle [rad] of the vessel that the policy is made for."""
+        """Maximum propeller force [N] and rudder angle [rad] of the vessel that the policy was made for."""
         return self.description["limits"]["propeller_n"], self.description["limits"]["rudder_rad"]
 
     def reset(self) -> None:
-        """Begin a maneuver, with the intermediate pose if there is one."""
+        """Start a maneuver, at the phase of the intermediate pose if there is one."""
         self.phase = TO_FINAL if np.isnan(self.goals[0]).any() else TO_INTERMEDIATE
         self._steps = 0
         self._stop()
@@ -229,10 +229,10 @@ class Pilot:
             now_s: time [s].
             pose: (3,) x, y [m] and heading [rad], world frame; None if there is none yet.
             velocity: (3,) surge, sway [m/s] and yaw rate [rad/s] over ground, body frame.
-            clouds: the points (k, 3) [m] of each LiDAR, or of all, in the body frame, without returns of the
-                own boat and the water; a name for each, for the reasons of stops.
+            clouds: the points (k, 3) [m] of each LiDAR, or of all, in the body frame, without returns from
+                the boat itself and the water; by name, which appears in the reasons of stops.
             apparent_wind: (2,) velocity of the air relative to the boat, ahead and to port [m/s], body frame;
-                needed by a policy with it in `flows`, as the following.
+                needed if `flows` contains it, like the next argument.
             through_water: (2,) surge and sway relative to the water [m/s], body frame.
         """
         self._steps += 1
@@ -241,7 +241,7 @@ class Pilot:
             eta, nu, points = self._checked(now_s, pose, velocity, clouds)
             given = {"apparent_wind": apparent_wind, "through_water": through_water}
             flows = {name: self._vector(now_s, name, given[name], 2) for name in self.flows}
-            if self._steps > 1:  # as in the simulator, where a goal is reached by a step
+            if self._steps > 1:  # as in the simulator, a goal is reached only after a step
                 self._switch(eta, nu)
             if self._arrived:
                 raise _Unusable("the final pose is reached")
@@ -253,7 +253,7 @@ class Pilot:
             return Decision(0.0, 0.0, str(reason), self._arrived, self.phase)
 
     def _stop(self) -> None:
-        """Note that the boat gets no thrust, and that what follows has no history, as after a start."""
+        """Record that there is no thrust, and clear the history, as at a start."""
         self._command = np.zeros(2)
         self._seen.clear()
 
@@ -297,7 +297,7 @@ class Pilot:
             if given.size and given.dtype.kind not in "iuf":  # also not booleans, times and complex numbers
                 raise TypeError
             value: Floats = np.ma.filled(given.astype(float), np.nan)  # masked: not measured
-        except Exception:  # whatever the data raise
+        except Exception:  # invalid data may raise anything
             raise _Unusable(f"{name}: not a time and an array of numbers") from None
         if not abs(age) <= self.checks.max_age_s:
             raise _Unusable(f"{name}: {age:.3g} s old, expected at most {self.checks.max_age_s:g} s")
@@ -308,7 +308,7 @@ class Pilot:
         if points.ndim != 2 or points.shape[1] != 3:
             raise _Unusable(f"{name}: shape {points.shape}, expected (points, 3)")
         if not np.isfinite(points).all():
-            raise _Unusable(f"{name}: contains NaN or infinity; leave such points out")
+            raise _Unusable(f"{name}: contains NaN or infinity; omit such points")
         farthest = float(np.abs(points).max(initial=0.0))  # first: the squares of larger numbers overflow
         if farthest < MAX_MAGNITUDE:
             farthest = math.sqrt(float((points * points).sum(axis=1).max(initial=0.0)))
@@ -333,7 +333,7 @@ class Pilot:
         return float(self._high[column] * self._scale[column])
 
     def _switch(self, eta: Floats, nu: Floats) -> None:
-        """Continue with the final pose once the intermediate one is reached; note the arrival."""
+        """Continue with the final pose once the intermediate pose is reached; record the arrival."""
         phase = np.array([self.phase])
         speed = np.hypot(nu[:, 0], nu[:, 1])
         intermediate, final = reached(self, phase, *measure(eta, self.goals[phase]), speed)
@@ -345,10 +345,10 @@ class Pilot:
         """Return the decision of the policy.
 
         Raises:
-            _Unusable: the boat is farther from the goal, or faster, than the policy observes, or the wind is.
+            _Unusable: distance, speed or wind exceed what the policy observes.
         """
         self._seen.appendleft(self._quantities(eta, nu, self.goals[[self.phase]], ranges, flows))
-        first = len(self._seen) - 1  # stands for all before it
+        first = len(self._seen) - 1  # also used for all earlier decisions
         raw = np.array([self._seen[min(age, first)][name] for name, age in self._sources])
         scaled = (raw / self._scale).astype(np.float32)
         inside = (self._low <= scaled) & (scaled <= self._high)
@@ -356,7 +356,7 @@ class Pilot:
             if name in BOUNDED and not age and not inside[index]:
                 bound, unit = self._high[index] * self._scale[index], self._columns[index]["unit"]
                 raise _Unusable(
-                    f"{name}: {raw[index]:.4g} {unit}, the policy observes up to {bound:.4g} {unit}"
+                    f"{name}: {raw[index]:.4g} {unit}, but the policy observes at most {bound:.4g} {unit}"
                 )
         observation = np.clip(scaled, self._low, self._high)
         q_values = self.networks.q_values(observation[None])[0]
@@ -370,7 +370,7 @@ class Pilot:
     def _quantities(
         self, eta: Floats, nu: Floats, goal: Floats, ranges: Floats, flows: Mapping[str, Floats]
     ) -> dict[str, float]:
-        """Return the value of every column that a policy may observe now, before scaling."""
+        """Return the current value of every column that a policy may observe, before scaling."""
         distance, heading_error = measure(eta, goal)
         (direction,), (speed,), (track,) = bearing(eta, goal), *course(eta, nu, goal)
         ((ahead, port),) = offset(eta, goal)
@@ -394,10 +394,10 @@ class Pilot:
 
 
 def _seconds(now_s: Any) -> float:
-    """Return the time as a number.
+    """Return the time [s] as a number.
 
     Raises:
-        _Unusable: it is something else, or not finite.
+        _Unusable: it is not a number, or not finite.
     """
     if not isinstance(now_s, bool) and isinstance(now_s, Real):
         with suppress(OverflowError):
@@ -410,7 +410,7 @@ def _pose(given: ArrayLike | None) -> Floats:
     """Return a goal (3,); NaN for none.
 
     Raises:
-        ValueError: it is something else.
+        ValueError: it is not a finite pose.
     """
     if given is None:
         return np.full(3, np.nan)

@@ -1,7 +1,7 @@
 """Registries of everything that can be extended, and the plugins that add to them.
 
-A registry maps a name to an `Entry`, which records its origin. A name cannot be registered twice, but a
-definition that is run again replaces itself.
+A registry maps a name to an `Entry`, which records its origin. A name cannot be registered twice, except by
+running the same definition again, which replaces the entry.
 
 Installed packages declare names through the entry-point groups in `GROUPS`; their code is imported when a
 name is first used. Local ``.py`` files register when they are loaded. Code registers itself with a decorator;
@@ -80,7 +80,7 @@ class Entry(Generic[T]):
 
     @property
     def file(self) -> str:
-        """The file of the code that is registered; empty if it was typed in a shell or a notebook."""
+        """The file of the registered code; empty if it was typed in a shell or a notebook."""
         try:
             return inspect.getfile(cast(Any, self.value))
         except (OSError, TypeError):
@@ -107,7 +107,7 @@ class Entry(Generic[T]):
         if not callable(self.value):
             return {}
         if complete := getattr(self.value, "model_rebuild", None):
-            complete()  # pydantic gives a model its signature when it is first used
+            complete()  # pydantic builds the signature of a model on first use
         parameters = inspect.signature(self.value).parameters.values()
         return {p.name: p.default for p in parameters if p.kind is inspect.Parameter.KEYWORD_ONLY}
 
@@ -136,7 +136,7 @@ class Entry(Generic[T]):
 
 @dataclass(frozen=True)
 class LazyEntry:
-    """A name whose code is not imported yet; `load` registers it or raises the reason why it cannot."""
+    """A name whose code is not imported yet; `load` registers it or raises an error."""
 
     origin: str
     load: Callable[[], None]
@@ -165,7 +165,7 @@ class Registry(Generic[T]):
         return value
 
     def register_lazily(self, name: str, origin: str, load: Callable[[], None]) -> None:
-        """Add `name`, for `load` to register on first use; if it is taken, the error is raised then."""
+        """Add `name`, which `load` registers on first use; if it is taken, first use raises the error."""
         if name in self:
             origin, load = f"{self.origin(name)} and {origin}", partial(_raise, self._duplicate(name, origin))
         self._known[name] = LazyEntry(origin, load)
@@ -183,7 +183,7 @@ class Registry(Generic[T]):
         self._known = dict(state)
 
     def __reduce__(self) -> tuple[Callable[[str], Registry[Any]], tuple[str]]:
-        """Copies and pickles of a registry are the registry of the process."""
+        """Copies and pickles of a registry refer to the registry of the process."""
         return _registry_of, (self.noun,)
 
     def __contains__(self, name: object) -> bool:
@@ -275,7 +275,7 @@ BUILTINS = (
     "dockctl.sim.conditions.shallow_water",
     "dockctl.agents.algorithms",
 )
-"""Modules that register the package's own entries; add a line for a new one."""
+"""Modules that register the package's own entries; add a line for each new module."""
 
 _loaded: dict[str, str] = {}
 """Hash of the content of every loaded local file, by its origin."""
@@ -283,7 +283,7 @@ _loaded: dict[str, str] = {}
 
 @cache
 def load_builtins() -> None:
-    """Import the modules in `BUILTINS`; by name, since they are in layers above this one."""
+    """Import the modules in `BUILTINS`, by name because they are in layers above this one."""
     for module in BUILTINS:
         importlib.import_module(module)
 
@@ -301,18 +301,18 @@ def discover() -> None:
 
 
 def policy(name: str, *, source: str = "") -> Callable[[Function], Function]:
-    """Register the function below under a name that commands take as POLICY.
+    """Register the function below under a name that commands accept as POLICY.
 
-    It takes a `Scenario`, and parameters by keyword, and returns a `dockctl.agents.interface.Policy`.
+    The function takes a `Scenario` and keyword parameters, and returns a `dockctl.agents.interface.Policy`.
     """
     return lambda function: POLICIES.register(name, function, source=source)
 
 
 def load_file(path: Path) -> ModuleType:
-    """Load the local plugin at `path`: each content once; an edited file replaces its earlier registrations.
+    """Load the local plugin at `path`, once per content; an edited file replaces its earlier registrations.
 
     Returns:
-        the module.
+        The module.
 
     Raises:
         PluginError: the file is missing, is not a ``.py`` file, or fails to import.
@@ -354,9 +354,9 @@ def _rollback_on_error(who: str, path: Path | None = None) -> Iterator[None]:
 
 
 class Guard(AbstractContextManager["Guard"]):
-    """Context in which an exception of an entry's code becomes a `PluginError` with the line that failed.
+    """Context in which an exception in an entry's code becomes a `PluginError` with the line that failed.
 
-    Errors of the package's own entries, and those that a plugin raises for the user, pass.
+    Errors of the package's own entries, and errors that a plugin raises for the user, pass through.
     """
 
     def __init__(self, registry: Registry[Any], name: str) -> None:
@@ -395,7 +395,7 @@ def _entry_point_origin(point: EntryPoint) -> str:
 
 
 def _registered_already(point: EntryPoint, registry: Registry[Any]) -> bool:
-    """Return whether the object of `point` is registered because its module was imported before."""
+    """Return whether the object of `point` is already registered because its module was imported."""
     module, _, name = point.value.partition(":")
     value = getattr(sys.modules.get(module), name, None)
     return value is not None and any(entry.name == point.name and entry.value is value for entry in registry)

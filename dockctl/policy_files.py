@@ -1,6 +1,6 @@
-"""Read an exported policy, with NumPy alone: what ``dockctl export --pilot`` or ``--onnx`` wrote.
+"""Read a policy exported by ``dockctl export --pilot`` or ``--onnx``, with NumPy alone.
 
-A file has the networks and their description, a JSON text (docs/deployment.md). A model of ``--onnx`` needs
+A file contains the networks and their description as JSON (docs/deployment.md). A model of ``--onnx`` needs
 ONNX Runtime.
 """
 
@@ -24,7 +24,7 @@ from dockctl.reading import FOREIGN, parse_json, read_bytes
 FORMAT = 1
 MAX_FILE_BYTES = 2**31
 INCOMPLETE = (*FOREIGN, ArithmeticError, AttributeError, IndexError)
-"""Errors of what uses a description that lacks something, or contradicts itself."""
+"""Exceptions caused by a description that is incomplete or inconsistent."""
 
 
 class Networks(Protocol):
@@ -76,11 +76,11 @@ def not_a_policy(file: str | Path, error: Exception) -> DockctlError:
 
 
 NetworksOf = Callable[[Mapping[str, Any]], Networks]
-"""Makes the networks of a file from the facts of its description."""
+"""Creates the networks of a file from its description."""
 
 
 def _ensemble(content: bytes) -> tuple[str, NetworksOf]:
-    """Return the description in a file of ``--pilot``, and what makes its networks."""
+    """Return the description in a file of ``--pilot``, and a function that creates its networks."""
     arrays = _arrays(content)
     text = str(arrays.pop(DESCRIPTION))
 
@@ -93,7 +93,7 @@ def _ensemble(content: bytes) -> tuple[str, NetworksOf]:
 
 
 def _onnx_model(content: bytes) -> tuple[str, NetworksOf]:
-    """Return the description in a file of ``--onnx``, and what makes its networks."""
+    """Return the description in a file of ``--onnx``, and a function that creates its networks."""
     session = open_session(content)
     return description(session), partial(OnnxNetworks, session)
 

@@ -1,4 +1,4 @@
-"""Read untrusted files, which may be damaged or crafted to exhaust the memory, within limits."""
+"""Read untrusted files, which may be damaged or crafted to exhaust memory, within limits."""
 
 from __future__ import annotations
 
@@ -19,10 +19,10 @@ from dockctl.errors import Code, DockctlError
 
 MAX_BYTES = 64_000_000
 MAX_VALUES = 10_000_000
-"""Limit of the values in a table or a JSON file; each takes up to about 100 bytes of memory."""
+"""Maximum number of values in a table or a JSON file; each takes up to about 100 bytes of memory."""
 MAX_DEPTH = 50
 FOREIGN = (OSError, EOFError, zlib.error, csv.Error, KeyError, TypeError, ValueError, RecursionError)
-"""What parsers raise for files that are not what they expect."""
+"""Exceptions that parsers raise for files with unexpected content."""
 
 
 @contextmanager
@@ -44,7 +44,7 @@ def read_limited(path: Path, max_bytes: int) -> bytes:
     """Return the content of a regular file of at most `max_bytes`; never waits for a pipe or a device.
 
     Raises:
-        DockctlError: it is something else, or cannot be read; the message is the reason, without the path.
+        DockctlError: it is not such a file or cannot be read; the message is the reason, without the path.
     """
     try:
         file = os.open(path, os.O_RDONLY | os.O_NONBLOCK | os.O_NOCTTY)
@@ -62,10 +62,10 @@ def read_limited(path: Path, max_bytes: int) -> bytes:
         code: Code = "not_found" if isinstance(error, FileNotFoundError) else "not_readable"
         raise DockctlError(f"cannot be read: {getattr(error, 'strerror', error)}", code=code) from None
     if size > max_bytes:
-        message = f"is larger than {max_bytes / 1e6:g} MB, the limit of such a file"
+        message = f"is larger than {max_bytes / 1e6:g} MB, the limit for such a file"
         raise DockctlError(message, code="out_of_range")
-    if len(data) > size:  # as files of the kernel do, whose size is 0
-        raise DockctlError("changes while it is read", code="not_readable")
+    if len(data) > size:  # for example kernel files, whose size is 0
+        raise DockctlError("changes while it is being read", code="not_readable")
     return data
 
 
@@ -103,7 +103,7 @@ def parse_json(text: str) -> Any:
     """Parse JSON of limited size and depth, without NaN and infinity.
 
     Raises:
-        ValueError, RecursionError: it is something else.
+        ValueError, RecursionError: the text is not such JSON.
     """
     if sum(map(text.count, ",[{")) > MAX_VALUES:
         raise ValueError(f"contains more than {MAX_VALUES:,} values")

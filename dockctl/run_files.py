@@ -2,23 +2,23 @@
 
 A run folder is self-contained: it can be moved, copied and read without the scenario that it came from.
 
-Written by the training:
+Written by training:
 
 ========================  =============================================================================
-``scenario.yaml``         the fully resolved scenario; loads as an equal one
+``scenario.yaml``         the fully resolved scenario; loads as an equal scenario
 ``provenance.json``       commit, seed, command, library versions, hardware, start, end, stop reason
 ``scene.json``            plan view of the harbor and outline of the boat, for drawings
 ``plugins/, meshes/``     copies of the local files that the scenario uses
-``initial/``              copy of the policy that the training started from, if any
+``initial/``              copy of the policy that training started from, if any
 ``episodes.csv``          training episodes
 ``updates.csv``           loss, TD error, Q and gradient norm, averaged over updates
 ``evaluations.csv``       greedy episodes during training
 ``timing.csv``            wall-clock seconds, apart from the other tables, which repeat byte for byte
 ``trajectories.csv``      greedy episodes of the best policy, step by step
-``tensorboard/, wandb/``  logs of ``--log``, with the numbers of the tables
+``tensorboard/, wandb/``  logs of ``--log``, with the same numbers as the tables
 ``checkpoints/best``      policy that docks from the most validation starts; ``best-1``, ``best-2`` are older
-``checkpoints/last``      complete state of the training, for resuming; ``last-1``, ``last-2`` are older
-``checkpoints/blocks``    large arrays of these states, such as the replay, in blocks that they share
+``checkpoints/last``      complete training state, for resuming; ``last-1``, ``last-2`` are older
+``checkpoints/blocks``    large arrays of these states, such as the replay buffer, in shared blocks
 ========================  =============================================================================
 
 Written by the commands that measure the policy:
@@ -30,11 +30,11 @@ Written by the commands that measure the policy:
 ``returns.csv/json``      discounted returns of behaviors, of ``dockctl returns``
 ``transfer/``             recordings, of ``dockctl evaluate --record``
 ``figures/``              figures, and ``latency.csv/json`` of ``dockctl latency``
-``last/``                 the same for the checkpoint ``last``, if that is the one that was measured
+``last/``                 the same for the checkpoint ``last``, if that was measured
 ========================  =============================================================================
 
 The JSON files contain the hashes of the files that belong to them (`dockctl.runs.results`).
-On another scenario the name of that scenario is appended: ``evaluation-marina.csv``. Columns are described in
+For other scenarios, the scenario's name is appended: ``evaluation-marina.csv``. Columns are described in
 `dockctl.runs.tables`.
 """
 
@@ -58,7 +58,7 @@ RECORDING = "recording.json"
 STUDY, SCENES = "study.json", "scenes"
 """The study of archived runs, and the scenes that they share, in the folder of their experiments."""
 TRANSFER, FAILURES = "transfer", "failures"
-"""Folder of the recordings, and in it that of a study's nearest failures."""
+"""Folder of the recordings, and its subfolder for a study's nearest failures."""
 ARCHIVED_AS = "archived_as"
 """Key in the scene file of an archived run: relative path of the compressed scene that several runs share."""
 FIGURES, CHECKPOINTS, PLUGINS, MESHES = "figures", "checkpoints", "plugins", "meshes"
@@ -68,11 +68,11 @@ POLICY, LEARNER = "policy", "learner"
 """Stems of the files of a checkpoint: the policy, and the rest of the state for resuming."""
 POLICY_JSON, POLICY_TENSORS, LEARNER_JSON = f"{POLICY}.json", f"{POLICY}.safetensors", f"{LEARNER}.json"
 GENERATIONS = 3
-"""Number of checkpoints of a name that are kept."""
+"""Number of checkpoints that are kept under one name."""
 
 
 def run_name(time: str, seed: int) -> str:
-    """Return the name of the folder of a run; a second one of that time has ``-2`` appended."""
+    """Return the name of a run's folder; a second run of the same time has ``-2`` appended."""
     return f"{time}-seed{seed}"
 
 
@@ -82,10 +82,10 @@ def runs_of_seed(seed: int) -> tuple[str, str]:
 
 
 def archived_name(seed: int | str) -> str:
-    """Return the name of the folder of an archived run in that of its experiment; ``*`` gives a pattern."""
+    """Return the name of an archived run's folder in its experiment's folder; ``*`` gives a pattern."""
     return f"seed{seed}"
 
 
 def generations(checkpoint: str) -> list[str]:
-    """Return the names of the folders of the checkpoint `BEST` or `LAST`, the newest first."""
+    """Return the names of the folders of the checkpoint `BEST` or `LAST`, newest first."""
     return [checkpoint, *(f"{checkpoint}-{i}" for i in range(1, GENERATIONS))]

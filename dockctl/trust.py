@@ -64,8 +64,8 @@ def require(code: Iterable[tuple[str, str, str]], *, trust: bool) -> None:
     """Check that code may run.
 
     Args:
-        code: what it is, its SHA-256, and the recorded one or an empty string.
-        trust: the user allows all of it.
+        code: description, SHA-256, and recorded SHA-256 or an empty string.
+        trust: whether the user allows all of it.
 
     Raises:
         UntrustedError: some of it may not.
@@ -99,7 +99,7 @@ def is_received(scenario: Path) -> bool:
 def allowed(files: Iterable[Path], own: Sequence[Path], *, trust: bool) -> list[Path]:
     """Return those of the received plugin files that may run and that no file in `own` replaces.
 
-    A file of the user replaces one of the same content, or of the same name without the number that a run
+    A file in `own` replaces a file with the same content, or with the same name without the number that a run
     folder prepends.
 
     Raises:
@@ -115,7 +115,7 @@ def allowed(files: Iterable[Path], own: Sequence[Path], *, trust: bool) -> list[
         if mine is None:
             code[file] = str(file), digest, _recorded(file)
         elif digest not in digests:
-            log.warning("%s replaces %s, which has another SHA-256", mine, file)
+            log.warning("%s replaces %s, which has a different SHA-256", mine, file)
     require(code.values(), trust=trust)
     return list(code)
 

@@ -51,7 +51,7 @@ def on_post_template(output: str, template_name: str, config: MkDocsConfig) -> s
 
 
 def on_page_markdown(markdown: str, page: Page, config: MkDocsConfig, files: Files) -> str:
-    """Lead links to the pages of the site, and fill in what is made from the code."""
+    """Point links to the pages of the site, and fill in what is generated from the code."""
     uri = page.file.src_uri
     if "<!-- commands -->" in markdown:
         markdown = markdown.replace("<!-- commands -->", "\n".join(command_sections()))
@@ -197,7 +197,7 @@ def literal(text: str) -> str:
 
 
 def escaped(text: str) -> str:
-    """Return plain text as Markdown in which no character has a meaning."""
+    """Return plain text as Markdown with all special characters escaped."""
     return re.sub(r"[\\`*_{}\[\]<>|&]", lambda match: f"&#{ord(match[0])};", text)
 
 
@@ -263,6 +263,6 @@ def bounds(value: dict[str, Any]) -> Iterator[str]:
 
 
 def on_env(env: Any, config: MkDocsConfig, files: Files) -> None:
-    """Refuse a theme that would load something from the network."""
+    """Reject a theme that would load something from the network."""
     if config.theme.get("font"):
         raise PluginError("mkdocs.yml: theme.font must be false: the site opens without a network")

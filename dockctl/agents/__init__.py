@@ -1,1 +1,1 @@
-"""The learner: it sees an environment through Gymnasium's interface and nothing else."""
+"""The learner, which uses an environment only through the Gymnasium interface."""

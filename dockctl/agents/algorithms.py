@@ -3,7 +3,7 @@
     training:
       algorithm: {kind: sb3, model: SAC}
 
-The models here are light; what they build imports torch.
+Importing this module does not import torch; building an algorithm does.
 """
 
 from __future__ import annotations
@@ -42,7 +42,7 @@ class MemoryUse(NamedTuple):
 
 
 class AlgorithmSpec(Kind):
-    """A learning algorithm as data. A subclass adds its keys as fields."""
+    """Configuration of a learning algorithm. A subclass adds its keys as fields."""
 
     @property
     def imports(self) -> tuple[str, ...]:
@@ -50,11 +50,11 @@ class AlgorithmSpec(Kind):
         return ()
 
     def describe(self) -> str:
-        """Return what it learns with, in a few words for model cards; by default its kind."""
+        """Return a short description for model cards; by default the kind."""
         return self.kind
 
     def memory(self, spaces: Spaces, training: Training) -> tuple[MemoryUse, ...]:
-        """Estimate what `build` and the training allocate; negligible by default.
+        """Estimate what `build` and the training run allocate; negligible by default.
 
         Args:
             spaces: of one boat.
@@ -72,7 +72,7 @@ class AlgorithmSpec(Kind):
             device: torch device of the networks.
 
         Raises:
-            FieldError: the algorithm cannot learn in these spaces, or a key does not fit; the field begins
+            FieldError: the algorithm does not support these spaces, or a key is invalid; the field begins
                 with ``training.algorithm`` or ``actions``.
             DockctlError: the device or a library is not available.
         """
@@ -82,13 +82,13 @@ class AlgorithmSpec(Kind):
         """Rebuild the greedy policy from what `Algorithm.policy_tensors` returned.
 
         Raises:
-            KeyError, TypeError, ValueError, RuntimeError: the tensors belong to another network.
+            KeyError, TypeError, ValueError, RuntimeError: the tensors belong to a different network.
             DockctlError: a library is missing.
         """
 
 
 def algorithm_of(training: Training) -> AlgorithmSpec:
-    """Return ``training.algorithm``, whose type the scenarios do not know."""
+    """Return ``training.algorithm``; the type is checked here because `scenarios` cannot import it."""
     spec = training.algorithm
     assert isinstance(spec, AlgorithmSpec)
     return spec
@@ -133,7 +133,7 @@ class Dqn(AlgorithmSpec):
 
 
 def _replay_and_networks(spaces: Spaces, training: Training) -> tuple[MemoryUse, ...]:
-    """Estimate the memory of a replay and of dueling networks."""
+    """Estimate the memory of a replay buffer and of dueling networks."""
     from gymnasium.spaces import flatdim
 
     from dockctl.agents.dqn.replay import Replay
@@ -141,9 +141,9 @@ def _replay_and_networks(spaces: Spaces, training: Training) -> tuple[MemoryUse,
     size, actions = flatdim(spaces.observation), flatdim(spaces.action)
     parameters, outputs = network_size(size, actions, training.hidden_sizes)
     replay = Replay.bytes_needed(min(training.replay_capacity, training.total_steps), size)
-    # Online and target network, gradient, two moments, and the optimizer's temporaries; four are saved.
+    # Online and target network, gradient, two moments, and optimizer temporaries; four of them are saved.
     networks = 4 * (6 + 4 * COPIES_IN_SAVING) * parameters
-    # Outputs of both networks for two observations, their gradients, and temporaries.
+    # Outputs of both networks for both observations, their gradients, and temporaries.
     batches = 4 * 6 * training.batch_size * (outputs + size)
     return (
         MemoryUse("replay", replay, "training.replay_capacity"),
@@ -163,7 +163,7 @@ def discrete_sizes(spaces: Spaces) -> tuple[int, int]:
 
     observation, action = spaces
     if not isinstance(observation, Box) or len(observation.shape) != 1:
-        message = f"dqn takes observations that are vectors, not {observation}"
+        message = f"dqn needs vector observations, not {observation}"
         raise FieldError("training.algorithm", message, "mismatch")
     if not isinstance(action, Discrete) or action.start != 0:
         message = (
@@ -176,12 +176,12 @@ def discrete_sizes(spaces: Spaces) -> tuple[int, int]:
 
 @register(ALGORITHMS, source="https://stable-baselines3.readthedocs.io")
 class StableBaselines3(AlgorithmSpec):
-    """An off-policy algorithm of Stable-Baselines3, in its own implementation.
+    """An off-policy algorithm from Stable-Baselines3, in that library's implementation.
 
-    The keys of ``training`` set what both have: seed, learning rate, replay, batch, discount, n-step,
-    warm-up, steps per update, epsilon, reward scale, and ``hidden_sizes`` as ``net_arch``. A resumed training
-    continues exactly, also with the noise of ``use_sde``, unless the model keeps a state outside of its
-    policy, optimizers and replay.
+    The keys of ``training`` set what both libraries have: seed, learning rate, replay, batch, discount,
+    n-step, warm-up, steps per update, epsilon, reward scale, and ``hidden_sizes`` as ``net_arch``. A resumed
+    run continues exactly, including the noise of ``use_sde``, unless the model keeps state outside its
+    policy, optimizers and replay buffer.
 
     Attributes:
         model: DQN, SAC, TD3 or DDPG, or ``package:Class``.
@@ -206,7 +206,7 @@ class StableBaselines3(AlgorithmSpec):
         return f"{self.model} of Stable-Baselines3, {self.policy}"
 
     def memory(self, spaces: Spaces, training: Training) -> tuple[MemoryUse, ...]:
-        return _replay_and_networks(spaces, training)  # its replay takes about as many bytes per transition
+        return _replay_and_networks(spaces, training)  # its replay buffer takes about as much memory
 
     def build(self, spaces: Spaces, training: Training, device: str) -> Algorithm:
         _require_stable_baselines()
@@ -222,15 +222,15 @@ class StableBaselines3(AlgorithmSpec):
 
         given = sum(array.size for array in tensors.values())
         for layers in _layers([list(hidden_sizes), self.hyperparameters.get("policy_kwargs")]):
-            if sum(a * b for a, b in pairwise((1, *layers))) > given:  # before they are allocated
-                raise ValueError(f"layers of {layers} units have more than {given:,} weights")
+            if sum(a * b for a, b in pairwise((1, *layers))) > given:  # checked before allocation
+                raise ValueError(f"layers of {layers} units need more than {given:,} weights")
         model = make_model(self, spaces, hidden_sizes, buffer_size=1, device="cpu")
         load_parameters(model.policy, tensors)
         return GreedyPolicy(model.policy)
 
 
 def _layers(value: Any) -> Iterator[list[int]]:
-    """Yield every list of numbers in a value."""
+    """Yield every list of integers in a nested value."""
     if isinstance(value, list) and all(isinstance(item, int) for item in value):
         yield value
     elif isinstance(value, dict | list):

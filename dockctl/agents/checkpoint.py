@@ -36,23 +36,23 @@ from dockctl.scenarios.schema import PolicyInterface
 from dockctl.trust import require, text_digest
 
 FORMAT = 2
-"""Version of the files; in version 1 the JSON file has no hash of its own."""
+"""Version of the file format; in version 1 the JSON file has no hash of its own."""
 COPIES = 4
 """Maximum number of copies of the tensors in memory while a checkpoint is loaded."""
 READS = 3
-"""Attempts to read a policy that seems to be damaged: a training may have replaced it during the first."""
+"""Attempts to read a policy that seems damaged: a training run may have replaced it during the first read."""
 MAX_SIZE = 1_000_000
-"""Maximum size of observations and actions: a larger one is a mistake, or meant to exhaust the memory."""
+"""Maximum size of observations and actions: a larger one is a mistake or an attempt to exhaust memory."""
 FOREIGN = (
     *(ArithmeticError, AssertionError, AttributeError, LookupError, MemoryError),
     *(OSError, RuntimeError, TypeError, ValueError),
 )
-"""What building a policy raises for facts and tensors that do not fit."""
+"""Exceptions that building a policy raises for invalid metadata or tensors."""
 log = logging.getLogger(__name__)
 
 
 class CheckpointError(DockctlError):
-    """A checkpoint that is missing, damaged, or does not fit."""
+    """A checkpoint that is missing, damaged, or incompatible."""
 
     code: Code = "not_readable"
 
@@ -67,14 +67,14 @@ class PolicyCard(Model):
     Attributes:
         scenario: name of the scenario that it was trained on.
         observation_size: length of an observation.
-        actions: number of discrete actions, or length of a continuous one.
+        actions: number of discrete actions, or length of a continuous action vector.
         hidden_sizes: ``training.hidden_sizes``.
-        env_steps: environment steps of its training, all boats together.
+        env_steps: environment steps of its training, summed over all boats.
         seed: of its training.
-        interface: its observation and actions; None in cards of early versions.
+        interface: its observation and actions; None in cards from early versions.
         algorithm: ``training.algorithm``, which rebuilds the policy.
         action_bounds: lowest and highest continuous action; None for discrete ones.
-        sha256: hash of the file of its tensors; empty before it is saved.
+        sha256: hash of its tensor file; empty before it is saved.
     """
 
     model_config = ConfigDict(extra="ignore")
@@ -92,7 +92,7 @@ class PolicyCard(Model):
 
     @classmethod
     def for_spaces(cls, spaces: Spaces, **fields: Any) -> Self:
-        """Return the card of a new policy for these spaces, with the other fields.
+        """Return the card of a new policy for these spaces and with these other fields.
 
         Raises:
             CheckpointError: observations are not vectors, or actions are neither discrete from 0 nor vectors
@@ -107,7 +107,7 @@ class PolicyCard(Model):
                 low, high = (tuple(bound.tolist()) for bound in (action.low, action.high))
                 return cls(**fields, actions=len(low), action_bounds=(low, high))
         raise CheckpointError(
-            "checkpoints need observations that are vectors, and actions that are discrete from 0 or vectors"
+            "checkpoints need vector observations, and actions that are discrete from 0 or vectors"
             f" of float32; the observations are {_line(observation)}, the actions {_line(action)}"
         )
 
@@ -125,7 +125,7 @@ def _line(space: Space[Any]) -> str:
 
 
 def save_pair(folder: Path, name: str, tensors: Tensors, facts: Mapping[str, Any]) -> None:
-    """Write ``<name>.safetensors``, and ``<name>.json`` with the facts and the hashes of both files.
+    """Write ``<name>.safetensors``, and ``<name>.json`` with the metadata and the hashes of both files.
 
     Raises:
         DockctlError: a file cannot be written.
@@ -142,7 +142,7 @@ def save_pair(folder: Path, name: str, tensors: Tensors, facts: Mapping[str, Any
 
 
 def _facts_hash(facts: Mapping[str, Any]) -> str:
-    """Return the hash of JSON facts, whatever their layout in the file and the order of their keys."""
+    """Return the hash of JSON metadata, independent of formatting and key order."""
     written = json.loads(json.dumps({key: facts[key] for key in facts if key != "facts_sha256"}))
     return hashlib.sha256(json.dumps(written, sort_keys=True).encode()).hexdigest()
 
@@ -151,13 +151,13 @@ def load_pair(facts_file: Path) -> tuple[dict[str, NDArray[Any]], dict[str, Any]
     """Read what `save_pair` wrote, by the path of its JSON file.
 
     Raises:
-        CheckpointError: a file is missing, damaged, or of another format.
+        CheckpointError: a file is missing, damaged, or in another format.
     """
     tensors_file = facts_file.with_suffix(".safetensors")
     for file in (facts_file, tensors_file):
         if not os.path.isfile(file):
             raise CheckpointError(
-                f"{file}: no such file; a checkpoint is a .safetensors and a .json file of one name",
+                f"{file}: no such file; a checkpoint is a .safetensors and a .json file with the same name",
                 code="not_found",
             )
     try:
@@ -188,7 +188,7 @@ def load_tensors(file: Path) -> tuple[dict[str, NDArray[Any]], str]:
     except DockctlError as error:
         raise CheckpointError(error.message, code=error.code) from None
     except KeyError as error:
-        raise CheckpointError(f"{file}: has numbers of the type {error}, which NumPy lacks") from None
+        raise CheckpointError(f"{file}: has numbers of type {error}, which NumPy does not support") from None
     except (SafetensorError, *FOREIGN) as error:
         message = f"{file}: damaged or incomplete: {type(error).__name__}: {error}"
         raise CheckpointError(message) from None
@@ -210,7 +210,7 @@ def load_policy(path: str | Path) -> tuple[Policy, PolicyCard]:
 
 
 def read_policy(path: Path) -> tuple[Path, dict[str, NDArray[Any]], dict[str, Any]]:
-    """Return the JSON file of the policy at `path`, see `find_policy`, and what it and its tensors contain.
+    """Return the JSON file of the policy at `path` (see `find_policy`), its tensors and its metadata.
 
     Raises:
         CheckpointError: there is none, or it is damaged.
@@ -226,13 +226,13 @@ def read_policy(path: Path) -> tuple[Path, dict[str, NDArray[Any]], dict[str, An
 def rebuild_policy(
     file: Path, tensors: Tensors, facts: Mapping[str, Any], *, trust: bool = False
 ) -> tuple[Policy, PolicyCard]:
-    """Return the policy of what `load_pair` read from `file`.
+    """Rebuild a policy from what `load_pair` read from `file`.
 
     Raises:
-        CheckpointError: it is not a policy; with the code ``unknown_name``, one of a plugin that is not
+        CheckpointError: it is not a policy; with the code ``unknown_name``, it is from a plugin that is not
             loaded.
         UntrustedError: it needs a module that may not be imported.
-        PluginError: the algorithm is of a plugin, which failed.
+        PluginError: the algorithm is from a plugin, which failed.
         DockctlError: the library that it was trained with is missing.
     """
     try:
@@ -261,7 +261,7 @@ def rebuild_policy(
 
 
 def require_imports(spec: AlgorithmSpec, *, trust: bool) -> None:
-    """Check that the modules that an algorithm of a received file imports by name may run.
+    """Check that the modules that an algorithm from a received file imports by name may run.
 
     Raises:
         UntrustedError: one may not.
@@ -279,7 +279,7 @@ def flatten(groups: Mapping[str, Tensors], separator: str = ".") -> dict[str, ND
 
 
 def nest(tensors: Tensors, separator: str = ".") -> Mapping[str, dict[str, NDArray[Any]]]:
-    """Return the groups that `flatten` joined; a group that was empty is empty again."""
+    """Return the groups that `flatten` joined; a missing group reads as empty."""
     groups: dict[str, dict[str, NDArray[Any]]] = defaultdict(dict)
     for name, array in tensors.items():
         group, _, rest = name.partition(separator)
@@ -288,10 +288,10 @@ def nest(tensors: Tensors, separator: str = ".") -> Mapping[str, dict[str, NDArr
 
 
 def find_policy(path: Path) -> Path:
-    """Return the JSON file of the policy at `path`; in a run folder that of the best one, else of the last.
+    """Return the JSON file of the policy at `path`; for a run folder, of the best policy, else of the last.
 
-    Existing files take precedence over a checkpoint of the same name (`named_checkpoints`). In a run folder,
-    a damaged checkpoint is replaced by the one before it, with a warning.
+    Existing files take precedence over a checkpoint of the same name (`named_checkpoints`). If one in
+    a run folder is damaged, the previous one is used, with a warning.
 
     Raises:
         CheckpointError: there is none.
@@ -344,7 +344,7 @@ def require_spaces(card: PolicyCard, spaces: Spaces, *, where: Path, scenario: s
     """Check that a policy fits the spaces of one boat of a scenario.
 
     Raises:
-        CheckpointError: it takes observations of another length, or gives other actions.
+        CheckpointError: its observation length or its actions differ.
     """
     for what, trained, given in (
         ("observations of length", card.observation_size, (spaces.observation.shape or (0,))[0]),

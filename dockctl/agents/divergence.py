@@ -1,4 +1,4 @@
-"""Checks of a training: numbers that are not finite, exploding values, dead networks, a stuck environment."""
+"""Checks during training: non-finite numbers, exploding values, dead networks, a stuck environment."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from dockctl.errors import DockctlError
 from dockctl.scenarios.training import Training
 
 PROBES = 64
-"""Logging intervals whose observations are used to detect a dead advantage stream."""
+"""Observations used to detect a dead advantage stream."""
 SAME = 1e-6
 """Relative difference up to which advantages count as equal."""
 DIFFERENT = 1e-3
@@ -27,7 +27,7 @@ LATE = 2.0
 
 
 class DivergenceError(DockctlError):
-    """The training diverged and cannot succeed.
+    """Training diverged and cannot succeed.
 
     Attributes:
         term: what was affected first, for example ``reward term 'speed'``.
@@ -43,12 +43,12 @@ class DivergenceError(DockctlError):
 
 
 class Monitor:
-    """Checks the steps and updates of one training.
+    """Checks the steps and updates of one training run.
 
     Args:
         training: number of boats, discount, and the factor on rewards.
-        names: of the columns of an observation; numbered without.
-        step_limit: control steps after which the environment ends an episode, if it is known.
+        names: of the columns of an observation; columns are numbered if empty.
+        step_limit: control steps after which the environment ends an episode, if known.
     """
 
     def __init__(self, training: Training, names: Sequence[str] = (), step_limit: int | None = None) -> None:
@@ -60,7 +60,7 @@ class Monitor:
         self._probes: deque[NDArray[np.float64]] = deque(maxlen=max(2, PROBES // training.boats))
 
     def state(self) -> tuple[Tensors, dict[str, Any]]:
-        """Return what `restore` needs: arrays, and facts for JSON."""
+        """Return what `restore` needs: arrays, and values for JSON."""
         arrays = {"lasted": self._lasted, **({"probes": np.stack(self._probes)} if self._probes else {})}
         facts = {
             "reward": float(self._reward),
@@ -74,16 +74,16 @@ class Monitor:
         """Continue from what `state` returned.
 
         Args:
-            same_episodes: episodes that had not ended continue; otherwise new ones start.
+            same_episodes: unfinished episodes continue; otherwise new ones start.
 
         Raises:
-            KeyError, TypeError, ValueError: it is something else.
+            KeyError, TypeError, ValueError: they are not such a state.
         """
         if same_episodes:
             self._lasted[:] = arrays["lasted"]
         probes = [*arrays.get("probes", ())]
         if self._names and {probe.shape for probe in probes} - {(self._training.boats, len(self._names))}:
-            raise ValueError("the observations of the monitor have another shape")
+            raise ValueError("the observations of the monitor have a different shape")
         self._probes.extend(probes)
         self._reward, self._last_reward = float(facts["reward"]), float(facts["last_reward"])
         scale, self._unchanged = facts["first_scale"], int(facts["unchanged"])
@@ -95,7 +95,7 @@ class Monitor:
         Args:
             step: of all boats.
             info: after the step and before any reset.
-            env_steps: environment steps before it, all boats together.
+            env_steps: environment steps before it, summed over all boats.
 
         Raises:
             DivergenceError: an observation or a reward is not finite, or the environment is stuck.
@@ -137,7 +137,7 @@ class Monitor:
         """Check the metrics of an update.
 
         Raises:
-            DivergenceError: one is not finite, or the values exceed what rewards and discount allow.
+            DivergenceError: one is not finite, or the Q-values exceed what rewards and discount allow.
         """
         for name, value in metrics.items():
             if not math.isfinite(value):
@@ -163,13 +163,13 @@ class Monitor:
                 raise DivergenceError(f"parameter '{name}'", "is not finite", env_steps)
 
     def check_networks(self, algorithm: Algorithm, observation: NDArray[Any], env_steps: int) -> None:
-        """Check the parameters of the policy, and the advantages if it has such a stream; once per interval.
+        """Check the parameters of the policy, and its advantage stream if it has one; once per interval.
 
         Args:
-            observation: (n, observation_size) before the step; the advantages are those of the latest ones.
+            observation: (n, observation_size) before the step; the latest ones are used for the advantages.
 
         Raises:
-            DivergenceError: a parameter is not finite, or the observations make no difference to the actions.
+            DivergenceError: a parameter is not finite, or the actions do not depend on the observations.
         """
         self.check_parameters(algorithm.policy_tensors(), env_steps)
         self._probes.append(np.asarray(observation, float))

@@ -1,4 +1,4 @@
-"""Interfaces of policies and learning algorithms, and the data that they get.
+"""Interfaces of policies and learning algorithms, and the data that they receive.
 
 Environments are Gymnasium vector environments with same-step autoreset: when an episode ends, `step` returns
 the first observation and info of the next one. Those of the step itself are in ``info["final_obs"]`` and
@@ -37,10 +37,10 @@ class Spaces(NamedTuple):
 
 
 class Policy(Protocol):
-    """Chooses the actions of n boats; it may be stateful. A subclass without state needs no `reset`."""
+    """Chooses the actions of n boats; may be stateful. A subclass without state needs no `reset`."""
 
     def reset(self, rows: NDArray[np.int64], info: Info) -> None:
-        """Reset the state of the boats `rows` (k,), which start new episodes; `info` is that of the reset."""
+        """Reset the state of the boats `rows` (k,), which start new episodes; `info` is from the reset."""
         return
 
     def act(self, observation: NDArray[Any], info: Info) -> NDArray[Any]:
@@ -85,12 +85,12 @@ class Step:
 class Algorithm(Protocol):
     """Learns a policy from the steps of n boats.
 
-    The trainer calls `act`, then `learn`, of which it consumes the iterator in another thread while the
-    environment steps, then `store`. Only an `Overlapping` algorithm acts before the iterator has ended.
+    The trainer calls `act`, then `learn`, whose iterator it consumes in another thread while the environment
+    steps, then `store`. Only an `Overlapping` algorithm may act before the iterator is exhausted.
 
     Attributes:
-        policy: the greedy policy of what was learned so far.
-        epsilon: probability of a random action at the latest `act`; None if exploration has no such number.
+        policy: the greedy policy learned so far.
+        epsilon: probability of a random action in the latest `act`; None if exploration has no such number.
         updates: gradient steps so far.
     """
 
@@ -102,20 +102,20 @@ class Algorithm(Protocol):
     def updates(self) -> int: ...
 
     def act(self, observation: NDArray[Any], env_steps: int) -> NDArray[Any]:
-        """Return an exploring action for each boat.
+        """Return an exploratory action for each boat.
 
         Args:
             observation: (n, observation_size).
-            env_steps: environment steps so far, all boats together.
+            env_steps: environment steps so far, summed over all boats.
         """
         ...
 
     def store(self, step: Step) -> None:
-        """Add a step of all boats to the replay memory."""
+        """Add a step of all boats to the replay buffer."""
         ...
 
     def learn(self, env_steps: int) -> Iterator[Metrics]:
-        """Make the gradient steps due after `env_steps`, and yield the metrics of each.
+        """Take the gradient steps due after `env_steps`, and yield the metrics of each.
 
         Metrics become columns of ``updates.csv``; one of them is ``loss``.
         """
@@ -135,20 +135,20 @@ class Algorithm(Protocol):
         ...
 
     def restore(self, policy: Tensors, tensors: Tensors, facts: Mapping[str, Any]) -> None:
-        """Continue from what `policy_tensors` and `state` returned, exactly as if nothing had happened.
+        """Continue from what `policy_tensors` and `state` returned, exactly as without the interruption.
 
         Raises:
-            KeyError, TypeError, ValueError, RuntimeError: the state belongs to another network.
+            KeyError, TypeError, ValueError, RuntimeError: the state belongs to a different network.
         """
         ...
 
 
 @runtime_checkable
 class Overlapping(Protocol):
-    """An algorithm whose calls of `learn` may still be consumed while it acts and stores the next step.
+    """An algorithm that can act and store the next step while an iterator of `learn` is still consumed.
 
-    If `acts_while_learning` holds, then at each call of `act` all calls of `learn` but the last one are
-    consumed; what `act` returns must not depend on the last one.
+    If `acts_while_learning` is true, all iterators of `learn` but the last are exhausted at each call to
+    `act`, whose result must not depend on the last one.
     """
 
     @property
@@ -169,12 +169,12 @@ class FineTunable(Protocol):
     """An algorithm that can start from a trained policy."""
 
     def start_from(self, policy: Tensors, inputs: NDArray[np.int64]) -> None:
-        """Take over the parameters of a policy, before the first step.
+        """Start from the parameters of a policy, before the first step.
 
         Args:
             policy: what `policy_tensors` returned.
-            inputs: (observation_size,) index of each number in the observation of the policy; -1 for a new
-                one, which must not change the actions.
+            inputs: (observation_size,) index of each column in the policy's observation; -1 for a new
+                column, which must not change the actions.
         """
         ...
 
@@ -205,7 +205,7 @@ class Recoverable(Protocol):
         """Continue from the restored state: new episodes, other random numbers, slower learning.
 
         Args:
-            attempt: how many times the training was rolled back, from 1.
+            attempt: number of rollbacks of the training run, from 1.
         """
         ...
 
@@ -226,7 +226,7 @@ class Resumable(Protocol):
         """Continue from what `state` returned; return the observations (n, k) and info of that moment.
 
         Raises:
-            DockctlError: it is the state of another environment.
+            DockctlError: it is the state of a different environment.
         """
         ...
 
@@ -234,7 +234,7 @@ class Resumable(Protocol):
 def final_observation(observation: NDArray[Any], info: Info, done: NDArray[np.bool_]) -> NDArray[Any]:
     """Return the observations after the step and before any reset, (n, observation_size).
 
-    Those of an environment that does not give them are the first ones of the next episodes.
+    If the environment does not provide them, they are the first observations of the next episodes.
     """
     if not done.any() or "final_obs" not in info:
         return observation

@@ -1,4 +1,4 @@
-"""Progress of a training: counters, the stop rule, and the rows of its tables."""
+"""Progress of a training run: counters, the stop rule, and the rows of its tables."""
 
 from __future__ import annotations
 
@@ -21,28 +21,28 @@ REASONS = {
     "episodes": "The episode limit is reached",
     "steps": "The step limit is reached",
     "interrupted": "Interrupted",
-    "diverged": "The training diverged",
+    "diverged": "Training diverged",
 }
-"""Why a training ended."""
+"""Why a training run ended."""
 
 
 @pydantic.dataclasses.dataclass
 class Progress:
-    """Counters of a training; they are part of its last checkpoint, from which their types are checked.
+    """Counters of a training run, saved in its last checkpoint; types are checked on loading.
 
     Attributes:
-        env_steps: environment steps, all boats together.
+        env_steps: environment steps, summed over all boats.
         updates: gradient steps.
         episodes: finished training episodes.
-        outcomes: finished training episodes by outcome; environments that report none leave it empty.
-        recent: of each of the latest training episodes, whether it docked and whether it started at an
+        outcomes: finished training episodes by outcome; empty if the environment reports none.
+        recent: for each of the latest training episodes, whether it docked and whether it started at an
             initial pose.
         best: docked episodes, episodes and mean return of the best validation.
         validated_at: environment steps at the latest validation, 0 before the first.
         validation_docked, validation_episodes: result of that validation.
         evaluated_at: environment steps at the latest evaluation, 0 before the first.
         evaluation_docked, evaluation_episodes: result of that evaluation.
-        rollbacks: how many times the training went back to a checkpoint because it diverged.
+        rollbacks: how many times training returned to a checkpoint because it diverged.
         wall_s: seconds of training.
         epsilon, loss: latest values, for display.
     """
@@ -65,7 +65,7 @@ class Progress:
     loss: float | None = None
 
     def count_episode(self, outcome: str, from_initial_pose: bool, window: int) -> None:
-        """Count a finished training episode, and remember the latest `window` for the stop rule."""
+        """Count a finished training episode, and keep the latest `window` of them for the stop rule."""
         self.episodes += 1
         if outcome:
             self.outcomes[outcome] = self.outcomes.get(outcome, 0) + 1
@@ -81,10 +81,10 @@ class Progress:
         return sum(docked for docked, _ in self.recent[-RECENT:])
 
     def mastered(self, rule: StopRule) -> bool:
-        """Return whether the stop rule holds, apart from the validation.
+        """Return whether the stop rule is met, apart from the validation.
 
-        Enough of the last episodes docked, both of all of them and of those from the initial poses, and the
-        greedy policy docked from every start of the latest evaluation.
+        It requires that enough of the last episodes docked, both of all episodes and of those from the
+        initial poses, and that the greedy policy docked from every start of the latest evaluation.
         """
         if not 0 < self.evaluation_episodes == self.evaluation_docked:
             return False
@@ -97,11 +97,11 @@ class Progress:
         )
 
     def validated(self, rule: StopRule) -> bool:
-        """Return whether the policy docked from as large a share of the latest validation starts."""
+        """Return whether the share docked of the latest validation also meets the rule."""
         return self.validation_docked * rule.episodes >= rule.docked * self.validation_episodes > 0
 
     def reached_limit(self, training: Training) -> str | None:
-        """Return which limit of the training is reached, a key of `REASONS`, or None."""
+        """Return the limit that training has reached, a key of `REASONS`, or None."""
         if training.max_episodes is not None and self.episodes >= training.max_episodes:
             return "episodes"
         if self.env_steps >= training.total_steps:
@@ -123,7 +123,7 @@ class EpisodeRecorder:
 
         Args:
             reward: (n,).
-            info: after the step and before any reset; keys that the environment lacks give empty cells.
+            info: after the step and before any reset; missing keys give empty cells.
             done: (n,).
         """
         self._steps += 1
@@ -145,7 +145,7 @@ class EpisodeRecorder:
         """Continue the episodes of which `state` returned the sums.
 
         Raises:
-            ValueError: they are those of another number of boats.
+            ValueError: the number of boats differs.
         """
         self._steps[:], self._return[:] = sums["steps"], sums["return"]
         totals = sums["terms"].astype(float).reshape(len(terms), self._boats)
@@ -170,7 +170,7 @@ class EpisodeRecorder:
 
 
 class UpdateRecorder:
-    """Averages the metrics of `stride` calls of `add` into a row."""
+    """Averages the metrics of `stride` calls to `add` into a row."""
 
     def __init__(self, stride: int) -> None:
         self._stride = stride

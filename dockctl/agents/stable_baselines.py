@@ -32,7 +32,7 @@ from dockctl.scenarios.training import Training
 
 
 class _EnvOfSpaces(gymnasium.Env[Any, Any]):
-    """The constructors of Stable-Baselines3 take the spaces from an environment."""
+    """Only has spaces: the constructors of Stable-Baselines3 read them from an environment."""
 
     def __init__(self, spaces: Spaces) -> None:
         self.observation_space, self.action_space = spaces
@@ -48,10 +48,10 @@ def make_model(
     """Construct a model without a usable environment.
 
     Args:
-        arguments: of the constructor; those that the class does not take are left out.
+        arguments: of the constructor; those that the class does not accept are omitted.
 
     Raises:
-        FieldError: class, policy, hyperparameters or spaces do not fit.
+        FieldError: class, policy, hyperparameters or spaces are invalid for this model.
     """
     model_class = _model_class(spec.model)
     known = inspect.signature(model_class).parameters
@@ -102,7 +102,7 @@ SHARED = {
     "exploration_fraction": "training.epsilon.decay_steps",
     "policy": "training.algorithm.policy",
 }
-"""Parameters of the constructors that other keys of the scenario decide."""
+"""Constructor parameters that other keys of the scenario set."""
 
 
 def _model_class(name: str) -> Any:
@@ -120,7 +120,7 @@ def _model_class(name: str) -> Any:
 
 
 def _type_of(parameter: inspect.Parameter) -> TypeAdapter[Any]:
-    """Return the validator of a parameter's type; anything is valid where it is unknown."""
+    """Return the validator of a parameter's type; it accepts anything if the type is unknown."""
     annotation = parameter.annotation
     known = annotation is not inspect.Parameter.empty and not isinstance(annotation, str)
     return TypeAdapter(annotation if known else Any, config=ConfigDict(arbitrary_types_allowed=True))
@@ -179,7 +179,7 @@ class StableBaselines:
             exploration_final_eps=epsilon.end,
             exploration_fraction=min(1.0, epsilon.decay_steps / training.total_steps),
         )  # fmt: skip
-        self.model.set_logger(Logger(None, []))  # `configure` would leave a folder
+        self.model.set_logger(Logger(None, []))  # `configure` would create a folder
         self.policy = GreedyPolicy(self.model.policy)
 
     @property
@@ -192,7 +192,7 @@ class StableBaselines:
         return rate
 
     def act(self, observation: NDArray[Any], env_steps: int) -> NDArray[Any]:
-        """Return the model's exploring actions; see `Algorithm`."""
+        """Return the model's exploratory actions; see `Algorithm`."""
         model = self.model
         model.num_timesteps, model._last_obs = env_steps, observation
         model._update_current_progress_remaining(env_steps, self.training.total_steps)
@@ -216,7 +216,7 @@ class StableBaselines:
         )
 
     def learn(self, env_steps: int) -> Iterator[Metrics]:
-        """Make the updates due after `env_steps`, one at a time; see `Algorithm`."""
+        """Perform the updates due after `env_steps`, one at a time; see `Algorithm`."""
         training, model, replay = self.training, self.model, self.model.replay_buffer
         assert replay is not None
         if replay.size() * training.boats < min(training.warmup_steps, replay.buffer_size * training.boats):
@@ -235,16 +235,16 @@ class StableBaselines:
         return numpy_tensors(self.model.policy.state_dict())
 
     def state(self) -> tuple[Tensors, dict[str, Any]]:
-        """Return optimizers and other variables, the replay, and the generators; see `Algorithm`.
+        """Return optimizers, other variables, the replay buffer, and the generators; see `Algorithm`.
 
-        Stable-Baselines3 draws from the global generators of NumPy and torch and that of the action space.
+        Stable-Baselines3 draws from the global generators of NumPy and torch and from the action space's.
         """
         (optimizers, variables), replay = self._parts(), self.model.replay_buffer
         assert replay is not None
         numpy_state = np.random.get_state(legacy=False)
         tensors = {name: optimizer_tensors(optimizer) for name, optimizer in optimizers.items()}
         tensors["variables"] = numpy_tensors(variables)
-        # Row `pos` holds the next observation where a buffer saves memory.
+        # With `optimize_memory_usage`, row `pos` holds the next observation.
         rows = replay.buffer_size if replay.full else replay.pos + 1
         tensors["replay"] = {name: array[:rows] for name, array in self._replay_arrays().items()}
         tensors["random"] = {"torch": torch.get_rng_state().numpy(), "numpy": numpy_state["state"]["key"]}
@@ -265,7 +265,7 @@ class StableBaselines:
         """Return the model's optimizers and its other variables, by name."""
         modules, variables = self.model._get_torch_save_params()
         optimizers = {name: attrgetter(name)(self.model) for name in modules if name.endswith("optimizer")}
-        if self.model.use_sde:  # the noise of the state-dependent exploration is no parameter
+        if self.model.use_sde:  # the noise of state-dependent exploration is not a parameter
             noise = "actor.action_dist.exploration_"
             variables = [*variables, f"{noise}mat", f"{noise}matrices"]
         return optimizers, {name: attrgetter(name)(self.model) for name in variables}

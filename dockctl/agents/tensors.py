@@ -1,4 +1,4 @@
-"""Parameters and optimizers of torch as arrays, and its devices."""
+"""Torch parameters and optimizers as arrays, and torch devices."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ def load_parameters(network: torch.nn.Module, tensors: Tensors) -> None:
     """Copy named arrays into the parameters of `network`.
 
     Raises:
-        RuntimeError: a parameter is missing, has another shape, or is not one of the network's.
+        RuntimeError: a parameter is missing, has the wrong shape, or does not belong to the network.
     """
     network.load_state_dict({name: torch.from_numpy(array) for name, array in tensors.items()})
 
@@ -37,7 +37,7 @@ def load_optimizer(optimizer: torch.optim.Optimizer, tensors: Tensors) -> None:
     """Continue with the moments that `optimizer_tensors` returned.
 
     Raises:
-        ValueError: a moment has another shape or type than its parameter.
+        ValueError: a moment differs from its parameter in shape or type.
     """
     parameters = [parameter for group in optimizer.param_groups for parameter in group["params"]]
     state: dict[int, dict[str, torch.Tensor]] = {}
@@ -45,7 +45,7 @@ def load_optimizer(optimizer: torch.optim.Optimizer, tensors: Tensors) -> None:
         number, key = name.split(".")
         parameter, moment = parameters[int(number)], torch.from_numpy(array)
         if (moment.dtype, moment.shape) != (parameter.dtype, () if key == "step" else parameter.shape):
-            raise ValueError(f"the moment '{name}' does not fit its parameter")  # torch does not check
+            raise ValueError(f"the moment '{name}' does not match its parameter")  # torch does not check
         state.setdefault(int(number), {})[key] = moment
     optimizer.load_state_dict({**optimizer.state_dict(), "state": state})
 
@@ -66,6 +66,6 @@ def torch_device(name: str) -> torch.device:
 
 
 def devices() -> list[str]:
-    """Return the torch devices of this machine, with the names of GPUs."""
+    """Return the torch devices of this machine; GPUs with their names."""
     gpus = [f"cuda:{i} ({torch.cuda.get_device_name(i)})" for i in range(torch.cuda.device_count())]
     return ["cpu", *gpus, *(["mps"] if torch.backends.mps.is_available() else [])]

@@ -57,20 +57,21 @@ class Trainer:
     Args:
         algorithm: acts and learns.
         training: limits, stop rule, and the interval of validations and checkpoints.
-        environment: ``training.boats`` boats with same-step autoreset, also if it declares no mode; the keys
-            of its `info` are optional. Without ``final_obs``, truncated episodes count as terminated.
-        run: gets tables and checkpoints.
+        environment: ``training.boats`` boats with same-step autoreset, which is assumed if it declares no
+            mode; the keys of its `info` are optional. Without ``final_obs``, truncated episodes count as
+            terminated.
+        run: where tables and checkpoints are written.
         card: of the policy; its step count is updated when it is saved.
-        validate: from many starts, which select the checkpoint ``best``; without it there is only ``last``.
-        evaluate: from the poses that the stop rule demands; by default the validation starts.
+        validate: from many starts, to select the checkpoint ``best``; without it there is only ``last``.
+        evaluate: from the poses that the stop rule requires; by default the validation starts.
         on_progress: called after every step.
-        interrupted: called after every step; True saves and stops the training.
-        until: environment steps; further steps stop the training as if it was interrupted.
-        warn: called with each problem that does not end the training.
-        step_limit: control steps after which the environment ends an episode, if it is known.
+        interrupted: called after every step; True saves the state and stops training.
+        until: environment steps after which training stops as if interrupted.
+        warn: called with each problem that does not end training.
+        step_limit: control steps after which the environment ends an episode, if known.
 
     Raises:
-        DockctlError: the environment declares another autoreset mode, or has another number of boats.
+        DockctlError: the environment declares a different autoreset mode or number of boats.
     """
 
     def __init__(
@@ -91,9 +92,7 @@ class Trainer:
     ) -> None:
         mode = environment.metadata.get("autoreset_mode", AutoresetMode.SAME_STEP)
         if mode != AutoresetMode.SAME_STEP:
-            message = (
-                f"the environment has {mode}: make it with {AutoresetMode.SAME_STEP}, which the trainer needs"
-            )
+            message = f"the environment has {mode}, but the trainer needs {AutoresetMode.SAME_STEP}"
             raise DockctlError(message, code="mismatch")
         if environment.num_envs != training.boats:
             message = f"the environment has num_envs={environment.num_envs}, expected training.boats"
@@ -107,7 +106,7 @@ class Trainer:
         self._monitor = self._new_monitor()
         self.progress = Progress()
         self._learning: deque[tuple[int, NDArray[Any], Future[list[Metrics]]]] = deque()
-        """Steps and observation before each call of `learn` that is not recorded yet, and its metrics."""
+        """Steps and observation before each call to `learn` that is not yet recorded, and its metrics."""
         self._observation: NDArray[Any] | None = None  # of a restored environment
         self._saved_at: int | None = None
         self._blocks = set[str]()  # of the latest checkpoint
@@ -120,7 +119,7 @@ class Trainer:
         """Train until there is a reason to stop, save, and return the reason, a key of `REASONS`.
 
         Raises:
-            DivergenceError: the training diverged; the latest checkpoint is from before.
+            DivergenceError: training diverged; the latest checkpoint is from before.
             PluginError: a plugin failed; the state is saved.
         """
         self._started = time.monotonic() - self.progress.wall_s
@@ -134,7 +133,7 @@ class Trainer:
                     self._save_last(unfinished=False)
                     raise known from error
                 raise
-            finally:  # nothing is learned after an error has left the trainer
+            finally:  # no learning continues in the background after an error
                 self._finish_learning()
 
     def _new_monitor(self) -> Monitor:
@@ -165,10 +164,10 @@ class Trainer:
         return reason
 
     def _check(self, check: Callable[..., None], *arguments: Any) -> bool:
-        """Run a check of the monitor and return whether it holds.
+        """Run a check of the monitor and return whether it passes.
 
         Raises:
-            DivergenceError: it does not, and the training must stop.
+            DivergenceError: it fails, and training must stop.
         """
         try:
             check(*arguments, self.progress.env_steps)
@@ -185,10 +184,10 @@ class Trainer:
             self.warn(text)
 
     def _roll_back(self, error: DivergenceError) -> None:
-        """Go back to the latest checkpoint, for new episodes with other random numbers.
+        """Go back to the latest checkpoint, with new episodes and other random numbers.
 
         Raises:
-            DivergenceError: there is no checkpoint, or no other attempt.
+            DivergenceError: there is no checkpoint, or no attempt is left.
         """
         attempt = self.progress.rollbacks + 1
         if self.training.on_divergence != "rollback" or attempt > MAX_ROLLBACKS:
@@ -213,9 +212,9 @@ class Trainer:
         return self.progress.reached_limit(self.training)
 
     def _confirmed(self, rule: StopRule) -> bool:
-        """Return whether a recent validation agrees that training may stop; validate if there is none."""
+        """Return whether a recent validation also meets the stop rule; validate if there is none."""
         progress = self.progress
-        if self.validate is None or self.evaluate is None:  # the rule is about the validation starts already
+        if self.validate is None or self.evaluate is None:  # the rule already uses the validation starts
             return True
         if progress.env_steps - progress.validated_at >= self.training.evaluate_every_steps:
             self._evaluate(validated=True)
@@ -262,7 +261,7 @@ class Trainer:
         wait([learned for *_, learned in self._learning])
 
     def _record_updates(self, later: int = 0) -> None:
-        """Check and record the metrics of all calls of `learn` but of the latest ones, as many as `later`."""
+        """Check and record the metrics of all calls to `learn` except the latest `later`."""
         if not later:
             self._finish_learning()
         progress = self.progress
@@ -282,7 +281,7 @@ class Trainer:
         """Run the greedy episodes that are due, save the policy if it is the best so far, and save the state.
 
         Args:
-            validated: also validate when no validation is due.
+            validated: validate even if no validation is due.
         """
         self._record_updates()
         progress, every, is_best = self.progress, self.training.validation.every_steps, False
@@ -302,7 +301,7 @@ class Trainer:
         self._save_last()
 
     def _select(self, validation: Sequence[dict[str, Value]]) -> bool:
-        """Save the policy if it docks from as many starts as any before, and return whether it does."""
+        """Save the policy if it docks from at least as many starts as any before; return whether it does."""
         progress, docked, tensors = self.progress, _docked(validation), self.algorithm.policy_tensors()
         progress.validated_at = progress.env_steps
         progress.validation_docked, progress.validation_episodes = docked, len(validation)
@@ -319,10 +318,10 @@ class Trainer:
         return self.card.model_copy(update={"env_steps": self.progress.env_steps})
 
     def _save_last(self, *, unfinished: bool = True) -> None:
-        """Save the policy and everything else that `restore` needs, unless a number in it is not finite.
+        """Save the policy and everything else that `restore` needs, unless a value is not finite.
 
         Args:
-            unfinished: also the unfinished episodes; False in the middle of a step.
+            unfinished: also save the unfinished episodes; False in the middle of a step.
         """
         self._record_updates()
         policy, (tensors, facts) = self.algorithm.policy_tensors(), self.algorithm.state()
@@ -341,7 +340,7 @@ class Trainer:
         else:
             groups |= {"environment": environment[0], "episodes": sums}
         saved = {
-            "progress": {**asdict(self.progress), "loss": None},  # may be NaN, which JSON lacks
+            "progress": {**asdict(self.progress), "loss": None},  # may be NaN, which JSON does not support
             "algorithm": facts,
             "environment": environment and environment[1],
             "terms": terms,
@@ -359,10 +358,10 @@ class Trainer:
         An environment that cannot be saved starts new episodes.
 
         Returns:
-            What was damaged or is lost, for the user.
+            Notes for the user on what was damaged or lost.
 
         Raises:
-            CheckpointError: there is no intact checkpoint, or it does not fit.
+            CheckpointError: there is no intact checkpoint, or it does not match.
         """
         self._finish_learning()
         self._learning.clear()
@@ -391,7 +390,7 @@ class Trainer:
             raise CheckpointError(f"{saved.folder}: cannot be resumed: {reason}") from None
         except PluginError:
             raise
-        except DockctlError as error:  # the state is of another environment
+        except DockctlError as error:  # the state belongs to a different environment
             message = f"{saved.folder}: cannot be resumed: {error.message}"
             raise CheckpointError(message, code=error.code) from None
         self._drop_later_bests()
@@ -399,7 +398,7 @@ class Trainer:
         return notes + [loss for loss in lost if loss]
 
     def _drop_later_bests(self) -> None:
-        """Remove checkpoints `BEST` of steps that are trained again, if there is an earlier one.
+        """Remove checkpoints `BEST` from steps that will be repeated, if there is an earlier one.
 
         With another limit of steps the training may choose others.
         """
@@ -411,13 +410,13 @@ class Trainer:
 
 
 def _without(key: KeyError, saved: TrainingState) -> str:
-    """Return the message for a state that lacks a key although its hashes fit: another version wrote it."""
+    """Return the message for a state with valid hashes but a missing key: another version wrote it."""
     version = saved.facts.get("dockctl")
     if version != dockctl.__version__:
         reason = f"saved by dockctl {version}, without {key}; this is {dockctl.__version__}"
     else:
         reason = f"without {key}: edited, or saved by another commit of dockctl {version}"
-    return f"{saved.folder}: {reason}: its training cannot continue, but its policy can be evaluated"
+    return f"{saved.folder}: {reason}: training cannot continue from it, but its policy can be evaluated"
 
 
 def _docked(rows: Sequence[dict[str, Value]]) -> int:

@@ -1,7 +1,7 @@
-"""The state of a training on disk: a save writes what has changed, a resume reads the newest intact one.
+"""The training state on disk: a save writes what has changed, a resume reads the newest intact state.
 
-Large tensors, such as the replay, are split into blocks of rows. A block is a file named by the hash of its
-rows, so a save writes the blocks that no earlier one has written, and the kept checkpoints share the rest.
+Large tensors, such as the replay buffer, are split into blocks of rows. A block is a file named by the hash
+of its rows, so a save writes only the blocks that are new, and the checkpoints share the others.
 """
 
 from __future__ import annotations
@@ -48,7 +48,7 @@ class TrainingState:
     """What `save_state` was given.
 
     Attributes:
-        damaged: why newer checkpoints of the run could not be used, one text for each.
+        damaged: why newer checkpoints of the run could not be used, one message for each.
     """
 
     folder: Path
@@ -62,7 +62,7 @@ class TrainingState:
         """Environment steps at the save.
 
         Raises:
-            CheckpointError: it does not give them.
+            CheckpointError: they are missing.
         """
         try:
             return int(self.facts["progress"]["env_steps"])
@@ -83,14 +83,14 @@ def save_state(
     facts: Mapping[str, Any],
     intact: Collection[str],
 ) -> set[str]:
-    """Save a training as the newest checkpoint `LAST`, and return the names of its blocks.
+    """Save the state as the newest checkpoint `LAST`, and return the names of its blocks.
 
     Args:
         policy: parameters of the policy.
         tensors: everything else.
-        facts: for JSON.
+        facts: values for JSON.
         intact: names of blocks that this process has read or written, which are not written again. Other
-            blocks on the disk may be damaged.
+            blocks on disk may be damaged.
 
     Raises:
         DockctlError: a file cannot be written.
@@ -105,7 +105,7 @@ def save_state(
         of_policy = read_json(folder / POLICY_JSON)["facts_sha256"]
         save_pair(folder, LEARNER, small, {**facts, "blocks": blocks, "policy_facts_sha256": of_policy})
     for file in unused_blocks(run, run.checkpoints(LAST)):
-        with suppress(OSError):  # it only takes space
+        with suppress(OSError):  # an unused block only takes space
             file.unlink()
     return {name for names in blocks.values() for name in names}
 
@@ -126,7 +126,7 @@ def load_state(run: RunDirectory) -> TrainingState:
                 raise CheckpointError(message)
             of_policy = card.get("facts_sha256")
             if facts.get("policy_facts_sha256", of_policy) != of_policy:
-                raise CheckpointError(f"{folder}: {POLICY} and {LEARNER} are of different saves")
+                raise CheckpointError(f"{folder}: {POLICY} and {LEARNER} are from different saves")
             blocks = _blocks(facts, folder / LEARNER_JSON)
             _require_memory(run, blocks, folder / LEARNER_JSON)
             tensors |= {name: _load_blocks(run, names) for name, names in blocks.items()}
@@ -152,10 +152,10 @@ class _SavedTable:
 
 
 def checked_table(saved: Any) -> dict[str, Any] | None:
-    """Return the result of `Table.save` from a file; None in checkpoints of early versions.
+    """Return the result of `Table.save` from a file; None in checkpoints from early versions.
 
     Raises:
-        TypeError, ValueError: it is something else.
+        TypeError, ValueError: it is not such a result.
     """
     return None if saved is None else asdict(_SavedTable(**saved))
 
@@ -172,22 +172,22 @@ def _save_block(run: RunDirectory, rows: NDArray[Any], intact: Collection[str]) 
 
 
 def _name(rows: NDArray[Any]) -> str:
-    """Return the hash of an array; an unchanged block needs no more than this."""
+    """Return the hash of an array, by which an unchanged block is recognized."""
     digest = hashlib.sha256(f"{rows.dtype.str} {rows.shape}".encode())
     digest.update(np.ascontiguousarray(rows).view(np.uint8).reshape(-1).data)
     return digest.hexdigest()
 
 
 def _require_memory(run: RunDirectory, blocks: Mapping[str, list[str]], file: Path) -> None:
-    """Check the size of all blocks that a file lists, repeats included: they are read, then joined.
+    """Check that the blocks that a file lists, repeats included, fit into memory.
 
     Raises:
-        CheckpointError: they do not fit into memory.
+        CheckpointError: they do not.
     """
     listed = Counter(_block_file(run, name) for names in blocks.values() for name in names)
     total = sum(times * path.stat().st_size for path, times in listed.items() if path.is_file())
     if total > psutil.virtual_memory().available / 2:
-        message = f"{file}: lists blocks of {total / 1e9:.1f} GB in all, larger than the memory"
+        message = f"{file}: lists blocks of {total / 1e9:.1f} GB in total, too large for the available memory"
         raise CheckpointError(message, code="out_of_range")
 
 
@@ -206,7 +206,7 @@ def _load_blocks(run: RunDirectory, names: list[str]) -> NDArray[Any]:
     try:
         return np.concatenate(rows)
     except ValueError as error:
-        raise CheckpointError(f"{_block_file(run, names[0])}: the blocks do not fit: {error}") from None
+        raise CheckpointError(f"{_block_file(run, names[0])}: the blocks do not match: {error}") from None
 
 
 def _blocks(facts: Mapping[str, Any], file: Path) -> dict[str, list[str]]:
@@ -238,7 +238,7 @@ def _block_file(run: RunDirectory, name: str) -> Path:
 
 
 def unused_blocks(run: RunDirectory, folders: Iterable[Path]) -> list[Path]:
-    """Return the files of the blocks that none of the checkpoints in `folders` lists."""
+    """Return the block files that no checkpoint in `folders` lists."""
     used: set[str] = set()
     for folder in folders:
         file = folder / LEARNER_JSON

@@ -58,7 +58,7 @@ class Compared:
 
 @dataclass(frozen=True)
 class Contrast:
-    """Comparison of a policy with the first one over one kind of start.
+    """Comparison of a policy with the first policy over one kind of start.
 
     Attributes:
         compared: by measure. Success rates are over all episodes; the other measures are over the episodes
@@ -82,9 +82,9 @@ class Contrast:
 
 
 def contrasts(table: pd.DataFrame) -> Iterator[Contrast]:
-    """Compare every policy with the first one, separately for each kind of start.
+    """Compare every policy with the first policy, separately for each kind of start.
 
-    Evaluation poses are left out: they are not a random sample, so intervals and tests do not apply to them.
+    Evaluation poses are excluded: they are not a random sample, so intervals and tests do not apply to them.
 
     Args:
         table: columns ``policy`` and `dockctl.runs.tables.EVALUATION`, the same starts for every policy.

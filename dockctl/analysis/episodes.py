@@ -34,7 +34,7 @@ def describe_outcome(row: Mapping[Any, Any]) -> str:
 
 
 def count_by_kind(outcomes: Mapping[str, int]) -> dict[str, int]:
-    """Return the counts of described outcomes, with one count for collisions, whatever was hit."""
+    """Return the counts of described outcomes, with one count for all collisions."""
     kinds: Counter[str] = Counter()
     for text, count in outcomes.items():
         kinds[text.partition(" with ")[0]] += count
@@ -53,7 +53,7 @@ def _is_given(value: Any) -> bool:
 
 
 def summarize(rows: Sequence[Mapping[str, Any]], control_period_s: float) -> dict[str, Any]:
-    """Success with its Wilson interval, outcomes, clearance, contact speeds, and means of docked episodes.
+    """Summarize success with its Wilson interval, outcomes, clearance, contact speeds, and means if docked.
 
     Success at a clearance of x m counts the episodes that dock and come no closer than x m to anything.
     Heading errors are averaged by magnitude.
@@ -96,21 +96,21 @@ def summarize(rows: Sequence[Mapping[str, Any]], control_period_s: float) -> dic
 
 
 def smoothing_window(table: pd.DataFrame) -> int:
-    """Number of rows to average over: about a fortieth of the table, 10 to 100."""
+    """Return the number of rows to average over: about a fortieth of the table, 10 to 100."""
     return min(max(len(table) // 40, 10), 100)
 
 
 def moving_average(values: pd.Series, window: int) -> pd.Series:
-    """Mean of each value and those before it, `window` in all; fewer at the beginning."""
+    """Return the mean of each value and the values before it, `window` in total; fewer at the beginning."""
     return values.rolling(window, min_periods=1).mean()
 
 
 def from_initial_poses(episodes: pd.DataFrame) -> pd.DataFrame:
-    """Leave out episodes with exploring starts, unless there are no others."""
+    """Return the episodes without those from exploring starts, unless there are no others."""
     selected = episodes[episodes["start_kind"] != "exploring"]
     return selected if len(selected) else episodes
 
 
 def term_columns(table: pd.DataFrame) -> list[str]:
-    """Names of the columns that hold the sum of a reward term per episode."""
+    """Return the names of the columns with the sum of a reward term per episode."""
     return [str(column) for column in table if str(column).startswith("reward_")]

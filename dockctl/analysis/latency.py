@@ -18,13 +18,13 @@ STATISTICS = {"mean": "mean", "p50": "50%", "p95": "95%", "p99": "99%", "max": "
 
 
 def summarize(samples: pd.DataFrame) -> dict[str, dict[str, float]]:
-    """Mean, 50th, 95th and 99th percentile and maximum of each part of a decision [ms].
+    """Return mean, 50th, 95th and 99th percentile and maximum of each part of a decision [ms].
 
     Args:
         samples: one row per decision, columns `PARTS`.
 
     Returns:
-        by part, the value of each of `STATISTICS`.
+        The values of `STATISTICS` by part.
     """
     table = samples[list(PARTS)].describe(percentiles=[0.5, 0.95, 0.99])
     return {part: {name: float(table[part][row]) for name, row in STATISTICS.items()} for part in PARTS}

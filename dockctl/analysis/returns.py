@@ -22,7 +22,7 @@ def value(rows: pd.DataFrame, behavior: str, column: str) -> float:
 
 
 def break_even(rows: pd.DataFrame) -> float | None:
-    """Reward of the intermediate pose above which docking returns more than loitering in front of it.
+    """Return the reward of the intermediate pose above which docking returns more than loitering before it.
 
     Args:
         rows: the behaviors with one distance unit, columns `dockctl.runs.tables.RETURNS`.
@@ -37,7 +37,7 @@ def break_even(rows: pd.DataFrame) -> float | None:
 
 
 def verdicts(rows: pd.DataFrame) -> Iterator[str]:
-    """Yield sentences on which behavior the reward favors with one distance unit."""
+    """Yield sentences that state which behavior the reward favors with one distance unit."""
     collisions = rows[rows["outcome"] == "collision"]
     docks = DOCKING in set(rows["behavior"])
     greedy, waiting = (value(rows, name, "return") for name in (DOCKING if docks else FAILING, AT_START))

@@ -11,7 +11,7 @@ from dockctl.geometry import Bools, Floats
 
 RESAMPLES = 10_000
 BATCH = 100
-"""Resamples drawn at a time; this bounds the memory for many episodes."""
+"""Resamples drawn at a time, to bound the memory for many episodes."""
 
 
 @dataclass(frozen=True)
@@ -30,7 +30,7 @@ class Difference:
 
 
 def wilson_interval(successes: int, trials: int) -> tuple[float, float]:
-    """95 % confidence interval of a success probability (Wilson 1927); (0, 1) without trials."""
+    """Return the 95 % confidence interval of a success probability (Wilson 1927); (0, 1) without trials."""
     if trials == 0:
         return 0.0, 1.0
     from scipy.stats import binomtest  # slow to import
@@ -40,16 +40,16 @@ def wilson_interval(successes: int, trials: int) -> tuple[float, float]:
 
 
 def describe_share(successes: int, trials: int) -> tuple[str, str, str]:
-    """Return ``k of n``, the success rate and its 95 % interval, as text; at least one trial."""
+    """Return ``k of n``, the success rate and its 95 % interval, as text; `trials` is at least 1."""
     low, high = wilson_interval(successes, trials)
     return f"{successes:,} of {trials:,}", f"{successes / trials:.1%}", f"{low:.1%} to {high:.1%}"
 
 
 def success_difference(first: Bools, second: Bools) -> Difference:
-    """Difference of two success rates over the same episodes, by Newcombe's method 10.
+    """Return the difference of two success rates over the same episodes, by Newcombe's method 10.
 
     It combines the two Wilson intervals and accounts for their correlation (Newcombe 1998, Stat. Med. 17,
-    2635-2650). Unlike a bootstrap interval, it has a width where the two outcomes never differ.
+    2635-2650). Unlike a bootstrap interval, it has nonzero width even if the outcomes never differ.
 
     Args:
         first, second: (k,) whether each policy docked in episode i; k >= 1.
@@ -70,7 +70,7 @@ def success_difference(first: Bools, second: Bools) -> Difference:
 
 
 def _phi(both: int, only_first: int, only_second: int, neither: int) -> float:
-    """Phi coefficient of a 2x2 table with Newcombe's continuity correction; 0 where it is undefined."""
+    """Return the phi coefficient of a 2x2 table with Newcombe's continuity correction; 0 if undefined."""
     margins = (both + only_first) * (only_second + neither) * (both + only_second) * (only_first + neither)
     if margins == 0:
         return 0.0
@@ -81,7 +81,7 @@ def _phi(both: int, only_first: int, only_second: int, neither: int) -> float:
 
 
 def mcnemar_p(first: Bools, second: Bools) -> float:
-    """p-value of the exact two-sided McNemar test that neither policy docks more often.
+    """Return the p-value of the exact two-sided McNemar test; H0: neither policy docks more often.
 
     Args:
         first, second: (k,) whether each policy docked in episode i.
@@ -94,7 +94,7 @@ def mcnemar_p(first: Bools, second: Bools) -> float:
 
 
 def mean_difference(first: Floats, second: Floats) -> Difference | None:
-    """Difference of the means of a measure over the same episodes, by the percentile bootstrap.
+    """Return the difference of the means of a measure over the same episodes, by percentile bootstrap.
 
     Args:
         first, second: (k,) the measure of each policy in episode i.

@@ -17,12 +17,12 @@ if TYPE_CHECKING:
 COLUMNS = (*MAP_START, "outcome")
 """Columns of ``map.csv`` that these functions and the figure need."""
 SMALL_OFFSET_DEG = 20.0
-"""Largest heading offset to expect when a person steers the boat to the start pose."""
+"""Maximum heading offset to expect when a person steers the boat to the start pose."""
 EPS = 1e-6
 
 
 def free_starts(table: pd.DataFrame) -> pd.DataFrame:
-    """Rows with an episode; adds `offset_m`, the distance from the reference pose, and `docked`."""
+    """Return the rows with an episode; add `offset_m`, the distance from the reference pose, and `docked`."""
     free = table[table["blocked"] == 0]
     return free.assign(
         offset_m=np.hypot(free["dx_m"], free["dy_m"]).round(9), docked=free["outcome"] == "docked"
@@ -30,22 +30,22 @@ def free_starts(table: pd.DataFrame) -> pd.DataFrame:
 
 
 def within_heading(free: pd.DataFrame, limit_deg: float) -> pd.DataFrame:
-    """Starts whose heading offset is at most `limit_deg` in magnitude."""
+    """Return the starts whose heading offset is at most `limit_deg` in magnitude."""
     return free[free["dheading_deg"].abs() <= limit_deg + EPS]
 
 
 def within_distance(free: pd.DataFrame, limit_m: float) -> pd.DataFrame:
-    """Starts at most `limit_m` from the reference pose."""
+    """Return the starts at most `limit_m` from the reference pose."""
     return free[free["offset_m"] <= limit_m + EPS]
 
 
 def half_width(table: pd.DataFrame) -> float:
-    """Half-width of the square start grid [m]."""
+    """Return the half-width of the square start grid [m]."""
     return float(max(table["dx_m"].max(), table["dy_m"].max()))
 
 
 def success_radius(free: pd.DataFrame, limit_m: float) -> float | None:
-    """Largest distance on the grid within which every free start docks [m], at most `limit_m`.
+    """Return the largest grid distance within which every free start docks [m], at most `limit_m`.
 
     Returns:
         None if the start at the reference pose fails or is blocked.
@@ -57,5 +57,5 @@ def success_radius(free: pd.DataFrame, limit_m: float) -> float | None:
 
 
 def format_radius(radius_m: float | None) -> str:
-    """Success radius as text."""
+    """Return a success radius as text."""
     return "none" if radius_m is None else f"{radius_m:.3g} m"

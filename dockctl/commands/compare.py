@@ -34,7 +34,7 @@ def compare(
     ],
     scenario: Annotated[
         str | None,
-        typer.Option(help="Scenario to dock in, file or name; that of the first policy by default."),
+        typer.Option(help="Scenario to dock in, file or name; by default the scenario of the first policy."),
     ] = None,
     set_: Overrides = None,
     vary: Annotated[
@@ -52,11 +52,11 @@ def compare(
     csv: Annotated[Path | None, typer.Option(help="Write one row per episode to this file.")] = None,
     out: Annotated[Path, typer.Option(help="Output folder of the figure.")] = FOLDER,
 ) -> None:
-    """Run policies from the same starts and report how far each differs from the first.
+    """Run policies from the same starts and report how much each differs from the first.
 
-    Success has Wilson intervals, and its differences have Newcombe's intervals for pairs. Time, path,
-    clearance and control changes are compared over the episodes that both dock, with bootstrap intervals. All
-    intervals are at 95 %.
+    Success rates have Wilson intervals, and their differences have Newcombe's intervals for paired data.
+    Time, path, clearance and control changes are compared over the episodes that both dock, with bootstrap
+    intervals. All are 95 % intervals.
 
     With --vary, a single policy is compared with itself under other conditions, from the same starts:
     --vary "conditions.lidar_faults={sectors: [1, 2]}".

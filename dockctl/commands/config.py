@@ -18,7 +18,7 @@ def config(
 ) -> None:
     """Print the resolved scenario as YAML, with the file and line that each value comes from.
 
-    Values that no file gives are marked as default, or with the preset that they are from.
+    Values that no file sets are marked as default, or with the preset that they come from.
 
     Example: dockctl config s3 --set training.seed=4
     """

@@ -1,4 +1,4 @@
-"""``dockctl doctor``: the installation, for a bug report."""
+"""``dockctl doctor``: describe the installation for a bug report."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ from dockctl.commands.options import Json
 
 
 def doctor(json_: Json = None) -> None:
-    """Print versions, machine, folders and extras as Markdown for a bug report, and what is wrong with them.
+    """Print versions, machine, folders and extras as Markdown for a bug report, with the problems found.
 
     Example: dockctl doctor --json -
     """

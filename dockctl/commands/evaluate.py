@@ -46,7 +46,7 @@ MEANS = (
     ("mean propeller change", "propeller_change_n", "{:.1f} N per step"),
     ("mean rudder change", "rudder_change_deg", "{:.1f}° per step"),
 )
-"""What is printed of the docked episodes: name, key of the summary, format."""
+"""What is printed for the docked episodes: name, key of the summary, format."""
 
 
 def evaluate(
@@ -65,7 +65,7 @@ def evaluate(
             min=0,
             max=1,
             callback=finite,
-            help="Exit with 1 if the success rate is lower, from the evaluation poses or the random starts.",
+            help="Exit with 1 if the success rate from the evaluation poses or the random starts is lower.",
         ),
     ] = None,
     json_: Json = None,
@@ -83,8 +83,8 @@ def evaluate(
 ) -> None:
     """Run greedy episodes from the evaluation poses and from random starts around the initial poses.
 
-    The result is also stored in the run folder of a checkpoint, except with --pose. The names of its files
-    include the scenario, if it is not the policy's own, and values that are set.
+    The result is also stored in the run folder of a checkpoint, except with --pose. Its file names include
+    the scenario, if it is not the policy's own, and the values set with --set.
 
     Example: dockctl evaluate s3 --episodes 200 --min-success 0.9
     """
@@ -114,7 +114,7 @@ def evaluate(
     if json_:
         json_.write(result.as_json())
     if not poses and not store(result, table) and result.policy.run:
-        note = f"note: {result.policy.run.path} is read-only, the result is not stored in it"
+        note = f"note: {result.policy.run.path} is read-only, so the result is not stored in it"
         print_text(Console(stderr=True), note)
     console = Console()
     changes = "".join(f", {change}" for change in result.overrides)
@@ -126,9 +126,7 @@ def evaluate(
         result.recording.write(folder)
         print_paths([folder])
     if result.rejected_draws:
-        note = (
-            f"{result.rejected_draws} poses drawn for the random starts {UNREACHABLE}, and were drawn again"
-        )
+        note = f"{result.rejected_draws} poses drawn for the random starts {UNREACHABLE}, and were redrawn"
         print_text(Console(stderr=True), f"note: {note}")
     if min_success is not None and result.lowest_success < min_success:
         too_low = f"success {result.lowest_success:.0%} is below the required {min_success:.0%}"

@@ -1,4 +1,4 @@
-"""``dockctl export``: write a policy for others, or for a boat."""
+"""``dockctl export``: write a policy to share, or for a boat."""
 
 from __future__ import annotations
 
@@ -36,14 +36,14 @@ def export(
 ) -> None:
     """Export a policy: a folder with its model card, an ONNX model, or a file for a boat's computer.
 
-    The folder is that of the best of the given runs, which must be evaluated. The best policy docks from the
-    most evaluation poses, or at the most trained berths; then from the most random starts, or at the most
-    held-out berths; then most often on the other scenarios it was evaluated on; then it has the lowest seed.
-    It must dock from all its training poses, unless its scenario has many berths. The card includes the
-    results of `evaluate`, `map` and `latency`.
+    The folder contains the best policy of the given runs, which must be evaluated. Policies are ranked by
+    success from the evaluation poses, or at the trained berths; then from the random starts, or at the
+    held-out berths; then on the other scenarios they were evaluated on; then by the lowest seed. The policy
+    must dock from all its training poses, unless its scenario has many berths. The card includes the results
+    of `evaluate`, `map` and `latency`.
 
     An ONNX model takes observations in SI units and includes their scaling and the choice of the command. A
-    file for `dockctl.pilot` needs only NumPy on the boat. Both describe themselves: docs/deployment.md.
+    file for `dockctl.pilot` needs only NumPy on the boat. Both contain a description: docs/deployment.md.
 
     Example: dockctl export s3 --pilot s3.npz
     """
@@ -56,7 +56,5 @@ def export(
         )
         return
     if name is not None or out is not None:
-        raise DockctlError(
-            "--name and --out are for the checkpoint folder: leave them out with --onnx, --pilot"
-        )
+        raise DockctlError("--name and --out are for the checkpoint folder: omit them with --onnx or --pilot")
     portable.export_files(ckpts, onnx, pilot, plugin_files=plugin or (), trust=trust)

@@ -21,8 +21,8 @@ def init(
 ) -> None:
     """Write a commented template that runs as it is, and print the commands to try next.
 
-    A plugin is a package that others can install; the others are files for your own use. Existing files are
-    never overwritten.
+    A plugin is a package that others can install; the other kinds are files for your own use. Existing files
+    are never overwritten.
 
     Example: dockctl init reward calm
     """

@@ -28,7 +28,7 @@ def list_registered(
     plugin: Plugins = None,
     json_: Json = None,
 ) -> None:
-    """List what is registered, with description, parameters and who provides it, and the named checkpoints.
+    """List what is registered, with description, parameters and provider, and the named checkpoints.
 
     Example: dockctl list rewards
     """

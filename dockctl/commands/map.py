@@ -87,7 +87,7 @@ def map_(
 
 
 def _print(result: SuccessMap) -> None:
-    """Print how the starts with each heading offset ended."""
+    """Print the outcomes of the starts by heading offset."""
     from dockctl.analysis import success_map as analysis
     from dockctl.analysis.statistics import describe_share
 

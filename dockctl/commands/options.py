@@ -24,7 +24,7 @@ if TYPE_CHECKING:
     from dockctl.scenarios.base import Pose
 
 MAX_COORDINATE = 10_000
-"""Meters or degrees; a larger number is a mistake."""
+"""Maximum coordinate [m] or angle [°]; a larger number is a mistake."""
 
 
 def finite(value: float | None) -> float | None:
@@ -39,7 +39,7 @@ def finite(value: float | None) -> float | None:
 
 
 class JsonOutput:
-    """Where ``--json`` writes: a file, or standard output, on which nothing else is printed then.
+    """Where ``--json`` writes: a file, or standard output, to which nothing else is then printed.
 
     Args:
         target: path that ends in ``.json``, or ``-``.
@@ -55,7 +55,7 @@ class JsonOutput:
             require_writable_file(self._file, ".json")
 
     def write(self, value: Any) -> None:
-        """Write plain data; NaN and infinity, which JSON lacks, become null.
+        """Write plain data; NaN and infinity, which JSON does not support, become null.
 
         Raises:
             DockctlError: the file cannot be written.
@@ -89,9 +89,9 @@ PolicyArgument = Annotated[
     str | None,
     typer.Argument(
         metavar="POLICY",
-        help="Run folder, checkpoint, name of a shipped one or of one in ./checkpoints, registered name,"
+        help="Run folder, checkpoint, name of a checkpoint (shipped or in ./checkpoints), registered name,"
         " file.py:factory, module:factory, model.zip:DQN (Stable-Baselines3) or policy.onnx; the latest run"
-        " in ./runs by default, and without any run a shipped policy.",
+        " in ./runs by default, or a shipped policy if there is no run.",
     ),
 ]
 Ckpt = Annotated[
@@ -119,7 +119,7 @@ Trust = Annotated[
 ]
 Episodes = Annotated[
     int | None,
-    typer.Option(min=0, max=100_000, help="Number of random starts; that of the scenario by default."),
+    typer.Option(min=0, max=100_000, help="Number of random starts; by default the scenario's."),
 ]
 On = Annotated[
     str | None,
@@ -132,7 +132,7 @@ StartSeed = Annotated[int | None, typer.Option(min=0, help="Seed of the random s
 
 
 def latest_run(*, unsaved: bool = False) -> Path:
-    """Return the latest run in ./runs, and print which one that is.
+    """Return the latest run in ./runs, and print which one it is.
 
     Args:
         unsaved: see `RunDirectory.latest`.
@@ -149,12 +149,12 @@ def _noted(run: RunDirectory) -> Path:
 
 
 def choose_policy(policy: str | None, ckpt: Sequence[str] | None, scenario: str | None = None) -> str:
-    """Return the policy that the command line names; without one `default_policy`, and print which that is.
+    """Return the policy named on the command line, or else `default_policy`, and print which one it is.
 
     Args:
         policy: argument of the command.
-        ckpt: values of its option of the same meaning.
-        scenario: that it will run in.
+        ckpt: values of the option with the same meaning.
+        scenario: the scenario that it will run in.
 
     Raises:
         DockctlError: several are given.
@@ -178,7 +178,7 @@ def _default_policy(scenario: str | None = None) -> Path | str:
 
 
 def latest_run_or_recording() -> tuple[Path, LoadedPolicy | None]:
-    """Return the latest run in ./runs, or without any a recording of a shipped policy, and that policy.
+    """Return the latest run in ./runs, or if there is none a recording of a shipped policy, and that policy.
 
     Raises:
         DockctlError: the recording cannot be written.
@@ -201,13 +201,13 @@ def select_policy(
     trust: bool,
     scenario: str | None = None,
 ) -> LoadedPolicy:
-    """Load the policy of `choose_policy`.
+    """Load the policy that `choose_policy` returns.
 
     Args:
-        scenario: that it will run in.
+        scenario: the scenario that it will run in.
 
     Raises:
-        DockctlError: there is no such scenario; there are several policies or no such policy, or it cannot be
+        DockctlError: there is no such scenario or policy, several policies are given, or the policy cannot be
             loaded.
     """
     from dockctl import plugins
@@ -222,14 +222,14 @@ def select_policy(
 
 
 def parse_numbers(option: str, text: str, expected: str) -> tuple[float, ...]:
-    """Read numbers that are separated by commas.
+    """Parse numbers that are separated by commas.
 
     Args:
         option: name of the option, for the message.
         expected: description of its value, with an example.
 
     Raises:
-        DockctlError: the text is something else.
+        DockctlError: the text has a different form.
     """
     try:
         return tuple(float(part) for part in text.split(","))
@@ -238,10 +238,10 @@ def parse_numbers(option: str, text: str, expected: str) -> tuple[float, ...]:
 
 
 def parse_pose(text: str) -> Pose:
-    """Read ``x,y,heading`` [m, m, degrees].
+    """Parse ``x,y,heading`` [m, m, degrees].
 
     Raises:
-        DockctlError: it is something else.
+        DockctlError: the text has a different form, or a number is too large.
     """
     from dockctl.scenarios.base import Pose
 
@@ -272,7 +272,7 @@ def save_figures(draw: Draw, folder: Path) -> list[Path]:
 
 
 def print_paths(paths: Iterable[Path]) -> None:
-    """Print the paths of written files, one per line, as `display_path` gives them."""
+    """Print the paths of written files, one per line, in the form of `display_path`."""
     from dockctl.scenarios.catalog import display_path
 
     for path in paths:

@@ -17,13 +17,13 @@ def plot(
         Path | None,
         typer.Argument(
             metavar="RUN",
-            help="Run folder, or recording of dockctl evaluate; the latest in ./runs by default, and without"
-            " any run a recording of a shipped policy.",
+            help="Run folder, or recording of dockctl evaluate; the latest run in ./runs by default, or a"
+            " recording of a shipped policy if there is no run.",
         ),
     ] = None,
     out: Annotated[Path | None, typer.Option(help="Output folder; <run>/figures by default.")] = None,
 ) -> None:
-    """Draw the training and the trajectories of the best policy (PNG, SVG) from a run folder.
+    """Draw training curves and the trajectories of the best policy (PNG, SVG) from a run folder.
 
     Example: dockctl plot --out figures/latest
     """
@@ -36,7 +36,7 @@ def plot(
     sources = hashes_of(folder / name for name in SOURCES)
     data = read_run(folder)
     if data.missing:
-        note = f"note: {folder} has no rows in {', '.join(data.missing)}; their figures are left out"
+        note = f"note: {folder} has no rows in {', '.join(data.missing)}; their figures are omitted"
         print_text(Console(stderr=True), note, "yellow")
     figure_folder = out or folder / FIGURES
     drawn = save_figures(lambda: dict(figures(data)), figure_folder)

@@ -1,4 +1,4 @@
-"""``dockctl report``: one page with everything that is known of a run, a study or a comparison."""
+"""``dockctl report``: one page with everything that is known about a run, a study or a comparison."""
 
 from __future__ import annotations
 
@@ -17,16 +17,14 @@ def report(
         typer.Argument(
             metavar="RUN|STUDY|COMPARISON",
             help="Run folder, folder of a study's results, or file of dockctl compare --json;"
-            " the latest run by default, and without any run a recording of a shipped policy.",
+            " the latest run by default, or a recording of a shipped policy if there is no run.",
         ),
     ] = None,
     out: Annotated[Path | None, typer.Option(help="The page; report-<name>.html by default.")] = None,
-    follow: Annotated[
-        bool, typer.Option("--follow", help="Rewrite the page until the training ends.")
-    ] = False,
+    follow: Annotated[bool, typer.Option("--follow", help="Rewrite the page until training ends.")] = False,
     trust: Trust = False,
 ) -> None:
-    """Write one HTML page that opens without a network: figures with values, tables and the 3-D replay.
+    """Write one HTML page that works offline: figures with values, tables and the 3-D replay.
 
     Example: dockctl report --out report.html
     """
@@ -41,7 +39,7 @@ def report(
 
     if follow:
         source = source or latest_run(unsaved=True)
-        with Console(stderr=True).status("following the training"):
+        with Console(stderr=True).status("following the run"):
             page = report.follow(source, out, trust=trust, note=note)
     else:
         folder, policy = (source, None) if source else latest_run_or_recording()

@@ -37,7 +37,7 @@ def reproduce(
 ) -> None:
     """Run all experiments of a study, and archive the small files of every finished run.
 
-    Finished work is not repeated, and an interrupted training is resumed.
+    Finished work is not repeated, and interrupted runs are resumed.
 
     Example: dockctl reproduce s1 s2 s3
     """

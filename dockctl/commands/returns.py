@@ -1,4 +1,4 @@
-"""``dockctl returns``: which behavior does the reward of a scenario prefer?"""
+"""``dockctl returns``: which behavior does the reward of a scenario favor?"""
 
 from __future__ import annotations
 
@@ -77,7 +77,7 @@ def parse_units(text: str) -> tuple[float, ...]:
     """Read distance units [m], like ``20,1``.
 
     Raises:
-        DockctlError: they are not positive numbers, or one comes twice.
+        DockctlError: they are not positive numbers, or one is repeated.
     """
     expected = "different lengths in meters, separated by commas, like 20,1"
     units = parse_numbers("--units", text, expected)
@@ -87,7 +87,7 @@ def parse_units(text: str) -> tuple[float, ...]:
 
 
 def _print(result: Returns) -> None:
-    """Print the returns with every unit, the highest first, and the conclusions."""
+    """Print the returns with every unit, highest first, and the conclusions."""
     from dockctl.analysis.returns import format_unit, verdicts
 
     console, gamma = Console(), result.scenario.training.gamma

@@ -31,9 +31,9 @@ def runs(
 ) -> None:
     """List the runs with their state, or what can be deleted.
 
-    `clean` lists the unfinished runs without a checkpoint, and the older checkpoints of finished runs, which
-    are there in case the newest is damaged; --yes deletes them. Runs that are being trained are skipped, and
-    all tables and results of finished runs and of those with a checkpoint stay.
+    `clean` lists unfinished runs without a checkpoint, and the older checkpoints of finished runs, which are
+    backups of the newest; --yes deletes them. Runs in progress are skipped. The tables and results of
+    finished runs, and of runs with a checkpoint, are kept.
 
     Example: dockctl runs clean --root runs
     """
@@ -61,7 +61,7 @@ def _list(root: Path, json_: Json) -> None:
         json_.write([run.to_json() for run in found])
         return
     if not found:
-        print_text(Console(), f"no runs in {root}; `dockctl train` makes one")
+        print_text(Console(), f"no runs in {root}; `dockctl train` creates one")
         return
     steps, success, size = numeric("steps", "success", "MB")
     name, scenario, tags = (
@@ -77,7 +77,7 @@ def _list(root: Path, json_: Json) -> None:
 def _cells(run: RunSummary, root: Path) -> tuple[str, ...]:
     steps = "" if run.env_steps is None else f"{run.env_steps:,}"
     success = "" if run.success is None else f"{run.success:.0%}"
-    where = str(run.path.relative_to(root))  # with the seed
+    where = str(run.path.relative_to(root))  # contains the seed
     return where, run.name, run.scenario, run.state, steps, success, " ".join(run.tags), _mb(run.size)
 
 

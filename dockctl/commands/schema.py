@@ -22,8 +22,7 @@ def schema(
 ) -> None:
     """Print a JSON Schema that lets editors complete and check scenario files.
 
-    It includes the rewards, observations, actions and so on that are registered here; --plugin adds those of
-    a local file.
+    It includes all registered rewards, observations, actions and so on; --plugin adds those of a local file.
 
     Example: dockctl schema --out dockctl-scenario.json
     """
@@ -32,7 +31,7 @@ def schema(
     from dockctl.scenarios import catalog, json_schema
 
     if file not in FILES:
-        message = f"there is no schema of '{file}' files (known: {', '.join(FILES)})"
+        message = f"there is no schema for '{file}' files (known: {', '.join(FILES)})"
         raise DockctlError(message, code="unknown_name", suggestion=nearest(file, FILES))
     if out:
         require_writable_file(out, ".json")

@@ -44,7 +44,7 @@ def show(
         Path | None, typer.Option(help="Output folder; figures/show/<scenario> by default.")
     ] = None,
 ) -> None:
-    """Draw the harbor, the poses and a LiDAR scan (PNG, SVG); print the distance in each sector.
+    """Draw the harbor, the poses and a LiDAR scan (PNG, SVG); print the range in each sector.
 
     Example: dockctl show s3 --pose 30,0.5,175
     """
@@ -68,7 +68,7 @@ def show(
 
 
 def sector_table(scan: Scan) -> Table:
-    """Return the table of the distance in each sector."""
+    """Return the table of the range in each sector."""
     from dockctl.geometry import sector_edges_deg
 
     table = make_table(*numeric("sector", "from", "to", "nearest"))

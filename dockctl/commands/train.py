@@ -54,7 +54,7 @@ def train(
             "--set",
             metavar="KEY=VALUE[,VALUE…]",
             help="Override a value of the scenario; several values train every combination. Commas in"
-            " brackets or quotes do not separate.",
+            " brackets or quotes do not separate values.",
         ),
     ] = None,
     steps: Annotated[
@@ -70,7 +70,7 @@ def train(
     ] = None,
     on_divergence: Annotated[
         Literal["stop", "rollback", "continue"] | None,
-        typer.Option(help="What to do if the training diverges; stop by default."),
+        typer.Option(help="What to do if training diverges; stop by default."),
     ] = None,
     log: Annotated[
         list[str] | None,

@@ -1,4 +1,4 @@
-"""``dockctl verify``: does a training repeat on this machine?"""
+"""``dockctl verify``: does a training run repeat on this machine?"""
 
 from __future__ import annotations
 
@@ -27,18 +27,18 @@ def verify(
     trust: Trust = False,
     json_: Json = None,
 ) -> None:
-    """Repeat the first steps of a training in a temporary folder, and compare its tables with the run's.
+    """Repeat the first steps of a run in a temporary folder, and compare the tables with those of the run.
 
     Prints what differs between the machine of the run and this one: software, processor, plugins. Exits with
-    0 if all rows are equal, and with 1 if one differs. A seed gives the same rows on the same machine; on
-    another one rounding may differ.
+    0 if all rows are equal, and with 1 if one differs. A seed gives the same rows on the same machine; on a
+    different machine, rounding may differ.
 
     Example: dockctl verify --steps 5000
     """
     from dockctl.experiments.verify import verify as repeat
 
     run = run or latest_run()
-    with Console(stderr=True).status("repeating the training"):
+    with Console(stderr=True).status("repeating the run"):
         result = repeat(run, steps, plugin_files=plugin or (), trust=trust)
     if json_:
         json_.write(asdict(result))
@@ -54,6 +54,6 @@ def verify(
             table.add_row(*map(Text, row))
         print_table(console, table)
     else:
-        print_text(console, "Software, processor and plugins are those of the run.")
+        print_text(console, "Software, processor and plugins are the same as in the run.")
     if not result.is_equal:
         raise typer.Exit(DIFFERENT)

@@ -28,7 +28,7 @@ def view(
         typer.Argument(
             metavar="POLICY",
             help="Policy, as for `dockctl evaluate`, or a scenario to see its poses; the latest run in ./runs"
-            " by default, and without any run a shipped policy.",
+            " by default, or a shipped policy if there is no run.",
         ),
     ] = None,
     ckpt: Ckpt = None,
@@ -49,7 +49,7 @@ def view(
     plugin: Plugins = None,
     trust: Trust = False,
 ) -> None:
-    """Write a 3-D replay as one HTML page that opens without a network, or a video.
+    """Write a 3-D replay as one HTML page that works offline, or a video.
 
     Example: dockctl view s3 --pose 25,0.5,175
     """
@@ -70,7 +70,7 @@ def view(
     given = choose_policy(source, ckpt, scenario)
     if is_scenario(given):
         if also or scenario is not None:
-            raise DockctlError(f"{given}: a scenario shows no policy; leave out --also and --scenario")
+            raise DockctlError(f"{given}: a scenario has no policy to show; omit --also and --scenario")
         loaded = load_checked(given, overrides=set_ or (), plugin_files=plugin or (), trust=trust)
         shown, name = preview(loaded, poses), loaded.scenario.name
     else:

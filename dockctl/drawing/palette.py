@@ -10,8 +10,8 @@ INK_SOFT = "#51616F"
 RULE = "#A9B4BD"
 GRID = "#E6EBEE"
 
-# Series: the thesis names its five test poses red, green, blue, purple, yellow (Table 4.3). These tones of
-# the hues can be told apart by color-blind readers and are visible on water and on white.
+# Series: the thesis names its five test poses red, green, blue, purple, yellow (Table 4.3). Color-blind
+# readers can distinguish these tones, which are visible on water and on white.
 RED, GREEN, BLUE, PURPLE, YELLOW = "#C9303A", "#16A085", "#3F86CB", "#662A78", "#DBA70F"
 SINGLE = "#1F62AE"
 SERIES = (RED, GREEN, BLUE, PURPLE, YELLOW)
@@ -70,6 +70,6 @@ HULLS = (
 
 
 def solid_colors(kind: str, name: str) -> tuple[str, str]:
-    """Return fill and edge of a solid of one kind in the part `name`; hulls differ from boat to boat."""
+    """Return fill and edge of a solid of one kind in the part `name`; hull colors vary between boats."""
     fill, edge = SOLIDS.get(kind, SOLIDS["mesh"])
     return (HULLS[zlib.crc32(name.encode()) % len(HULLS)] if kind == "hull" else fill), edge

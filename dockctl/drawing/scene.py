@@ -1,4 +1,4 @@
-"""The harbor and the boat in plan view: plain data for drawings, and its strokes in painting order."""
+"""The harbor and the boat in plan view: plain data for drawings, and their strokes in painting order."""
 
 from __future__ import annotations
 
@@ -33,10 +33,10 @@ class Scene:
     """A harbor and a boat in plan view; polygons are painted in their order.
 
     Attributes:
-        name: of the harbor.
+        name: name of the harbor.
         polygons: outlines in the world frame [m].
         hull: (k, 2) outline of our boat in the body frame [m].
-        bounds: of the water, ``(x_min, y_min, x_max, y_max)`` [m].
+        bounds: bounds of the water, ``(x_min, y_min, x_max, y_max)`` [m].
     """
 
     name: str

@@ -1,7 +1,7 @@
-"""Action types: from the actions of a policy to commands of propeller and rudder.
+"""Action types: from the actions of a policy to propeller and rudder commands.
 
-`grid` is the thesis' set of discrete commands (Table 3.4, Fig. 3.11); `continuous` is a box for learners with
-continuous actions; `incremental` changes the last command by one step. A scenario selects one with
+`grid` is the set of discrete commands of the thesis (Table 3.4, Fig. 3.11); `continuous` is a box for
+continuous-action learners; `incremental` changes the last command by one step. A scenario selects one with
 ``actions: {kind: ...}``.
 """
 
@@ -97,7 +97,7 @@ class IncrementalActions(ActionType):
     """Lower, hold or raise the propeller force and the rudder angle by one step, within the vessel's limits.
 
     Action ``i`` changes the force by ``i // 3 - 1`` steps and the angle by ``i % 3 - 1``; 4 holds both. The
-    part `command` of the observation is what it changes.
+    observation part `command` shows the command that it changes.
     """
 
     kind: Literal["incremental"] = "incremental"
@@ -128,7 +128,7 @@ class IncrementalActions(ActionType):
 
 @lru_cache(maxsize=16)
 def _table(propeller_n: tuple[float, ...], rudder_deg: tuple[float, ...]) -> Floats:
-    """Return the command (k, 2) [N, rad] of each action; the rudder angle runs fastest."""
+    """Return the command (k, 2) [N, rad] of each action; the rudder angle varies fastest."""
     force, rudder = np.meshgrid(propeller_n, np.radians(rudder_deg), indexing="ij")
     table = np.column_stack([force.ravel(), rudder.ravel()])
     table.flags.writeable = False

@@ -1,6 +1,6 @@
 """Hysteresis of a greedy policy: it keeps its last action until another one is better by a margin.
 
-Where the values of two actions are nearly equal, a greedy policy can change between ahead and astern forever.
+Where two action values are nearly equal, a greedy policy can alternate between ahead and astern forever.
 """
 
 from __future__ import annotations
@@ -25,11 +25,11 @@ def action_hysteresis(
 
     Args:
         scenario: its actions are discrete and each is a command, and the observation has the part `command`.
-        margin: in the unit of the action values.
+        margin: in units of the action values.
 
     Returns:
-        The columns of the last command (2,); the command of each action as it is observed (actions, 2); and
-        the margin of each action (actions,), 0 without thrust: a boat at rest does not go on waiting.
+        The columns of the last command (2,); the command of each action as observed (actions, 2); and the
+        margin of each action (actions,), 0 without thrust, so that a boat at rest does not keep waiting.
 
     Raises:
         FieldError: the observation has no last command, or the actions are not commands.

@@ -1,4 +1,4 @@
-"""What `info` of the environments contains; the table is in docs/gymnasium.md."""
+"""Contents of the environments' `info`; the table is in docs/gymnasium.md."""
 
 from __future__ import annotations
 
@@ -62,7 +62,7 @@ def events_of(status: StepStatus, truncated: Bools, by_term: dict[str, Floats], 
 
 
 def without(events: Info, rows: Bools) -> Info:
-    """Return the events without those of the boats `rows` (n,)."""
+    """Return the events, cleared for the boats where `rows` (n,) is true."""
     texts = {key: np.where(rows, "", events[key]) for key in ("outcome", "collided_with")}
     terms = events["reward_terms"].items()
     return {**texts, "reward_terms": {name: np.where(rows, 0.0, value) for name, value in terms}}

@@ -1,7 +1,8 @@
 """The mirror image of observations and actions: port and starboard are swapped.
 
 The vessel is symmetric, so the mirror image of a transition is a transition in the mirrored harbor. Images
-are found by trial: each column of the mirrored observation must be a column of the observation, or minus one.
+are found by trial: each column of the mirrored observation must equal a column of the observation, or its
+negative.
 """
 
 from __future__ import annotations
@@ -59,7 +60,7 @@ def _match(
 
 
 def _mirrored_actions(scenario: Scenario) -> Ints:
-    """Return the action that gives the mirrored command, whatever the last command was."""
+    """Return the action (actions,) that gives the mirrored command, for any last command."""
     space = scenario.actions.space(scenario.vessel)
     if not isinstance(space, Discrete):
         raise FieldError(FIELD, f"needs discrete actions, not {space}", "mismatch")
@@ -86,7 +87,7 @@ def _key(commands: Floats) -> tuple[float, ...]:
 
 
 def _random_view(scenario: Scenario, past_steps: int, rng: np.random.Generator) -> View:
-    """Return a view within the bounds of the parts, with different numbers everywhere."""
+    """Return a view within the bounds of the parts, with all values different."""
     goal = rng.uniform([-5, -5, -3], [5, 5, 3], (TRIALS, 3))
     eta = goal + rng.uniform([-5, -5, -1], [5, 5, 1], (TRIALS, 3))
     distance, heading_error = measure(eta, goal)

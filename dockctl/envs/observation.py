@@ -33,7 +33,7 @@ if TYPE_CHECKING:  # slow to import, and not needed to check a scenario
 class View:
     """The state of n boats, as their sensors measure it, from which observations are computed.
 
-    It is read-only for the parts.
+    Parts must not write to it.
 
     Attributes:
         phase: (n,) int, 0 before the intermediate pose, 1 after it.
@@ -46,7 +46,7 @@ class View:
         sector_ranges_m: (n, sectors) nearest return of each sector of the range sensor [m].
         apparent_wind: (n, 2) velocity of the air relative to the boat [m/s], body frame.
         through_water: (n, 2) surge and sway relative to the water [m/s], body frame, as a speed log measures.
-        past: earlier views, the latest first; those before the start of the episode are its first. Empty
+        past: earlier views, latest first; views before the start of the episode equal its first view. Empty
             without the part `history`, which computes other parts from them.
     """
 
@@ -91,7 +91,7 @@ class View:
         )
 
     def mirrored(self) -> View:
-        """Return the view of the mirror image in the x axis, where port and starboard are swapped."""
+        """Return the view mirrored in the x axis, which swaps port and starboard."""
         pose, vector = np.array([1, -1, -1]), np.array([1, -1])
         return replace(
             self,
@@ -116,7 +116,7 @@ class View:
         return replace(self, past=tuple(view.read_only() for view in self.past), **arrays)
 
     def set_rows(self, rows: Ints, other: View) -> None:
-        """Replace the rows (k,) by those of another view of the boats."""
+        """Replace the rows (k,) with those of another view of the boats."""
         for name in BY_BOAT:
             getattr(self, name)[rows] = getattr(other, name)[rows]
 
@@ -133,7 +133,7 @@ class Columns:
         names: k names.
         values: (n, k).
         low: lower bound after scaling, one number or (k,).
-        high: upper bound, the same.
+        high: upper bound after scaling, one number or (k,).
         scale: what the values are divided by, one number or (k,).
         units: of the values, one per name; none by default.
     """
@@ -162,7 +162,7 @@ def _present_part(name: str) -> str:
 PartNames = Annotated[tuple[Annotated[str, AfterValidator(_present_part)], ...], Field(min_length=1)]
 
 BLANK_BOATS = 2
-"""Boats in the view that the shapes are checked with; with one boat, (n, k) and (1, k) look the same."""
+"""Boats in the view used to check shapes; with one boat, (n, k) and (1, k) could not be distinguished."""
 
 
 def observation_part(name: str, *, source: str = "") -> Callable[[Part], Part]:
@@ -205,7 +205,7 @@ def velocity(
     yaw_radps: Positive = 0.04,
     cap: Positive = 5.0,
 ) -> Columns:
-    """Return u, v and r, each divided by its scale, clipped to +- cap."""
+    """Return u, v and r, each divided by its scale, clipped to ±cap."""
     scale, units = [surge_mps, sway_mps, yaw_radps], ["m/s", "m/s", "rad/s"]
     return Columns(["u", "v", "r"], view.nu, -cap, cap, scale, units)
 
@@ -225,7 +225,7 @@ def lidar(view: View, *, cap_m: Positive = 20.0, scale_m: Positive = 10.0) -> Co
 
 @observation_part("proximity", source="not in the thesis")
 def proximity(view: View, *, full_m: Positive = 1.0) -> Columns:
-    """Return full_m / range of each sector, at most 1: it resolves short ranges best."""
+    """Return full_m / range of each sector, at most 1, which resolves short ranges best."""
     names = [f"proximity_{sector + 1}" for sector in range(view.sector_ranges_m.shape[1])]
     return Columns(names, proximities(view.sector_ranges_m), 0, 1, 1 / full_m, ["1/m"] * len(names))
 
@@ -239,9 +239,9 @@ def bearing(view: View) -> Columns:
 
 @observation_part("offset", source="not in the thesis")
 def offset(view: View, *, scale_m: Positive = 2.0, cap_m: Positive = 10.0) -> Columns:
-    """Return the position relative to the goal, ahead and to port of it, / scale, clipped to +- cap.
+    """Return the position ahead and to port of the goal, / scale, clipped to ±cap.
 
-    It resolves short distances, and needs no product of distance and bearing.
+    It resolves short distances, and networks need not multiply distance and bearing.
     """
     names, cap = ["offset_ahead", "offset_port"], cap_m / scale_m
     return Columns(names, goal_offset(view.eta, view.goal), -cap, cap, scale_m, ["m", "m"])
@@ -258,7 +258,7 @@ def apparent_wind(view: View, *, scale_mps: Positive = 5.0, cap: Positive = 5.0)
 def through_water(
     view: View, *, surge_mps: Positive = 0.4, sway_mps: Positive = 0.1, cap: Positive = 5.0
 ) -> Columns:
-    """Return surge and sway relative to the water, of a speed log, each divided by its scale."""
+    """Return surge and sway relative to the water, as from a speed log, each divided by its scale."""
     names, units = ["u_water", "v_water"], ["m/s", "m/s"]
     return Columns(names, view.through_water, -cap, cap, [surge_mps, sway_mps], units)
 
@@ -335,7 +335,7 @@ class ObservationEncoder:
         """Return the observations (n, k) of n boats, clipped to the bounds.
 
         Raises:
-            DockctlError: a part failed, wrote to the view, or returned another shape than before.
+            DockctlError: a part failed, wrote to the view, or returned a different shape than before.
         """
         view = view.read_only()  # its arrays are those of the simulator
         values = np.empty((len(view.phase), len(self.names)), np.float32)
@@ -361,7 +361,7 @@ class ObservationEncoder:
 
 
 def _checked(part: str, columns: Columns) -> Columns:
-    """Return the columns that a part returned for the blank view, after a check of their shapes."""
+    """Check the shapes of the columns that a part returned for the blank view, and return the columns."""
     expected = (BLANK_BOATS, len(columns.names))
     if np.shape(columns.values) != expected:
         raise DockctlError(
@@ -392,8 +392,8 @@ def _bounds(given: ObservationPart, columns: Columns) -> tuple[NDArray[np.float3
         )
     if not (np.isfinite(low) & np.isfinite(high) & (low <= high)).all():
         message = f"observation part '{given.part}' with {given.params}: its bounds are {low} and {high}"
-        code: Code = "out_of_range" if given.params else "plugin"  # without parameters it is not the user's
-        raise DockctlError(f"{message}, expected finite numbers, the lower ones first", code=code)
+        code: Code = "out_of_range" if given.params else "plugin"  # without parameters, not the user's error
+        raise DockctlError(f"{message}, expected finite numbers, lower bound first", code=code)
     return low, high
 
 

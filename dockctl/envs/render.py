@@ -15,8 +15,8 @@ from dockctl.geometry import Floats, to_world
 
 Frame = NDArray[np.uint8]
 
-SUPERSAMPLING = 4  # everything is drawn this much larger and averaged down, for smooth edges
-MARGIN_M = 2.0  # of land around the water
+SUPERSAMPLING = 4  # everything is drawn larger by this factor and averaged down, for smooth edges
+MARGIN_M = 2.0  # width of the land shown around the water
 
 
 @dataclass(frozen=True)

@@ -13,19 +13,19 @@ Arrays = dict[str, NDArray[Any]]
 def pack(value: Any, name: str, arrays: Arrays) -> Any:
     """Return `value` as JSON; its arrays are copied to `arrays`, where their keys begin with `name`.
 
-    Every mapping in the result has one key, which names the type that JSON lacks.
+    Every mapping in the result has one key, which names a type that JSON does not have.
 
     Args:
         value: numbers, strings, None, arrays of numbers, NumPy generators, and lists, tuples and dictionaries
             of them.
 
     Raises:
-        TypeError: the value has another type.
+        TypeError: the value has a different type.
     """
     if isinstance(value, np.ndarray | np.generic):
         if value.dtype.kind not in "biuf" or value.dtype.itemsize > 8:
             raise TypeError(f"'{name}' is an array of {value.dtype}")
-        while name in arrays:  # a key with a dot, or the number and its text as keys
+        while name in arrays:  # for example a key with a dot, or both 1 and "1" as keys
             name += "'"
         arrays[name] = np.array(value)
         return {"array" if isinstance(value, np.ndarray) else "scalar": name}

@@ -60,7 +60,7 @@ class DockingVectorEnv(VectorEnv[Observations, NDArray[Any], NDArray[Any]]):
         worlds: harbors to use instead of building those of the scenario.
 
     Raises:
-        DockctlError: the scenario is invalid, or an argument is.
+        DockctlError: the scenario or an argument is invalid.
     """
 
     metadata: dict[str, Any] = {
@@ -136,15 +136,15 @@ class DockingVectorEnv(VectorEnv[Observations, NDArray[Any], NDArray[Any]]):
             seed: one seed, from which a seed for each row is spawned, or n seeds; None for no reseeding.
             options: `poses`: (n, 3) start poses x [m], y [m] and heading [rad], at rest.
                 `starts`: n `dockctl.sim.starts.Start`, which also define goals, phase and harbor, or None for
-                boats that rest: until they are reset, steps leave them as they are, with a reward of 0.
+                boats that rest: until they are reset, steps do not change them, and their reward is 0.
                 `reset_mask`: (n,) bool, the rows to reset; the others continue.
 
         Returns:
-            observations (n, k) float32 and `info`, arrays of n rows.
+            Observations (n, k) float32 and `info`, arrays of n rows.
 
         Raises:
-            DockctlError: a pose is not finite, is in an obstacle or is not connected by water with the final
-                pose; no start can be drawn; or an option is unknown or of the wrong shape.
+            DockctlError: a pose is not finite, is in an obstacle or is not connected to the final pose by
+                water; no start can be drawn; or an option is unknown or has the wrong shape.
         """
         options = options or {}
         for name in options:
@@ -176,7 +176,7 @@ class DockingVectorEnv(VectorEnv[Observations, NDArray[Any], NDArray[Any]]):
             actions: n actions of the action space.
 
         Returns:
-            observations (n, k) float32, rewards (n,), terminated (n,), truncated (n,) and `info`.
+            Observations (n, k) float32, rewards (n,), terminated (n,), truncated (n,) and `info`.
 
         Raises:
             gymnasium.error.ResetNeeded: an episode has ended and was not reset.
@@ -211,10 +211,10 @@ class DockingVectorEnv(VectorEnv[Observations, NDArray[Any], NDArray[Any]]):
         return observations, reward, terminated, truncated, info
 
     def state(self) -> tuple[Arrays, Info]:
-        """Return the state of every boat in its episode, and of all generators, as arrays and as JSON.
+        """Return the state of every boat in its episode, and of all generators, as arrays and JSON.
 
-        An environment of the same scenario and number of boats continues from it, bit for bit. Only the paths
-        that `render` draws are not included.
+        An environment with the same scenario and number of boats continues from it, bit for bit. Only the
+        paths that `render` draws are not included.
 
         Raises:
             DockctlError: a condition has a state that cannot be saved.
@@ -247,9 +247,9 @@ class DockingVectorEnv(VectorEnv[Observations, NDArray[Any], NDArray[Any]]):
             kinds, indices, ended = own["start_kind"], own["start_index"], own["ended"]
             rngs = own["generators"]
             if not {self.num_envs} == {len(kinds), len(indices), len(ended), len(rngs) or self.num_envs}:
-                raise ValueError("another number of boats")
+                raise ValueError("a different number of boats")
             if ended.dtype != bool or (ended.any() and self.autoreset_mode == AutoresetMode.SAME_STEP):
-                raise ValueError(f"'ended' is {ended.tolist()}")  # there the next episode begins at once
+                raise ValueError(f"'ended' is {ended.tolist()}")  # a new episode starts in the same step
             self.simulator.restore(own["simulator"])
             self._failed.restore(own.get("failed"))
         except (KeyError, TypeError, ValueError, AttributeError) as error:
@@ -262,7 +262,7 @@ class DockingVectorEnv(VectorEnv[Observations, NDArray[Any], NDArray[Any]]):
         return self._observe(), self._info(no_events(self.num_envs, self.reward.names))
 
     def clearance(self) -> Floats:
-        """Return the clearance (n,) [m]: the least distance between each hull and its harbor."""
+        """Return the clearance (n,) [m]: the minimum distance between each hull and its harbor."""
         eta = self.simulator.eta
         return self.simulator.in_harbors(lambda world, rows: world.obstacles.clearance(eta[rows]))
 
@@ -301,7 +301,7 @@ class DockingVectorEnv(VectorEnv[Observations, NDArray[Any], NDArray[Any]]):
         return start
 
     def _given(self, rows: Ints, options: dict[str, Any]) -> list[Start | None]:
-        """Return the starts of these rows that the options give."""
+        """Return the starts of these rows (k,) from the options."""
         if "starts" in options:
             if len(options["starts"]) != self.num_envs:
                 message = f"options['starts'] must be {self.num_envs} starts, one per boat"
@@ -318,7 +318,7 @@ class DockingVectorEnv(VectorEnv[Observations, NDArray[Any], NDArray[Any]]):
             obstacles, (x, y, heading) = self.worlds[start.harbor].obstacles, start.eta.tolist()
             if obstacles.unreachable(start.eta[None], start.goals[1])[0]:
                 blocked = obstacles.blocked(start.eta[None])[0]
-                reason = "in an obstacle" if blocked else "not connected by water with the final pose"
+                reason = "in an obstacle" if blocked else "not connected to the final pose by water"
                 raise DockctlError(f"the start pose {pose_label(x, y, math.degrees(heading))} is {reason}")
 
     def _begin(self, rows: Ints, starts: Sequence[Start]) -> None:
@@ -347,7 +347,7 @@ class DockingVectorEnv(VectorEnv[Observations, NDArray[Any], NDArray[Any]]):
 
         Raises:
             gymnasium.error.InvalidAction: the actions are not in the action space.
-            DockctlError: the action type returned another shape.
+            DockctlError: the action type returned the wrong shape.
         """
         chosen, dtype = np.asarray(actions), self.action_space.dtype
         if dtype is not None and np.can_cast(chosen.dtype, dtype, "same_kind"):

@@ -1,4 +1,4 @@
-"""Compare policies from the same starts: paired differences from the first one."""
+"""Compare policies from the same starts: paired differences from the first policy."""
 
 from __future__ import annotations
 
@@ -50,7 +50,7 @@ class Comparison:
         return list(contrasts(self.table))
 
     def as_json(self) -> dict[str, Any]:
-        """Return all results except the single episodes."""
+        """Return all results except the individual episodes."""
         return {
             "scenario": self.first.scenario.name,
             "set": list(self.first.overrides),
@@ -98,15 +98,15 @@ def compare(
 
     Args:
         policies: two or more, or one with `vary`; see `dockctl.evaluation.policies.load_policy`.
-        scenario: file or name; that of the first policy by default.
+        scenario: file or name; by default the scenario of the first policy.
         episodes: number of random starts; see `evaluate`.
         seed: of the random starts.
         overrides: changed values of the scenario, ``key=value``.
-        vary: further changed values; each policy also runs with each of them alone.
+        vary: further changed values; each policy also runs with each of them on its own.
 
     Raises:
-        DockctlError: a single policy and nothing to vary, a policy that does not exist or does not fit the
-            scenario, or starts that are not the same with a changed value.
+        DockctlError: there is one policy and nothing to vary, a policy does not exist or does not match the
+            scenario, or a changed value changes the starts.
     """
     if len(policies) * (1 + len(vary)) < 2:
         raise DockctlError("a comparison needs two or more policies, or --vary", code="missing_key")
@@ -115,7 +115,7 @@ def compare(
     variants = {change: [*overrides, *([change] if change else [])] for change in ("", *vary)}
     for policy in loaded:
         for changed in variants.values():
-            policy.scenario(source, changed)  # an error in the last one comes before the first episode
+            policy.scenario(source, changed)  # reports errors of all policies before the first episode
     results = {
         f"{name}, {change}" if change else name: evaluate(
             policy, source, episodes=episodes, seed=seed, overrides=changed
@@ -133,5 +133,5 @@ def _require_same_starts(results: Mapping[str, Evaluation]) -> None:
     columns = ["start_kind", "start", "x_m", "y_m", "heading_deg"]
     for name, evaluation in others:
         if not evaluation.table[columns].equals(first[1].table[columns]):
-            message = f"'{name}' does not begin from the same starts as '{first[0]}': they cannot be paired"
+            message = f"'{name}' does not start from the same poses as '{first[0]}': they cannot be paired"
             raise DockctlError(message, code="mismatch")

@@ -1,6 +1,6 @@
 """The operating envelope: how often a policy docks as one factor grows (``dockctl envelope``).
 
-All else is as in the scenario.
+Everything else is as in the scenario.
 """
 
 from __future__ import annotations
@@ -28,12 +28,12 @@ ANY_DIRECTION = "direction_deg: [0, 360]"
 
 @dataclass(frozen=True)
 class Factor:
-    """What is varied.
+    """A factor that is varied.
 
     Attributes:
-        label: what the values are, with their unit.
+        label: description of the values, with their unit.
         values: in increasing order.
-        settings: the changes of the scenario, ``key=value``, for a value.
+        settings: returns the scenario overrides, ``key=value``, for a value.
     """
 
     label: str
@@ -42,7 +42,7 @@ class Factor:
 
 
 def _noise(times: float) -> list[str]:
-    """Return settings for multiples of the data sheets' errors (docs/conditions.md)."""
+    """Return overrides for multiples of the errors in the data sheets (docs/conditions.md)."""
     navigation = f"position_m: {0.02 * times}, heading_deg: {0.5 * times}, velocity_mps: {0.03 * times}"
     return [
         f"conditions.lidar_noise={{sigma_m: {0.03 * times}}}",
@@ -120,8 +120,8 @@ def envelope(
 ) -> Envelope:
     """Run a policy from random starts while one factor grows at a time.
 
-    The starts of all values come from the same random numbers, so that strengths of wind, current, noise or
-    delay are compared from the same starts.
+    The starts for all values use the same random numbers, so that the levels of wind, current, noise or delay
+    are compared from the same starts.
 
     Args:
         policy: see `dockctl.evaluation.policies.load_policy`; the latest run by default.
@@ -132,7 +132,7 @@ def envelope(
         on: run the episodes on Ray, see `dockctl.cluster.connected`; the result is the same.
 
     Raises:
-        DockctlError: there is no such policy, scenario or factor, they do not fit, or Ray cannot be used.
+        DockctlError: there is no such policy, scenario or factor, they do not match, or Ray cannot be used.
     """
     for name in factors:
         if name not in FACTORS:
@@ -151,7 +151,7 @@ def envelope(
 
 
 def _outcomes(policy: LoadedPolicy, rollout: Rollout, episodes: int, on: str | None) -> dict[str, Value]:
-    """Return how many episodes from random starts end in which way."""
+    """Return the number of episodes from random starts by outcome."""
     scenario = rollout.loaded.scenario
     starts = testing_starts(scenario, rollout.worlds, episodes, scenario.evaluation.random_starts.seed)
     with running(policy, rollout, on) as run:

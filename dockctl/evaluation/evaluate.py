@@ -38,9 +38,9 @@ class Evaluation:
         is_transfer: whether the scenario differs from the policy's own.
         overrides: changed values of the scenario, ``key=value``.
         seed: of the random starts.
-        rejected_draws: unreachable poses that were drawn for the random starts, and drawn again.
+        rejected_draws: number of unreachable poses that were drawn for the random starts and redrawn.
         groups: episodes by kind of start, keys of `START_KEYS`.
-        recording: if it was asked for, the episodes from the poses, or at each berth of a task with berths.
+        recording: if requested, the episodes from the poses, or at each berth of a task with berths.
     """
 
     policy: LoadedPolicy
@@ -58,7 +58,7 @@ class Evaluation:
 
     @property
     def stem(self) -> str:
-        """Stem of the names of the result files."""
+        """Common stem of the result files' names."""
         changes = setting_names(self.overrides)
         place = [self.scenario.name] if self.is_transfer or changes else []
         return "-".join([EVALUATION, *place, *changes])[:MAX_STEM]
@@ -86,7 +86,7 @@ class Evaluation:
         return pd.DataFrame(self.rows())
 
     def csv(self) -> str:
-        """Return `table` as text."""
+        """Return `table` as CSV text."""
         rows = self.rows()
         return to_csv(rows, all_columns(EVALUATION_COLUMNS, rows))
 
@@ -123,13 +123,13 @@ class Evaluation:
 
 @contextmanager
 def running(policy: LoadedPolicy, rollout: Rollout, on: str | None) -> Iterator[Run]:
-    """Yield a function that runs the policy from starts: here, or on Ray.
+    """Yield a function that runs the policy from starts, in this process or on Ray.
 
     Args:
         on: see `dockctl.cluster.connected`; None for this process.
 
     Raises:
-        DockctlError: the policy does not fit the environment, or Ray cannot be used.
+        DockctlError: the policy does not match the environment, or Ray cannot be used.
     """
     built = policy.make(rollout.env())
     if on is None:
@@ -163,12 +163,12 @@ def evaluate(
         seed: of the random starts; the scenario's by default.
         overrides: changed values of the scenario, ``key=value``.
         poses: to start from instead of the evaluation poses.
-        record: return the trajectories too.
+        record: also return the trajectories.
         on: run the episodes on Ray, see `dockctl.cluster.connected`; the result is the same.
 
     Raises:
-        DockctlError: there is no such policy or scenario, they do not fit, a pose is not free, or Ray cannot
-            be used.
+        DockctlError: there is no such policy or scenario, they do not match, a pose is not free, or Ray
+            cannot be used.
     """
     loaded_policy = load_policy(policy)
     loaded = loaded_policy.scenario(scenario, overrides)

@@ -1,4 +1,4 @@
-"""Measure the duration of the parts of a decision, in greedy episodes."""
+"""Measure how long each part of a decision takes, in greedy episodes."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ from dockctl.runs.provenance import hardware
 from dockctl.scenarios.schema import Scenario
 
 WARM_UP = 20
-"""Decisions that are not counted: these compile code and fill tables and caches."""
+"""First decisions, which are not counted: they compile code and fill tables and caches."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -78,7 +78,7 @@ def latency(
         overrides: changed values of the scenario, ``key=value``.
 
     Raises:
-        DockctlError: there is no such policy or scenario, or they do not fit.
+        DockctlError: there is no such policy or scenario, or they do not match.
     """
     loaded_policy = load_policy(policy)
     loaded = loaded_policy.scenario(scenario, overrides)
@@ -90,7 +90,7 @@ def latency(
 def time_decisions(env: DockingVectorEnv, policy: Policy, decisions: int) -> pd.DataFrame:
     """Run complete greedy episodes of one boat until at least `decisions` decisions are timed.
 
-    The parts of a decision are the scan, the observation, and the forward pass with the choice of the action.
+    The parts of a decision are the scan, the observation, and the forward pass with the action selection.
 
     Returns:
         one row per decision, columns `dockctl.analysis.latency.PARTS` [ms].

@@ -22,7 +22,7 @@ from dockctl.scenarios.schema import Scenario
 
 
 class CheckedPolicy:
-    """Wraps a policy: locates its errors and checks its actions against the action space."""
+    """Wraps a policy: reports where its errors come from, and checks its actions against the action space."""
 
     def __init__(self, policy: Policy, name: str, file: Path | None, space: Space[Any]) -> None:
         self._policy, self._name, self._file, self._space = policy, name, file, space
@@ -80,10 +80,10 @@ def sb3_policy(file: Path, algorithm: str, env: DockingVectorEnv) -> Policy:
     """Load a Stable-Baselines3 archive; its pickles can run code.
 
     Args:
-        algorithm: class of Stable-Baselines3, which the file does not name.
+        algorithm: class in Stable-Baselines3, which the file does not state.
 
     Raises:
-        DockctlError: Stable-Baselines3 is not installed, has no such class, or the model does not fit `env`.
+        DockctlError: Stable-Baselines3 is missing or has no such class, or the model does not match `env`.
     """
     try:
         import stable_baselines3
@@ -117,10 +117,10 @@ def sb3_policy(file: Path, algorithm: str, env: DockingVectorEnv) -> Policy:
 def onnx_policy(file: Path, env: DockingVectorEnv) -> Policy:
     """Load an ONNX model: one input, observations (n, k), and action values (n, actions) as its first output.
 
-    A model of ``dockctl export`` takes the observations in units and chooses the actions itself.
+    A model from ``dockctl export`` takes observations in physical units and chooses the actions itself.
 
     Raises:
-        DockctlError: ONNX Runtime is not installed, or the model does not fit the spaces of `env`.
+        DockctlError: ONNX Runtime is not installed, or the model does not match the spaces of `env`.
     """
     try:
         session = open_session(str(file))
@@ -145,7 +145,7 @@ def onnx_policy(file: Path, env: DockingVectorEnv) -> Policy:
 
 
 class _ExportedPolicy(Policy):
-    """The greedy policy of a model of ``dockctl export``, which chooses the actions itself."""
+    """The greedy policy of a model from ``dockctl export``, which chooses the actions itself."""
 
     def __init__(self, networks: OnnxNetworks) -> None:
         self.networks = networks
@@ -156,10 +156,10 @@ class _ExportedPolicy(Policy):
 
 
 class _OnnxPolicy(Policy):
-    """The greedy policy of an ONNX model of action values.
+    """The greedy policy of an ONNX model that outputs action values.
 
     Raises:
-        DockctlError: the model has several inputs, or its observations do not have `size` numbers.
+        DockctlError: the model has several inputs, or its observations do not have `size` columns.
     """
 
     def __init__(self, session: Any, file: Path, size: int) -> None:

@@ -5,7 +5,7 @@ Sources:
 - a checkpoint: a run folder, a checkpoint folder or file, or its name (`named_checkpoints`);
 - the name of a registered policy (`dockctl.plugins.policy`);
 - a factory ``(scenario) -> Policy``: ``file.py:factory`` or ``module:factory``;
-- a file of another library: ``model.zip:DQN`` (Stable-Baselines3) or ``policy.onnx`` (ONNX Runtime).
+- a file from another library: ``model.zip:DQN`` (Stable-Baselines3) or ``policy.onnx`` (ONNX Runtime).
 """
 
 from __future__ import annotations
@@ -54,8 +54,8 @@ class LoadedPolicy(ABC):
         long_name: distinguishes policies with the same short name.
         own_scenario: its scenario, file or name; None if it has none.
         run: the run folder that contains it, if any.
-        plugin_files: local plugins of the user.
-        trust: the plugins of a received scenario may run.
+        plugin_files: the user's local plugins.
+        trust: whether the plugins of a received scenario may run.
     """
 
     FILES: ClassVar[str] = "{files}"
@@ -126,7 +126,7 @@ class LoadedPolicy(ABC):
         return load_checked(source, overrides=overrides, **self._plugins(source))
 
     def _plugins(self, source: str | Path) -> dict[str, Any]:
-        """Return the arguments of `load` for the plugins of a scenario that may run."""
+        """Return the arguments of `load` that say which plugins of a scenario may run."""
         received = source == self.own_scenario and isinstance(self, CheckpointPolicy)
         return {"plugin_files": self.plugin_files, "received": received, "trust": self.trust}
 
@@ -140,7 +140,7 @@ class CheckpointPolicy(LoadedPolicy):
     """A trained policy on disk. Its `PolicyInterface` replaces that of every scenario it runs in.
 
     Attributes:
-        file: its JSON file, which a training in progress may replace.
+        file: its JSON file, which a training run in progress may replace.
         tensors: its parameters.
     """
 
@@ -162,7 +162,7 @@ class CheckpointPolicy(LoadedPolicy):
 
     @property
     def results(self) -> Path | None:
-        """The run folder; a folder in it for a checkpoint that is not the best one."""
+        """The run folder, or a subfolder for a checkpoint other than the best."""
         if self.run is None:
             return None
         is_best = self.file.resolve() == checkpoint.find_policy(self.run.path).resolve()
@@ -191,7 +191,7 @@ class CheckpointPolicy(LoadedPolicy):
 
         Raises:
             DockctlError: the scenario is invalid, the actions exceed the limits of its vessel, or `overrides`
-                change what belongs to the policy.
+                change the observation, actions or range sensor, which belong to the policy.
         """
         source = source or self.own_scenario
         loaded = super().scenario(source, overrides)
@@ -225,11 +225,11 @@ class CheckpointPolicy(LoadedPolicy):
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class BuiltPolicy(LoadedPolicy):
-    """A policy that code builds for an environment: a controller, or a model of another library.
+    """A policy that code builds for an environment: a controller, or a model from another library.
 
     Attributes:
         build: returns the policy for an environment.
-        file: its source file, for the hash and for the lines of errors.
+        file: its source file, for the hash and for line numbers in errors.
         params: parameters of the factory.
     """
 
@@ -277,7 +277,7 @@ def load_policy(
     Args:
         policy: the source; None for the latest run in ``runs/``.
         plugin_files: local plugins to load first; they replace those in a checkpoint.
-        trust: run the code in a checkpoint, although it is unknown on this machine.
+        trust: run the code in a checkpoint even if it is not yet trusted on this machine.
         params: keyword parameters of a factory.
 
     Raises:
@@ -299,8 +299,8 @@ def load_policy(
 def distinct_names(policies: Sequence[LoadedPolicy]) -> list[str]:
     """Return a short and unique name for each policy.
 
-    Where the short names are equal, those of runs are the ones of ``train --name``, or else the folders by
-    which their paths differ.
+    If short names are equal, those of runs are replaced by the names given with ``train --name``, or else by
+    the folders in which their paths differ.
     """
     names = [policy.name for policy in policies]
     longer = [
@@ -331,7 +331,7 @@ def _longer_name(policy: LoadedPolicy, equal: Sequence[LoadedPolicy]) -> str:
 
 
 def is_scenario(given: str) -> bool:
-    """Return whether this is a scenario file, or the name of a scenario for which there is no policy."""
+    """Return whether this is a scenario file, or the name of a scenario without a policy of that name."""
     if Path(given).suffix in SUFFIXES:
         return True
     if os.path.exists(given) or given in named_checkpoints():
@@ -344,14 +344,14 @@ def is_scenario(given: str) -> bool:
 
 
 def _from_code(given: str, params: Mapping[str, Any], *, trust: bool) -> BuiltPolicy | None:
-    """Return the policy of a factory or of another library; None if a checkpoint is given."""
+    """Return the policy of a factory or from another library; None if a checkpoint is given."""
     source, colon, attribute = given.rpartition(":")
     suffix = Path(source if colon else given).suffix
     if suffix in (".py", ".zip") and not colon:
         example = {".py": "my_factory", ".zip": "DQN"}[suffix]
         suggestion = f"{given}:{example}"
         raise DockctlError(
-            f"{given}: name what to load from it as well", code="missing_key", suggestion=suggestion
+            f"{given}: also name what to load from it", code="missing_key", suggestion=suggestion
         )
     if suffix == ".onnx":
         file = _existing(given)

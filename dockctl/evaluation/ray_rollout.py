@@ -28,9 +28,9 @@ from dockctl.scenarios.loader import load
 from dockctl.sim.starts import Start
 
 LEAST_STARTS = 16
-"""Starts of a part, if there are enough: they run side by side."""
+"""Minimum number of starts in a part, which run as one batch."""
 PARTS_PER_CORE = 4
-"""Parts of the starts: episodes differ in length, and a worker that is ready takes another part."""
+"""Parts per core: episodes differ in length, and a worker that finishes takes another part."""
 
 
 @dataclass(frozen=True)
@@ -46,15 +46,15 @@ class Setup:
 class RayRollout:
     """Runs a policy as `Rollout.run` does, on the cluster that is connected.
 
-    A boat must not depend on the others: a policy that does acts differently in another batch of boats.
+    The policy must treat each boat independently; otherwise it acts differently in batches of other sizes.
 
     Args:
-        rollout: its scenario is run.
-        policy: is loaded again by every worker.
-        cores: number of workers that the starts are divided for.
+        rollout: provides the scenario to run.
+        policy: loaded again by every worker.
+        cores: number of workers among which the starts are divided.
 
     Raises:
-        DockctlError: a file of policy or scenario cannot be read.
+        DockctlError: a file of the policy or scenario cannot be read.
     """
 
     def __init__(self, rollout: Rollout, policy: LoadedPolicy, cores: int) -> None:
@@ -65,7 +65,7 @@ class RayRollout:
         self._setup, self._parts = ray.put(setup), PARTS_PER_CORE * cores
 
     def run(self, starts: Sequence[Start]) -> list[Episode]:
-        """Run one episode from each start, in their order; the part of a worker that is lost is run again.
+        """Run one episode from each start, in their order; if a worker is lost, its part is run again.
 
         Raises:
             DockctlError: the policy fails, or workers are lost repeatedly.
@@ -83,19 +83,19 @@ class RayRollout:
             raise
         except RayError as error:
             reason = str(error).strip().splitlines()[-1].strip()
-            raise DockctlError(f"workers were lost, the last one: {reason}", code="unavailable") from None
+            raise DockctlError(f"workers were lost, most recently: {reason}", code="unavailable") from None
 
 
 def _run(setup: Setup, starts: Sequence[Start]) -> list[Episode]:
     """Run episodes on a worker.
 
     Raises:
-        DockctlError: the policy fails, or this machine has another version of dockctl.
+        DockctlError: the policy fails, or this machine has a different version of dockctl.
     """
     try:
         rollout, policy = _prepared(setup)
         return rollout.run(policy, starts)
-    except DockctlError as error:  # subclasses with other arguments cannot be sent
+    except DockctlError as error:  # subclasses with other constructor arguments cannot be pickled
         raise DockctlError(str(error), code=error.code) from None
 
 

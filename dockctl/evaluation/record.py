@@ -29,9 +29,9 @@ class Recording:
     episodes: list[Episode]
 
     def write(self, folder: Path) -> None:
-        """Write `FILES` and `RECORDING`, replacing the folder, unless it has the same `FILES` already.
+        """Write `FILES` and `RECORDING`, replacing the folder unless it already has the same `FILES`.
 
-        Figures that were drawn from the same files stay.
+        Figures drawn from identical files are kept.
 
         Raises:
             DockctlError: the folder cannot be written.

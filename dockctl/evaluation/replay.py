@@ -32,13 +32,13 @@ from dockctl.sim.starts import Start
 from dockctl.sim.world import scan_points
 
 MAX_SCANS, MAX_POINTS = 240, 360_000
-"""Maximum LiDAR scans and approximate points of all episodes together, so that a page stays small."""
+"""Maximum number of LiDAR scans and approximate number of points in all episodes, to limit page size."""
 SPARSE = 16
-"""Only every n-th ray is traced to estimate the number of returns of a scan."""
+"""Only every n-th ray, with this n, is traced to estimate the number of returns of a scan."""
 FARTHEST_M = 327.0
 """Maximum coordinate of the points in the page, which are 16-bit centimeters."""
 MAX_TRIANGLES = 200_000
-"""Triangles of a harbor in the page, at most; of larger harbors the smallest triangles are left out."""
+"""Maximum number of triangles of a harbor in the page; in larger harbors the smallest are omitted."""
 OPEN_WATER_M = 15.0
 REWARD = "reward_"
 FLOWS = ("current", "wind")
@@ -84,15 +84,15 @@ def replay(
     poses: Sequence[Pose] = (),
     overrides: Sequence[str] = (),
 ) -> Replay:
-    """Run each policy from each pose; by default from the trajectory starts of the training.
+    """Run each policy from each pose; by default from the trajectory starts of the scenario.
 
     Args:
         policies: one or more; see `dockctl.evaluation.policies.load_policy`.
-        scenario: file or name; that of the first policy by default.
-        overrides: ``key=value``, of the scenario.
+        scenario: file or name; by default the scenario of the first policy.
+        overrides: changed values of the scenario, ``key=value``.
 
     Raises:
-        DockctlError: there is no such policy or scenario, they do not fit, or a pose is not free.
+        DockctlError: there is no such policy or scenario, they do not match, or a pose is not free.
     """
     given = [load_policy(policy) for policy in policies]
     first = given[0]
@@ -153,7 +153,7 @@ def _replay(loaded: LoadedScenario, runs: Sequence[_Run]) -> Replay:
 
 
 def _cloud(lidar: RangeSensor, kind: str, count: int, pose: Floats) -> Floats:
-    """Return about `count` points of a scan from one pose (3,), those of evenly spaced rays."""
+    """Return about `count` points (k, 3) [m] of a scan from one pose (3,), from evenly spaced rays."""
     returns = SPARSE * len(scan_points(lidar, kind, pose, SPARSE))
     points = scan_points(lidar, kind, pose, max(1, -(-returns // max(count, 1))))
     return points[(np.abs(points) < FARTHEST_M).all(axis=1)]
@@ -244,7 +244,7 @@ def _terms(track: Track) -> list[str]:
 
 
 def _titles(replay: Replay) -> list[str]:
-    """Return a label for each track: what distinguishes it from the others."""
+    """Return a label for each track that distinguishes it from the others."""
     policies = len({track.policy for track in replay.tracks}) > 1
     starts = len({tuple(track.start.eta) for track in replay.tracks}) > 1
     titles = []

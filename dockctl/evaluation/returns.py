@@ -56,7 +56,7 @@ class BehaviorSimulation:
     start: Start
 
     def run(self, name: str, commands: Floats) -> Behavior:
-        """Apply the commands (k, 2) [N, rad], the last one until the episode ends."""
+        """Apply the commands (k, 2) [N, rad], and hold the last one until the episode ends."""
         simulator = Simulator(self.scenario, self.worlds, 1)
         simulator.reset(np.array([0]), [self.start])
         statuses: list[StepStatus] = []
@@ -108,7 +108,7 @@ def returns(
         overrides: changed values of the scenario, ``key=value``.
 
     Raises:
-        DockctlError: there is no such policy or scenario, or they do not fit.
+        DockctlError: there is no such policy or scenario, or they do not match.
     """
     loaded_policy = load_policy(policy)
     rollout = Rollout(loaded_policy.scenario(scenario, overrides))
@@ -123,7 +123,7 @@ def behaviors(rollout: Rollout, policy: LoadedPolicy) -> Iterator[Behavior]:
     Constant commands are sorted by the length of their episodes.
 
     Raises:
-        DockctlError: the policy does not fit the scenario.
+        DockctlError: the policy does not match the scenario.
     """
     scenario, site = rollout.scenario, own_site(rollout.scenario)
     start = replace(given_start(site, scenario.task, site.initial[0], 0), seed=0)  # of `Rollout.run`
@@ -152,7 +152,7 @@ def loiter_before_intermediate(
         commands: (k, 2) of an episode that reaches the pose in step `reached`.
 
     Returns:
-        None if the boat drifts through the pose or collides wherever the propeller stops.
+        None if the boat drifts through the pose or collides no matter where the propeller stops.
     """
     stops = (
         simulation.run(BEFORE_INTERMEDIATE, np.concatenate([commands[:step], np.zeros((1, 2))]))

@@ -22,13 +22,13 @@ from dockctl.sim.starts import Start
 from dockctl.sim.world import World, build_worlds
 
 PARALLEL_BOATS = 64
-"""More boats save hardly any time per boat, and their trajectories take memory."""
+"""Boats per batch: more would save hardly any time per boat, and their trajectories take memory."""
 TRIED_FIRST = 16
-"""Starts of a validation that decide whether it goes on."""
+"""Number of first starts of a validation that decide whether it continues."""
 
 
 class HasPose(Protocol):
-    """What an episode reports of its start, which may be that of a foreign environment."""
+    """What an episode reports about its start, which may belong to a third-party environment."""
 
     @property
     def eta(self) -> Floats: ...
@@ -52,11 +52,11 @@ class Episode:
     Attributes:
         outcome: ``docked``, ``collision`` or ``timeout``.
         collided_with: name of the obstacle, or empty.
-        phase: 0 or 1, the last phase.
+        phase: final phase, 0 or 1.
         total_reward: undiscounted return.
         trajectory: arrays of steps + 1 rows by info key, ``observation``, ``reward`` and ``reward_<term>``;
             row 0 is the start.
-        clearance_m: least distance between hull and harbor; NaN if it was not measured.
+        clearance_m: minimum distance between hull and harbor [m]; NaN if it was not measured.
         conditions: what the conditions drew for the episode, by name.
     """
 
@@ -90,7 +90,7 @@ class Episode:
 
     @property
     def speed_mps(self) -> float:
-        """Speed of the center of gravity over ground in the end; at a collision, that of the contact."""
+        """Final speed over ground of the center of gravity [m/s]; in a collision, the speed at contact."""
         u, v, _ = self.trajectory["velocity"][-1]
         return math.hypot(u, v)
 
@@ -140,9 +140,9 @@ class Rollout:
         self._environments: dict[int, DockingVectorEnv] = {}
 
     def env(self, boats: int = 1) -> DockingVectorEnv:
-        """Return the environment with this number of boats, which does not start episodes by itself.
+        """Return the environment with this number of boats, without autoreset.
 
-        A start that it drew would need every harbor of the training.
+        Drawing a start would require building every training harbor.
         """
         if boats not in self._environments:
             self._environments[boats] = DockingVectorEnv(
@@ -151,7 +151,7 @@ class Rollout:
         return self._environments[boats]
 
     def run(self, policy: Policy, starts: Sequence[Start], *, clearance: bool = True) -> list[Episode]:
-        """Run one episode from each start, by default with its clearance; in the order of the starts.
+        """Run one episode from each start, in order; by default with its clearance.
 
         The conditions of episode i are drawn from seed i, unless the start has a seed: they depend neither on
         the policy nor on the number of boats.
@@ -168,9 +168,9 @@ class Rollout:
         return _episode([_step(observation, info, np.zeros(1))], info, 0, start, None)
 
     def validate(self, policy: Policy, starts: Sequence[Start]) -> list[Episode]:
-        """Run one episode from each start, but only from the first 16 if fewer than half of these dock.
+        """Run one episode from each start, but stop after the first 16 if fewer than half of these dock.
 
-        Most episodes of such a policy last until they time out, which takes longest.
+        Most episodes of such a policy end with a timeout, so they take longest.
         """
         first = self.run(policy, starts[:TRIED_FIRST], clearance=False)
         if 2 * sum(episode.docked for episode in first) < len(first):
@@ -182,7 +182,7 @@ class Rollout:
 
 
 def seeded(starts: Sequence[Start]) -> list[Start]:
-    """Return the starts, start i with the seed i unless it has one."""
+    """Return the starts; start i gets the seed i unless it has one."""
     return [
         replace(start, seed=index if start.seed is None else start.seed) for index, start in enumerate(starts)
     ]
@@ -194,16 +194,16 @@ def run_episodes(
     starts: Sequence[HasPose],
     clearance: Clearance | None = None,
 ) -> list[Episode]:
-    """Run one episode from each start; a boat whose episode ended takes the next start, or idles.
+    """Run one episode from each start; a boat whose episode has ended takes the next start, or rests.
 
     Args:
         env: without autoreset; takes ``reset(options={"starts": n, "reset_mask": (n,)})``, where the start of
-            a boat that idles is None.
+            a resting boat is None.
         starts: any number of starts, k.
-        clearance: least distance to the harbor [m], given a start and the poses (m, 3) of its episode.
+        clearance: minimum distance to the harbor [m], given a start and the poses (m, 3) of its episode.
 
     Returns:
-        k episodes in the order of the starts.
+        The k episodes in the order of the starts.
     """
     waiting, episodes = deque(enumerate(starts)), dict[int, Episode]()
     assigned: dict[int, tuple[int, HasPose]] = {}  # to each boat, the start of its episode
@@ -233,7 +233,7 @@ def run_episodes(
 
 
 Step = dict[str, NDArray[Any]]
-"""What is recorded of all boats after a step, (n, ...) by name."""
+"""What is recorded for all boats after a step, (n, ...) by name."""
 
 
 def _step(observation: NDArray[Any], info: Info, reward: NDArray[Any]) -> Step:

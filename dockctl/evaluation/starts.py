@@ -33,15 +33,15 @@ from dockctl.sim.starts import (
 from dockctl.sim.world import World, unreachable_in
 
 TRAINING = "training"
-"""Kind of the starts at the initial poses of the training."""
+"""Kind of the starts at the training's initial poses."""
 
 
 VALIDATION = "validation"
-"""Kind of the starts that select the best checkpoint."""
+"""Kind of the starts that are used to select the best checkpoint."""
 
 
 def evaluation_poses(scenario: Scenario) -> list[Start]:
-    """Return starts at the evaluation poses, or at the initial poses where the scenario has none.
+    """Return starts at the evaluation poses, or at the initial poses if the scenario has none.
 
     A task with berths has none.
     """
@@ -90,7 +90,7 @@ def checked_starts(loaded: LoadedScenario, poses: Sequence[Pose]) -> list[Start]
 def validation_starts(scenario: Scenario, worlds: Sequence[World]) -> list[Start]:
     """Return the random starts that select the best checkpoint, at the trained berths if the task has any.
 
-    They are drawn like test starts, but from other random numbers, also for their conditions.
+    They are drawn like test starts but with other random numbers, also for their conditions.
 
     Raises:
         DockctlError: no pose around an initial pose is reachable, or no berth is free.
@@ -112,7 +112,7 @@ def testing_starts(scenario: Scenario, worlds: Sequence[World], episodes: int, s
     """Return random starts around the initial poses, at the held-out berths if the task has any.
 
     Raises:
-        DockctlError: a number is negative, no pose around an initial pose is reachable, or no berth is free.
+        DockctlError: `episodes` or `seed` is negative, no drawn pose is reachable, or no berth is free.
     """
     if episodes < 0 or seed < 0:
         message = f"{episodes} episodes with seed {seed}: must not be negative"
@@ -128,8 +128,8 @@ def testing_starts(scenario: Scenario, worlds: Sequence[World], episodes: int, s
 def trajectory_starts(scenario: Scenario, worlds: Sequence[World]) -> list[Start]:
     """Return the starts whose trajectories are stored and drawn.
 
-    They are the evaluation poses. A task with berths has its initial poses at each free berth of the harbor
-    that is drawn.
+    They are the evaluation poses, or for a task with berths the initial poses at each free berth of the
+    harbor that is drawn.
 
     Raises:
         DockctlError: no berth is free.
@@ -145,7 +145,7 @@ def trajectory_starts(scenario: Scenario, worlds: Sequence[World]) -> list[Start
 
 
 def training_starts(scenario: Scenario, worlds: Sequence[World]) -> list[Start]:
-    """Return the initial poses of the training, at each trained berth if the task has berths.
+    """Return starts at the initial poses, at each trained berth if the task has berths.
 
     Raises:
         DockctlError: no berth is free.
@@ -158,10 +158,10 @@ def training_starts(scenario: Scenario, worlds: Sequence[World]) -> list[Start]:
 
 
 def pose_check(loaded: LoadedScenario) -> PoseCheck:
-    """Return the check of poses in the harbor in which the berth of the task is vacant.
+    """Return the pose check for the harbor in which the berth of the task is free.
 
     Raises:
-        DockctlError: a mesh file cannot be read, or the final pose is not that of a berth.
+        DockctlError: a mesh file cannot be read, or the final pose is not at a berth.
     """
     scenario = loaded.scenario
     layout = layouts(scenario.harbor, scenario.task.berths)[own_site(scenario).harbor]

@@ -47,7 +47,7 @@ class Grid:
         angles = self.headings_deg
         if not (0 <= self.reach_m < math.inf and 0 < self.step_m < math.inf):
             size = f"reach {self.reach_m:g} m and step {self.step_m:g} m"
-            message = f"{size}: expected finite numbers, not negative, and a step above 0"
+            message = f"{size}: expected finite, nonnegative numbers, and a step above 0"
             raise DockctlError(message, code="out_of_range")
         if len({angle % 360 for angle in angles}) < len(angles) or not all(
             abs(angle) <= MAX_HEADING_DEG for angle in angles
@@ -58,7 +58,7 @@ class Grid:
             )
         if (count := len(angles) * len(self.positions_m) ** 2) > MAX_STARTS:
             raise DockctlError(
-                f"the map would take {count:,} starts, more than {MAX_STARTS:,}: choose a larger step",
+                f"the map would have {count:,} starts, more than {MAX_STARTS:,}: choose a larger step",
                 code="out_of_range",
             )
 
@@ -96,7 +96,7 @@ class SuccessMap:
         return pd.read_csv(io.StringIO(self.csv), keep_default_na=False, na_values=[""])
 
     def as_json(self) -> dict[str, Any]:
-        """Return the starts and how their episodes ended, as plain data."""
+        """Return the starts and the outcomes of their episodes, as plain data."""
         starts = self.table.to_dict("records")
         return {"policy": self.policy.facts(), "scenario": self.scenario.name, "starts": starts}
 
@@ -119,8 +119,8 @@ def success_map(
         on: run the episodes on Ray, see `dockctl.cluster.connected`; the result is the same.
 
     Raises:
-        DockctlError: there is no such policy or scenario, they do not fit, no start is free, or Ray cannot be
-            used.
+        DockctlError: there is no such policy or scenario, they do not match, no start is free, or Ray cannot
+            be used.
     """
     loaded_policy, grid = load_policy(policy), grid or Grid()
     loaded = loaded_policy.scenario(scenario, overrides)

@@ -11,7 +11,7 @@ __all__ = ["TrainedRun", "resume", "train"]
 
 
 def __getattr__(name: str) -> Any:
-    """Import on first use: the command line imports this package, and training imports torch."""
+    """Import on first use: the command line imports this package, and `training` imports torch."""
     if name not in __all__:
         raise AttributeError(f"module '{__name__}' has no attribute '{name}'")
     from dockctl.experiments import training

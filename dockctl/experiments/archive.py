@@ -46,11 +46,11 @@ COPIED = (
 )
 COMPRESSED = (EPISODES_CSV, f"{LATENCY}.csv")
 FACTS = ("dockctl", "git_commit", "seed", "python", "libraries", "started", "finished", "stop_reason")
-"""Archived keys of the provenance; it has others with paths of the machine."""
+"""Archived keys of the provenance; others contain paths of the machine."""
 HARDWARE = ("processor", "cores")
 UPDATE_ROWS = 400
 TRAJECTORIES = 16
-"""Largest number of archived trajectories per run."""
+"""Maximum number of archived trajectories per run."""
 
 
 def archive(run: Path, results: Path, experiment: str, seed: int) -> Path:
@@ -75,7 +75,7 @@ def archive(run: Path, results: Path, experiment: str, seed: int) -> Path:
 
 
 def _archive_recording(source: Path, folder: Path, results: Path) -> None:
-    """Copy scenario, plan view and trajectories: what a drawing of a maneuver needs."""
+    """Copy scenario, plan view and trajectories, which are needed to draw a maneuver."""
     (folder / SCENARIO).write_bytes(read_bytes(source / SCENARIO))
     _compress(source / TRAJECTORIES_CSV, folder / f"{TRAJECTORIES_CSV}.gz", _first_trajectories)
     content = read_bytes(source / SCENE)
@@ -105,7 +105,7 @@ def _compress(source: Path, target: Path, change: Callable[[str], str] = str) ->
 
 
 def _thinned(text: str) -> str:
-    """At most `UPDATE_ROWS` evenly spaced rows of a table, including the last one."""
+    """Return at most `UPDATE_ROWS` evenly spaced rows of a table, including the last one."""
     header, *lines = text.splitlines(keepends=True)
     stride = -(-len(lines) // UPDATE_ROWS) or 1
     return "".join([header, *lines[::-1][::stride][::-1]])

@@ -1,4 +1,4 @@
-"""What can be deleted from the runs below a folder."""
+"""Find what can be deleted from the runs below a folder."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ from dockctl.runs.listing import FINISHED, size_of, state_of
 
 @dataclass(frozen=True)
 class Garbage:
-    """What can be deleted of one run, and why; `size` in bytes."""
+    """What can be deleted from one run, and why; `size` in bytes."""
 
     run: Path
     paths: tuple[Path, ...]
@@ -32,11 +32,11 @@ class Garbage:
 
 
 def garbage_below(root: Path) -> Iterator[Garbage]:
-    """Yield what can be deleted of the runs in a folder and its subfolders, except of those in use.
+    """Yield what can be deleted from the runs in a folder and its subfolders, except those in use.
 
-    A run without any checkpoint can go as a whole, unless it is finished: it can be neither resumed nor
-    evaluated. A finished one, as in the archive of a study, has its results. With checkpoints, the older ones
-    of a finished run can go, which are there in case the newest is damaged, if the newest is intact.
+    An unfinished run without checkpoints can be deleted entirely: it can be neither resumed nor evaluated. (A
+    finished run without checkpoints, as in the archive of a study, has results.) Of a finished run with
+    checkpoints, the older ones, which are backups, can be deleted if the newest are intact.
     """
     for run in RunDirectory.below(root):
         if is_locked(run.path):
@@ -50,10 +50,10 @@ def garbage_below(root: Path) -> Iterator[Garbage]:
 
 
 def delete(garbage: Garbage) -> None:
-    """Delete what can be deleted of a run, unless a process has begun to use it.
+    """Delete what can be deleted from a run, unless a process has started to use it.
 
     Raises:
-        DockctlError: it is in use, or cannot be deleted.
+        DockctlError: the run is in use, or cannot be deleted.
     """
     with exclusive_lock(garbage.run), writing(garbage.run):
         for path in garbage.paths:

@@ -1,4 +1,4 @@
-"""What a bug report needs to know about this installation, and what is wrong with it."""
+"""Describe this installation for a bug report, and find problems with it."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ FREE_BYTES = 2_000_000_000
 
 @dataclass(frozen=True)
 class Report:
-    """Facts by section, and the problems, each with what to do."""
+    """Facts by section, and the problems found, each with a fix."""
 
     sections: dict[str, dict[str, str]]
     problems: tuple[str, ...]
@@ -77,14 +77,14 @@ def _versions() -> dict[str, str]:
 
 
 def _folders(problems: list[str]) -> dict[str, str]:
-    """Return the folders in use, with their size; append what is wrong with them."""
+    """Return the folders in use, with their size; append their problems."""
     package = Path(dockctl.__file__).parent
     beside = package if os.access(package, os.W_OK) else platformdirs.user_cache_path("numba")
     compiled = Path(os.environ.get("NUMBA_CACHE_DIR", beside))
     checked = {
-        "cache of tables": (cache_folder(), "set XDG_CACHE_HOME to a folder that can be written"),
-        "cache of compiled code": (compiled, "set NUMBA_CACHE_DIR to a folder that can be written"),
-        "trusted code": (state_folder(), "set XDG_STATE_HOME to a folder that can be written"),
+        "cache of tables": (cache_folder(), "set XDG_CACHE_HOME to a writable folder"),
+        "cache of compiled code": (compiled, "set NUMBA_CACHE_DIR to a writable folder"),
+        "trusted code": (state_folder(), "set XDG_STATE_HOME to a writable folder"),
         "runs": (RUNS.absolute(), "change to another folder, or train with --out"),
     }
     found = {}
@@ -103,7 +103,7 @@ def _folders(problems: list[str]) -> dict[str, str]:
 
 
 def _extras() -> dict[str, str]:
-    """Return for every extra of the package whether it is installed, or how to install it."""
+    """Return, for each extra of the package, its installed libraries or how to install it."""
     try:
         distribution = metadata.distribution("dockctl")
     except metadata.PackageNotFoundError:

@@ -1,4 +1,4 @@
-"""A few steps through every registered part of a scenario, before anything is written."""
+"""Dry run: a few steps through every registered part of a scenario, before anything is written."""
 
 from __future__ import annotations
 
@@ -42,7 +42,7 @@ from dockctl.sim.world import NothingInRange, in_open_water, scan_points, scan_s
 
 BOATS, STEPS = 4, 3
 DRAWS, PERIODS, SUBSTEPS = 64, 20, 1000
-"""Episodes with conditions, their control periods, and the limit of all their substeps."""
+"""Number of episodes with conditions, their control periods, and the limit on their total substeps."""
 WALL = np.array([[[10, -9, -1], [10, 9, -1], [10, 9, 6]], [[10, -9, -1], [10, 9, 6], [10, -9, 6]]], float)
 """What the range sensor sees."""
 WALL.flags.writeable = False  # as in a `World`
@@ -53,12 +53,12 @@ ROUNDING = 1e-9
 def dry_run(loaded: LoadedScenario) -> None:
     """Step a few boats in open water: starts, steps, each event, the end of an episode, a save and a restore.
 
-    The range sensor of a plugin is built and used, and any algorithm but ``dqn``: those take longer to load
-    than everything else here, and so does the compiled vessel.
+    Range sensors from plugins are built and used, and so is any algorithm except ``dqn``. Built-in sensors,
+    ``dqn`` and the compiled vessel are skipped: loading them takes longer than everything else here.
 
     Raises:
-        InputError: the algorithm or the conditions do not fit the scenario.
-        PluginError: a plugin failed, or returned a number that is not finite.
+        InputError: the algorithm or the conditions do not match the scenario.
+        PluginError: a plugin failed, or returned a value that is not finite.
         DockctlError: the state of a condition cannot be saved.
     """
     with _located(loaded):
@@ -137,7 +137,7 @@ def _step(loaded: LoadedScenario) -> None:
         _require_memory_uses(spec.memory(spaces, scenario.training))
     if type(spec) is Dqn:
         discrete_sizes(spaces)
-    elif not spec.imports:  # a module that a scenario names is imported only to train
+    elif not spec.imports:  # a module named in a scenario is imported only for training
         _require_saved(loaded, spaces)
         with Guard(ALGORITHMS, spec.kind):
             _learn(build_algorithm(loaded, spaces, BOATS, "cpu"), env)
@@ -201,7 +201,7 @@ def _require_saved(loaded: LoadedScenario, spaces: Spaces) -> None:
 
 
 def _learn(algorithm: Algorithm, env: DockingVectorEnv) -> None:
-    """Make a few steps of a training, and one of the greedy policy."""
+    """Take a few training steps, and one step with the greedy policy."""
     observation, info = env.reset(seed=0)
     algorithm.policy.reset(np.arange(BOATS), info)
     _ = algorithm.epsilon, algorithm.updates
@@ -228,13 +228,13 @@ def _require_numbers(tensors: Tensors) -> None:
 
 
 def _integrate(loaded: LoadedScenario) -> None:
-    """Give many boats full thrust under their conditions: a current may exceed the speeds of the vessel.
+    """Give many boats full thrust in their conditions: a current may exceed the vessel's own speed.
 
     Raises:
         IntegrationError: the integration diverged.
     """
     vessel = loaded.scenario.vessel
-    if not loaded.scenario.conditions:  # in calm water it is stable by the validator of the vessel
+    if not loaded.scenario.conditions:  # the vessel's validator checked stability in calm water
         return
     simulator, rng = _in_open_water(loaded, DRAWS).simulator, np.random.default_rng(0)
     for _ in range(min(PERIODS, max(1, SUBSTEPS // vessel.substeps))):
@@ -245,7 +245,7 @@ def build_algorithm(loaded: LoadedScenario, spaces: Spaces, boats: int, device: 
     """Build the learning algorithm of a scenario.
 
     Raises:
-        InputError: it does not fit the scenario.
+        InputError: it does not match the scenario.
         DockctlError: it failed, or the device or a library is not available.
     """
     training = loaded.scenario.training.model_copy(update={"boats": boats})
@@ -253,7 +253,7 @@ def build_algorithm(loaded: LoadedScenario, spaces: Spaces, boats: int, device: 
     with Guard(ALGORITHMS, spec.kind), _located(loaded):
         try:
             algorithm = spec.build(spaces, training, device)
-        except MemoryError as error:  # of the replay's whole capacity, which a short training does not fill
+        except MemoryError as error:  # the replay buffer is allocated at its full capacity
             raise FieldError("training.replay_capacity", f"is too large: {error}", "unavailable") from None
         if training.mirrored:
             if not isinstance(algorithm, Mirrorable):
@@ -271,9 +271,9 @@ def build_algorithm(loaded: LoadedScenario, spaces: Spaces, boats: int, device: 
 
 @contextmanager
 def _located(loaded: LoadedScenario) -> Iterator[None]:
-    """Convert a `FieldError` or `SectorError` in the block to an `InputError` at the place of the field.
+    """Convert a `FieldError` or `SectorError` in the block to an `InputError` at the location of the field.
 
-    An integration that diverges is one of the conditions: those of the vessel are stable by its validator.
+    Divergence of the integration is attributed to the conditions: the vessel's validator checked the rest.
     """
     try:
         yield

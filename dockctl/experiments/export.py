@@ -42,7 +42,7 @@ class Candidate:
 
     Attributes:
         evaluation: its ``evaluation.csv``.
-        transfer: success rate of its other evaluations, on other scenarios or with overrides; 0 without any.
+        transfer: success rate of its other evaluations, on other scenarios or with overrides; 0 if none.
     """
 
     policy: CheckpointPolicy
@@ -103,7 +103,7 @@ def export_checkpoint(
             folder = write_checkpoint(best, candidates, loaded, episodes, out / name)
             print_text(Console(), f"{display_path(best.run.path)} exported to {folder}")
             if name in shipped():
-                note = f"note: the name {name} selects the shipped policy; give this one as {folder}"
+                note = f"note: the name {name} selects the shipped policy; refer to this one as {folder}"
                 print_text(Console(stderr=True), note, "yellow")
             return
         for episode in failures:
@@ -127,7 +127,7 @@ def read_candidate(path: Path, policy: CheckpointPolicy) -> Candidate:
     if not all((run.path / f"{EVALUATION}.{suffix}").is_file() for suffix in ("json", "csv")):
         raise DockctlError(f"{path}: is not evaluated; {command}", code="not_found")
     if not is_of_policy(policy.card, run, EVALUATION):
-        raise DockctlError(f"{path}: its evaluation is of another policy; {command}", code="mismatch")
+        raise DockctlError(f"{path}: its evaluation is of a different policy; {command}", code="mismatch")
     tables = read_evaluations(run, policy.card)
     others = [table["outcome"] == "docked" for stem, table in tables.items() if stem != EVALUATION]
     transfer = float(pd.concat(others).mean()) if others else 0.0
@@ -142,7 +142,7 @@ def training_episodes(policy: CheckpointPolicy, loaded: LoadedScenario) -> list[
 
 
 def _table(episodes: Sequence[Episode]) -> pd.DataFrame:
-    """Columns `model_card.EPISODES`."""
+    """Return the columns `model_card.EPISODES` of the episodes."""
     starts = np.array([episode.start.eta for episode in episodes])
     return pd.DataFrame([episode.row() for episode in episodes]).assign(
         start_kind=TRAINING, x_m=starts[:, 0], y_m=starts[:, 1], heading_deg=np.degrees(starts[:, 2])

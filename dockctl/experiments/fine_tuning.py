@@ -1,4 +1,4 @@
-"""Fine-tuning: a training that starts from the parameters of a trained policy."""
+"""Fine-tuning: training that starts from the parameters of a trained policy."""
 
 from __future__ import annotations
 
@@ -21,10 +21,10 @@ from dockctl.scenarios.schema import PolicyInterface, Scenario
 
 @dataclass(frozen=True, eq=False)
 class InitialPolicy:
-    """The policy that a training starts from.
+    """The policy that training starts from.
 
     Attributes:
-        source: where it was read, for messages.
+        source: where it was read from, for messages.
         tensors, card: its parameters and description.
     """
 
@@ -45,7 +45,7 @@ class InitialPolicy:
 
     @classmethod
     def of_run(cls, run: RunDirectory) -> InitialPolicy | None:
-        """Return the policy that the training of `run` started from, or None if it started from none.
+        """Return the policy that `run` started from, or None.
 
         Raises:
             DockctlError: it is damaged.
@@ -54,7 +54,7 @@ class InitialPolicy:
         return cls.load(folder) if folder.is_dir() else None
 
     def save(self, run: RunDirectory) -> None:
-        """Keep a copy in the run folder, so that the training can be repeated.
+        """Keep a copy in the run folder, so that the run can be repeated.
 
         Raises:
             DockctlError: it cannot be written.
@@ -64,11 +64,11 @@ class InitialPolicy:
         save_policy(folder, self.tensors, self.card)
 
     def require_fit(self, scenario: Scenario) -> None:
-        """Check that a training of the scenario can start from the policy.
+        """Check that training in the scenario can start from the policy.
 
         Raises:
-            DockctlError: the policy was trained with another algorithm or network, other actions or another
-                range sensor, or it observes what the scenario does not.
+            DockctlError: the algorithm, network, actions or range sensor differ, or the policy observes what
+                the scenario does not.
         """
         card, training, new = self.card, scenario.training, PolicyInterface.of(scenario)
         own = self._interface
@@ -86,16 +86,16 @@ class InitialPolicy:
             ("lidar", "sensors.lidar"),
         ):
             if getattr(own, name) not in (None, getattr(new, name)):
-                raise self._mismatch(f"{field} of the scenario is not that of the policy")
+                raise self._mismatch(f"{field} of the scenario differs from that of the policy")
         lacking = [part.part for part in own.observation if part not in new.observation]
         if lacking:
             raise self._mismatch(f"the scenario does not observe {', '.join(lacking)} as the policy does")
 
     def start(self, algorithm: Algorithm, scenario: Scenario) -> None:
-        """Initialize an algorithm that has not learned yet with the parameters of the policy, which must fit.
+        """Initialize a new algorithm with the parameters of the policy, which must be compatible.
 
-        The scenario may observe more than the policy, and its network may have wider layers: the policy acts
-        as before, whatever the new inputs are.
+        The scenario may have more observations than the policy and wider layers: at first, the policy acts as
+        before, regardless of the new inputs.
 
         Raises:
             DockctlError: the algorithm cannot start from a policy.
@@ -111,12 +111,12 @@ class InitialPolicy:
         return self.card.interface
 
     def _inputs(self, own: PolicyInterface, new: PolicyInterface) -> NDArray[np.int64]:
-        """Return for each number of the new observation its index in that of the policy, or -1."""
+        """Return, for each column of the new observation, its index in the policy's observation, or -1."""
         before, now = (ObservationEncoder(i.observation, i.lidar_sectors).names for i in (own, new))
         return np.array([before.index(name) if name in before else -1 for name in now])
 
     def _wrong_algorithm(self, kind: str) -> DockctlError:
-        kinds = f"'{self.card.algorithm['kind']}', and the training is by '{kind}'"
+        kinds = f"'{self.card.algorithm['kind']}', but training uses '{kind}'"
         return self._mismatch(f"its algorithm is {kinds}; fine-tuning is possible with 'dqn'")
 
     def _mismatch(self, reason: str) -> DockctlError:
@@ -124,5 +124,5 @@ class InitialPolicy:
 
     @property
     def facts(self) -> dict[str, Any]:
-        """Return the entry in the provenance of the training."""
+        """Return the entry in the provenance of the run."""
         return {"policy": self.source, "scenario": self.card.scenario, "sha256": self.card.sha256}

@@ -1,4 +1,4 @@
-"""Ctrl-C, SIGTERM and the end of the terminal: long commands save and stop."""
+"""Ctrl-C, SIGTERM and a closed terminal: long commands save and stop."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Where a job of a study runs: as processes of this machine, or on Ray (`dockctl.experiments.ray_jobs`)."""
+"""How a job of a study runs: as processes on this machine, or on Ray (`dockctl.experiments.ray_jobs`)."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ from dockctl.experiments.study import Job, Stage
 from dockctl.runs.files import exclusive_lock, writing
 
 TAIL_BYTES = 4096
-# The process must not outlive the one that started it, and Ray blocks SIGINT in what it starts.
+# The process must not outlive its parent, and Ray blocks SIGINT in the processes that it starts.
 LAUNCH = """
 import ctypes, os, signal, sys
 signal.pthread_sigmask(signal.SIG_UNBLOCK, {signal.SIGINT})
@@ -41,7 +41,7 @@ class RunningJob(Protocol):
     """A job and the place where it runs."""
 
     def run(self, on_stage: Callable[[str], None]) -> bool:
-        """Run the remaining stages and return True, or False if it was stopped before.
+        """Run the remaining stages; return True when they are done, or False if stopped before.
 
         Args:
             on_stage: called with the name of every stage that starts.
@@ -51,11 +51,11 @@ class RunningJob(Protocol):
         """
 
     def stop(self) -> None:
-        """Start nothing new and interrupt the stage; on the second call, terminate it."""
+        """Start no further stage and interrupt the current one; on the second call, terminate it."""
 
 
 def log_line(stage: Stage) -> bytes:
-    """Return the line of a log that is before the output of a stage."""
+    """Return the line of a log that precedes the output of a stage."""
     return f"$ {command_line(*stage.arguments)}\n".encode()
 
 
@@ -77,7 +77,7 @@ class LocalJob:
                 if code is None:
                     return False
                 if code == -signal.SIGKILL:
-                    raise KilledError(f"{stage.name} was killed; was the memory full?")
+                    raise KilledError(f"{stage.name} was killed; did the machine run out of memory?")
                 if code or (stage.outputs and not stage.is_done):
                     raise DockctlError(last_line(self.job.log))
         return True
@@ -130,15 +130,15 @@ class LocalJob:
 
 
 def remaining(job: Job) -> Iterator[Stage]:
-    """Yield the remaining stages of a job; which ones remain is determined again after the training.
+    """Yield the remaining stages of a job; what remains is determined again after training.
 
     Raises:
-        DockctlError: the training left no finished run folder.
+        DockctlError: training left no finished run folder.
     """
     if training := job.training():
         yield training
     if job.training() is not None:
-        raise DockctlError(f"{job.folder}: the training ended without a finished run folder")
+        raise DockctlError(f"{job.folder}: training ended without a finished run folder")
     yield from job.measurements()
 
 
@@ -157,7 +157,7 @@ def open_log(job: Job) -> Iterator[IO[bytes]]:
 
 
 def last_line(log: Path) -> str:
-    """Return the last line of a log that is not empty; an empty string without one."""
+    """Return the last nonempty line of a log, or an empty string."""
     try:
         with log.open("rb") as file:
             file.seek(max(0, file.seek(0, os.SEEK_END) - TAIL_BYTES))

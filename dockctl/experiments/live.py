@@ -1,4 +1,4 @@
-"""Progress of a training: a live panel in a terminal, plain lines otherwise."""
+"""Progress of a training run: a live panel in a terminal, plain lines otherwise."""
 
 from __future__ import annotations
 
@@ -22,11 +22,11 @@ if TYPE_CHECKING:
 
 LIVE_SECONDS, PLAIN_SECONDS = 0.25, 8.0
 WINDOW_SECONDS = 60.0
-"""Window of the speed measurement: evaluations interrupt the training for seconds."""
+"""Window of the speed measurement, which must average over evaluations of several seconds."""
 
 
 class TrainingDisplay:
-    """Shows the progress of a training; call it after every step.
+    """Shows the progress of a training run; call it after every step.
 
     Args:
         training: its limits.
@@ -68,13 +68,13 @@ class TrainingDisplay:
             print_text(self._console, " | ".join(self._facts(progress).values()))
 
     def finish(self, progress: Progress) -> None:
-        """Show the end of the training, with the last evaluation and the policy that it selected."""
+        """Show the end of training, with the last evaluation and the policy that it selected."""
         self._show_evaluation(progress)
         if self._live and self._marks:
             self._live.update(self._panel(progress), refresh=True)
 
     def _show_evaluation(self, progress: Progress) -> None:
-        """Print the latest evaluation, unless it was printed before."""
+        """Print the latest evaluation, unless already printed."""
         if progress.evaluated_at > self._evaluated_at and progress.evaluation_episodes:
             self._evaluated_at = progress.evaluated_at
             result = f"{progress.evaluation_docked} of {progress.evaluation_episodes}"

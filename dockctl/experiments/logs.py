@@ -1,4 +1,4 @@
-"""Logs of a training for TensorBoard and Weights & Biases, beside its tables and with the same numbers.
+"""Logs of a training run for TensorBoard and Weights & Biases, with the same numbers as its tables.
 
 Every row of ``episodes.csv`` and ``updates.csv`` is a point at its number of environment steps, for example
 ``episodes/return``. The greedy episodes of one evaluation are one point, their mean, for example
@@ -23,31 +23,31 @@ from dockctl.runs.tables import Value
 from dockctl.scenarios.yaml_tree import read_file
 
 LABELS = ("episode", "update", "env_steps", "boat", "start_index", "pose")
-"""Columns that number a row."""
+"""Columns that identify a row."""
 
 
 Point = tuple[int, dict[str, float]]
-"""Environment steps, and numbers by name."""
+"""Environment steps, and values by name."""
 
 
 class Log(Protocol):
-    """A log of numbers by name and environment steps."""
+    """A log of values by name and environment steps."""
 
     def write(self, env_steps: int, values: Mapping[str, float]) -> None:
         """Add one point for each name."""
 
     def rewind(self, env_steps: int, points: Sequence[Point]) -> None:
-        """Drop the points from `env_steps` on, except these, if the log can."""
+        """Drop the points from `env_steps` on, except these, if the log supports it."""
 
     def flush(self) -> None:
-        """Write what is buffered: a checkpoint of the training follows."""
+        """Write buffered points, before a checkpoint is saved."""
 
     def close(self) -> None:
         """End the log."""
 
 
 class TensorBoard:
-    """Event files in ``<run>/tensorboard``; a resumed training adds one that replaces the later points."""
+    """Event files in ``<run>/tensorboard``; a resumed run adds one that replaces the later points."""
 
     def __init__(self, run: RunDirectory) -> None:
         writer = import_module("tensorboard.summary.writer.event_file_writer")
@@ -78,10 +78,10 @@ class TensorBoard:
 
 
 class WeightsAndBiases:
-    """A run of Weights & Biases in ``<run>/wandb``, offline; ``wandb sync`` uploads it.
+    """An offline Weights & Biases run in ``<run>/wandb``; ``wandb sync`` uploads it.
 
-    The parts of a training that was resumed have one identifier. Points cannot be dropped: steps that are
-    trained again, after a crash, are in the log twice.
+    All parts of a resumed run have the same identifier. Points cannot be dropped, so steps that are repeated
+    after a crash are in the log twice.
     """
 
     def __init__(self, run: RunDirectory) -> None:
@@ -114,14 +114,14 @@ class WeightsAndBiases:
 
 
 LOGS: dict[str, Callable[[RunDirectory], Log]] = {"tensorboard": TensorBoard, "wandb": WeightsAndBiases}
-"""Logs by name, which is also that of the package and of the extra."""
+"""Logs by name, which is also the name of the package and of the extra."""
 
 
 class Mirror:
     """Writes the rows of the tables to logs.
 
     Args:
-        logs: open ones.
+        logs: open logs.
     """
 
     def __init__(self, logs: Sequence[Log]) -> None:
@@ -129,7 +129,7 @@ class Mirror:
         self._remaining: list[Point] = []
 
     def appended(self, table: str, rows: Sequence[Mapping[str, Value]]) -> None:
-        """Take rows that were appended to the table with this file name."""
+        """Log rows that were appended to the table with this file name."""
         for log in self._logs:
             for env_steps, values in points(table, rows):
                 log.write(env_steps, values)
@@ -137,16 +137,16 @@ class Mirror:
                 log.flush()
 
     def restored(self, table: str, env_steps: int, rows: Sequence[Mapping[str, str]]) -> None:
-        """Go back to a save when all tables have; see `TableObserver`."""
+        """Rewind the logs once all tables have been restored; see `TableObserver`."""
         self._remaining += points(table, [{name: _value(text) for name, text in row.items()} for row in rows])
-        if table == TIMING_CSV:  # the last one
+        if table == TIMING_CSV:  # the last table
             for log in self._logs:
                 log.rewind(env_steps, self._remaining)
             self._remaining.clear()
 
 
 def _value(text: str) -> Value:
-    """Return the number that a cell holds, otherwise its text; None for an empty cell."""
+    """Return the number in a cell, or its text if it is not a number; None for an empty cell."""
     try:
         return float(text) if text else None
     except ValueError:
@@ -154,7 +154,7 @@ def _value(text: str) -> Value:
 
 
 def points(table: str, rows: Sequence[Mapping[str, Value]]) -> Iterator[Point]:
-    """Yield the environment steps and the numbers by name of rows that were appended together."""
+    """Yield the environment steps and the values by name of rows that were appended together."""
     stem = Path(table).stem
     if table in (EPISODES_CSV, UPDATES_CSV):
         for row in rows:
@@ -201,7 +201,7 @@ def require_logs(names: Sequence[str]) -> None:
 
 @contextmanager
 def logged(run: RunDirectory, names: Sequence[str]) -> Iterator[None]:
-    """Write the tables that the block opens in `run` to these logs, too."""
+    """Also write the tables that the block opens in `run` to these logs."""
     logs: list[Log] = []
     try:
         for name in dict.fromkeys(names):

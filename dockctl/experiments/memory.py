@@ -1,4 +1,4 @@
-"""Peak memory of a training, estimated before it starts and compared with what is available."""
+"""Peak memory of a training run, estimated before it starts and compared with what is available."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ GB = 1e9
 
 @dataclass(frozen=True)
 class Estimate:
-    """Peak memory of a training [bytes]: resident size of the process now, and the parts to be allocated."""
+    """Peak memory of a training run [bytes]: current resident size, and the parts to be allocated."""
 
     resident: int
     parts: tuple[MemoryUse, ...]
@@ -46,10 +46,10 @@ class Estimate:
 
 
 def estimate(scenario: Scenario, worlds: Sequence[World]) -> Estimate:
-    """Estimate the peak memory of a training.
+    """Estimate the peak memory of a training run.
 
     Args:
-        worlds: built, with range sensors whose tables are not.
+        worlds: built, but without the tables of their range sensors.
     """
     training = scenario.training
     observation = ObservationEncoder(scenario.observation, scenario.sensors.lidar.sectors).space
@@ -65,16 +65,16 @@ def estimate(scenario: Scenario, worlds: Sequence[World]) -> Estimate:
 
 
 def require_memory(scenario: Scenario, worlds: Sequence[World]) -> Estimate:
-    """Estimate the memory of a training, and check that it is available.
+    """Estimate the memory of a training run, and check that it is available.
 
     Raises:
-        DockctlError: it is not; the message names the field that needs most.
+        DockctlError: it is not; the message names the field that needs the most.
     """
     estimated, available = estimate(scenario, worlds), available_bytes()
     if estimated.needed > available:
         largest = max(estimated.parts, key=lambda part: part.size)
         raise DockctlError(
-            f"{largest.field}: this training needs {estimated}; {estimated.needed / GB:,.1f} GB of that are"
+            f"{largest.field}: this run needs {estimated}; {estimated.needed / GB:,.1f} GB of that are"
             f" still to be allocated, and {available / GB:,.1f} GB are available",
             code="unavailable",
         )
@@ -85,16 +85,16 @@ def available_bytes(root: Path = Path("/")) -> int:
     """Return the memory that this process can still allocate [bytes].
 
     Args:
-        root: of the file system with the control groups' files.
+        root: root of the file system that contains the control groups.
     """
     machine: int = psutil.virtual_memory().available
     return min([machine, *_group_bytes(root)])
 
 
 def _group_bytes(root: Path) -> Iterator[int]:
-    """Return what each control group of this process has left, version 1 or 2, with its parents.
+    """Yield the memory left [bytes] in each control group of this process, version 1 or 2, and its parents.
 
-    psutil reports the machine's memory; in a container or a batch job the limit of the group is what counts.
+    psutil reports the machine's memory, but in a container or batch job the limit of the group applies.
     """
     try:
         lines = (root / "proc/self/cgroup").read_text().splitlines()
@@ -113,5 +113,5 @@ def _group_bytes(root: Path) -> Iterator[int]:
         for folder in (inner, *(parent for parent in inner.parents if parent.is_relative_to(top))):
             with suppress(OSError, ValueError):  # no such file, or "max": no limit
                 statistics = dict(line.split() for line in (folder / "memory.stat").read_text().splitlines())
-                cache = int(statistics["inactive_file"])  # is freed when memory is needed
+                cache = int(statistics["inactive_file"])  # freed when memory is needed
                 yield int((folder / limit).read_text()) - int((folder / usage).read_text()) + cache

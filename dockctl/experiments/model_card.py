@@ -39,7 +39,7 @@ from dockctl.scenarios.schema import ObservationPart, Scenario
 TEMPLATE = Path(__file__).with_name("card.md.j2")
 LISTED_FAILURES = 12
 OWN_KINDS = {**START_KINDS, "training": "training poses"}
-"""Kinds of starts on the scenario of the training."""
+"""Kinds of starts in the scenario that the policy was trained on."""
 EPISODES = ("start_kind", "x_m", "y_m", "heading_deg", "outcome", "collided_with", "phase", "clearance_m")
 """Columns of an evaluation that the card needs."""
 CELLS = ("dx_m", "dy_m", "dheading_deg", "blocked", "outcome", "collided_with")
@@ -87,7 +87,7 @@ def card_text(
 
 
 def read_evaluations(run: RunDirectory, card: PolicyCard) -> dict[str, pd.DataFrame]:
-    """Read the evaluations of a run's policy by file name without suffix, that on its own scenario first.
+    """Read the evaluations of a run's policy by file name without suffix, first that in its own scenario.
 
     Raises:
         DockctlError: a file cannot be read.
@@ -97,10 +97,10 @@ def read_evaluations(run: RunDirectory, card: PolicyCard) -> dict[str, pd.DataFr
 
 
 def is_of_policy(card: PolicyCard, run: RunDirectory, measurement: str) -> bool:
-    """Return whether the run has a measurement, a name in `dockctl.run_files`, and it is of this policy.
+    """Return whether the run has this measurement, a name in `dockctl.run_files`, of this policy.
 
     Raises:
-        DockctlError: a file of it cannot be read, or its table is of another measurement.
+        DockctlError: one of its files cannot be read, or its table is from a different measurement.
     """
     path = run.path / f"{measurement}.json"
     return path.is_file() and policy_hash(read_results(path)) == card.sha256
@@ -132,7 +132,7 @@ def _facts(
             f"best of {len(candidates)} runs by these evaluations, so its success rates are biased upward;"
             f" {OWN_KINDS.get(kind, kind)} docked: {rates}",
         )
-    yield "steps", f"{card.env_steps:,} environment steps to the best greedy evaluation of the training"
+    yield "steps", f"{card.env_steps:,} environment steps, at the best greedy evaluation during training"
     learner = algorithm_of(scenario.training).describe()
     layers = f"{learner}, layers of {', '.join(map(str, card.hidden_sizes))}"
     if ensemble := scenario.training.ensemble:
@@ -181,7 +181,7 @@ def _successes(groups: Sequence[tuple[str, str, pd.DataFrame]]) -> Iterator[tupl
 
 
 def _map(run: RunDirectory, card: PolicyCard) -> dict[str, str] | None:
-    """Return the summary of the success map, if the run has one of this policy."""
+    """Return the summary of the success map, if the run has one for this policy."""
     if not is_of_policy(card, run, MAP):
         return None
     starts = _read(run.path / f"{MAP}.csv", CELLS)
@@ -200,7 +200,7 @@ def _map(run: RunDirectory, card: PolicyCard) -> dict[str, str] | None:
 
 
 def envelope_image(run: RunDirectory, card: PolicyCard) -> Path | None:
-    """Return the figure of the operating envelope, if the run has one of this policy."""
+    """Return the figure of the operating envelope, if the run has one for this policy."""
     image = run.path / FIGURES / f"{ENVELOPE}.png"
     return image if is_of_policy(card, run, ENVELOPE) and image.is_file() else None
 
@@ -214,7 +214,7 @@ def _envelope(run: RunDirectory, card: PolicyCard) -> dict[str, str] | None:
 
 
 def _latency(run: RunDirectory, card: PolicyCard) -> dict[str, str] | None:
-    """Return the summary of the decision times, if the run has them of this policy."""
+    """Return the summary of the decision times, if the run has them for this policy."""
     if not is_of_policy(card, run, LATENCY):
         return None
     timing = run.read_json(f"{LATENCY}.json")
@@ -233,7 +233,7 @@ def _latency(run: RunDirectory, card: PolicyCard) -> dict[str, str] | None:
 
 
 def _failures(groups: Sequence[tuple[str, str, pd.DataFrame]]) -> Iterator[dict[str, str]]:
-    """Yield the episodes that did not dock: how they ended, and the first of their start poses."""
+    """Yield a summary of the episodes that did not dock: their outcomes and first start poses."""
     for name, kind, episodes in groups:
         failed = episodes[episodes["outcome"] != "docked"]
         if failed.empty:

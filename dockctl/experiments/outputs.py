@@ -46,16 +46,16 @@ class Outputs:
         """Select the run folder of the policy, or `out`, or a folder under ``figures/``.
 
         Args:
-            what: stem of the files; the scenario's name is appended where it is not the policy's own, and
-                that of the policy outside of its run folder.
+            what: stem of the files; the scenario's name is appended if it is not the policy's own, and the
+                policy's name outside its run folder.
             scenario: the scenario that the user asked for, if any.
-            overrides: changed values of it, which are in the names of the files.
+            overrides: changed values of the scenario, which become part of the file names.
             out: the folder that the user asked for, if any.
             csv: the copy of the table, if any.
 
         Raises:
-            DockctlError: a path cannot be written or contains results of another policy, or there is no such
-                scenario.
+            DockctlError: a path cannot be written or contains results of a different policy, or there is no
+                such scenario.
         """
         run = policy.results
         if out is None and policy.run and not os.access(policy.run.path, os.W_OK):
@@ -89,7 +89,7 @@ class Outputs:
 
 
 def store(result: Evaluation, table: str) -> bool:
-    """Write an evaluation to the run folder of its policy, and return whether there is one to write to.
+    """Write an evaluation to the run folder of its policy; return whether there is a writable one.
 
     Args:
         table: its episodes, CSV.
@@ -109,10 +109,10 @@ def store(result: Evaluation, table: str) -> bool:
 def recording_folder(
     given: str, policy: LoadedPolicy, scenario: str | None, overrides: Sequence[str]
 ) -> Path:
-    """Return the folder of a recording: `given`, or one in the run folder of the policy, or below figures/.
+    """Return the folder of a recording: `given`, one in the run folder of the policy, or one in figures/.
 
     Raises:
-        DockctlError: it contains something else, or the recording of another policy.
+        DockctlError: it contains something else, or the recording of a different policy.
     """
     name = "-".join([policy.scenario(scenario, overrides).scenario.name, *setting_names(overrides)])
     if policy.results and not given:

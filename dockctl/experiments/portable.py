@@ -32,7 +32,7 @@ from dockctl.scenarios.schema import Scenario, Tolerance
 from dockctl.sim.vessel import VesselModel
 
 OPSET, IR_VERSION = 17, 8
-"""Versions of ONNX that runtimes from 2022 on support."""
+"""ONNX versions that runtimes have supported since 2022."""
 
 
 def export_files(
@@ -70,8 +70,8 @@ def pilot_file(policy: CheckpointPolicy, scenario: Scenario) -> bytes:
     """Return the content of a file that `dockctl.pilot.Pilot.load` reads.
 
     Raises:
-        DockctlError: the policy is not a network of the built-in DQN, or observes what a pilot does not
-            compute.
+        DockctlError: the policy is not a network of the built-in DQN, or has an observation part that a pilot
+            does not compute.
     """
     _networks(policy)
     histories = [given for given in scenario.observation if given.part == HISTORY]
@@ -188,7 +188,7 @@ def onnx_model(policy: CheckpointPolicy, scenario: Scenario) -> bytes:
 
 
 def description(policy: CheckpointPolicy, scenario: Scenario) -> dict[str, Any]:
-    """Return what a machine needs to know to use the policy, as plain data for JSON.
+    """Return the description that is needed to use the policy elsewhere, as plain data for JSON.
 
     Raises:
         DockctlError: its actions are not discrete.
@@ -197,7 +197,7 @@ def description(policy: CheckpointPolicy, scenario: Scenario) -> dict[str, Any]:
     space = scenario.actions.space(vessel)
     if not isinstance(space, Discrete) or scenario.actions.has_memory:
         raise DockctlError(
-            f"{policy.file}: has the actions {scenario.actions.kind}, {space}; expected discrete ones with a"
+            f"{policy.file}: has {scenario.actions.kind} actions, {space}; expected discrete actions with a"
             " command each",
             code="unavailable",
         )
@@ -228,7 +228,7 @@ def description(policy: CheckpointPolicy, scenario: Scenario) -> dict[str, Any]:
 
 
 def _columns(scenario: Scenario) -> list[dict[str, Any]]:
-    """Return name, unit, scale and bounds after scaling of each column of the observation."""
+    """Return name, unit, scale, and bounds (after scaling) of each column of the observation."""
     vessel, sectors = scenario.vessel, scenario.sensors.lidar.sectors
     limit = VesselModel(vessel).command_limit
     encoder = ObservationEncoder(scenario.observation, sectors)
@@ -259,14 +259,14 @@ def _networks(policy: CheckpointPolicy) -> Ensemble:
     """Return the networks of a policy.
 
     Raises:
-        DockctlError: it is not that of the built-in DQN.
+        DockctlError: it is not a policy of the built-in DQN.
     """
     kind = policy.card.algorithm.get("kind")
     try:
         return Ensemble.of(policy.tensors)
     except (ValueError, KeyError) as error:
         raise DockctlError(
-            f"{policy.file}: a policy of the algorithm '{kind}', which cannot be exported: {error};"
+            f"{policy.file}: policies of the algorithm '{kind}' cannot be exported: {error};"
             " only those of 'dqn' can",
             code="unavailable",
         ) from None

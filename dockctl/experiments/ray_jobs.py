@@ -1,8 +1,8 @@
-"""Jobs of a study on Ray: each on one worker, which sends every change of its run folder back to the head.
+"""Jobs of a study on Ray: each runs on one worker, which sends every change of its run folder to the head.
 
-Head and workers share no files. A worker gets the scenarios of its job, with their local files, and what the
-head has of its run; it sends the run back whenever the training has saved, and when a stage ends. If a worker
-is lost, another one resumes from what the head has.
+Head and workers share no files. A worker receives the scenarios of its job, with their local files, and the
+head's copy of its run. It sends the run back whenever training has saved, and when a stage ends. If a worker
+is lost, another one resumes from the head's copy.
 """
 
 from __future__ import annotations
@@ -36,10 +36,10 @@ from dockctl.scenarios.content import self_contained
 from dockctl.scenarios.loader import load
 
 LOSSES = 3
-"""Workers that may be lost in a row without a save in between."""
+"""Number of workers lost in a row, without a save in between, after which the job fails."""
 POLL_SECONDS = 0.25
 FOLDERS = "dockctl-ray-"
-"""Beginning of the names of temporary folders."""
+"""Prefix of the names of temporary folders."""
 SAVED = f"*/*/{CHECKPOINTS}/{LAST}/{LEARNER_JSON}"
 
 
@@ -48,12 +48,12 @@ class Assignment:
     """Everything that a worker needs for a job.
 
     Attributes:
-        experiment: with the paths of `scenarios` on the worker.
-        scenarios: files of the own scenario and of those to evaluate on.
-        transfer: names of the latter.
+        experiment: the experiment, with the path of its scenario on the worker.
+        scenarios: files of its own scenario and of those to evaluate on.
+        transfer: names of the scenarios to evaluate on.
         folder: of the runs.
         run: files of the run to resume or to measure, by path below `folder`.
-        training: its remaining part, as a job of this machine would run it.
+        training: the remaining training stage, as a job on this machine would run it.
     """
 
     version: str
@@ -96,11 +96,11 @@ class Report:
     """What happened since the last report.
 
     Attributes:
-        stages: those that were started.
+        stages: the stages that were started.
         output: new text of the log.
         names: files of the runs, if they were read.
-        changed: content of those that are new or have changed.
-        ended: the job is done, was stopped, or failed for this reason.
+        changed: content of the files that are new or have changed.
+        ended: True if the job is done, False if it was stopped, the reason if it failed; None if it runs.
     """
 
     stages: tuple[str, ...]
@@ -112,7 +112,7 @@ class Report:
 
 @contextmanager
 def temporary_folder() -> Iterator[Path]:
-    """Create a folder for the block and remove it afterwards, with those of workers that were killed."""
+    """Create a folder for the block and remove it afterwards; also remove those of killed workers."""
     for left in Path(tempfile.gettempdir()).glob(f"{FOLDERS}*"):
         if os.path.exists(left / ".lock") and not is_locked(left):
             shutil.rmtree(left, ignore_errors=True)
@@ -137,11 +137,11 @@ class Worker:
         """Write the files of a job and start it.
 
         Raises:
-            DockctlError: this machine has another version of dockctl.
+            DockctlError: this machine has a different version of dockctl.
         """
         require_version(given.version)
         root = self._locked.enter_context(temporary_folder())
-        os.chdir(root)  # the paths in its results are then those of a local job
+        os.chdir(root)  # so that the paths in its results are those of a local job
         self._folder = given.folder
         for number, files in enumerate(given.scenarios):
             write_files(root / _place(number).rpartition("/")[0], files)
@@ -239,7 +239,7 @@ class RayJob:
         self._stops = 0
 
     def stop(self) -> None:
-        """See `RunningJob`; the thread of `run` passes it on."""
+        """See `RunningJob`; the thread of `run` forwards it to the worker."""
         self._stops += 1
 
     def run(self, on_stage: Callable[[str], None]) -> bool:
@@ -261,7 +261,7 @@ class RayJob:
                     reason = str(error).strip().splitlines()[-1].strip()
                     if losses == LOSSES:
                         message = (
-                            f"{LOSSES} workers were lost without a save in between, the last one: {reason}"
+                            f"{LOSSES} workers were lost without a save in between, most recently: {reason}"
                         )
                         raise DockctlError(message, code="unavailable") from None
                     with writing(self.job.log):
@@ -307,7 +307,7 @@ class RayJob:
         return True
 
     def _restore(self) -> None:
-        """Restore a run folder whose replacement was killed halfway."""
+        """Restore a run folder whose replacement was interrupted."""
         for name in runs_of_seed(self.job.seed):
             for old in self.job.folder.glob(f"*/.{name}.old"):
                 run = old.with_name(old.name[1 : -len(".old")])
@@ -316,20 +316,20 @@ class RayJob:
 
 
 def receive(folder: Path, names: frozenset[str], changed: Mapping[str, bytes], known: set[str]) -> None:
-    """Make the runs in `folder` those of a worker, each in one step.
+    """Replace the runs in `folder` with those of a worker, each atomically.
 
     Args:
         names: all files of the runs, by path below `folder`.
-        changed: content of those that have changed.
+        changed: content of the files that have changed.
         known: files that were sent to or received from this worker.
 
     Raises:
-        DockctlError: a run folder cannot be written, or is that of another training.
+        DockctlError: a run folder cannot be written, or belongs to a different run.
     """
     for run in sorted({Path(*Path(name).parts[:2]) for name in names}):
         files = [name for name in names if Path(name).is_relative_to(run)]
         if os.path.exists(folder / run) and not any(Path(name).is_relative_to(run) for name in known):
-            message = f"{folder / run}: exists, and is not replaced by the run of a worker"
+            message = f"{folder / run}: already exists, so the worker's run does not replace it"
             raise DockctlError(message, code="duplicate")
         if not any(name in changed for name in files):
             continue

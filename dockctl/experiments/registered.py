@@ -21,7 +21,7 @@ CHECKPOINTS = "checkpoints"
 LISTINGS = (*(group.removeprefix("dockctl.") for group in (*plugins.DATA, *plugins.CODE)), CHECKPOINTS)
 
 Row = tuple[str, ...]
-"""Columns `COLUMNS` after the first."""
+"""Values of `COLUMNS` except the first."""
 
 
 def rows_of(listing: str) -> list[Row]:

@@ -1,4 +1,4 @@
-"""Write the report of a run, a study or a comparison, once or repeatedly while a training runs."""
+"""Write the report of a run, a study or a comparison, once or repeatedly during training."""
 
 from __future__ import annotations
 
@@ -25,11 +25,11 @@ Note = Callable[[str], None]
 ARCHIVED = f"{archived_name('*')}/{SCENARIO}"
 """Pattern of the scenarios of archived runs, in the folder of their experiment."""
 RELOAD_S = 10
-"""Time after which the browser reloads a page that follows a training."""
+"""Time after which the browser reloads a page that follows a training run [s]."""
 POLL_S = 2.0
-UNFINISHED = "The training has not ended"
+UNFINISHED = "Training has not ended"
 REST = 4
-"""Pause between reports, as a multiple of the time that one takes: the training is hardly slowed."""
+"""Pause between reports, as a multiple of the time that one takes, so that training is hardly slowed."""
 
 
 def write_report(
@@ -46,12 +46,12 @@ def write_report(
         source: a run folder or a recording, a folder of a study's results, or a file of
             ``dockctl compare --json``.
         out: the page; ``report-<name>.html`` by default.
-        policy: that a recording is of, for the replay; that of the run by default.
+        policy: the policy of a recording, for the replay; by default the policy of the run.
         trust: run the plugins of a received run for its replay.
-        note: called with what is left out of the page, and why.
+        note: called with what is omitted from the page, and why.
 
     Raises:
-        DockctlError: there is no such thing, a file of it is damaged, or the page cannot be written.
+        DockctlError: `source` is none of these, one of its files is damaged, or the page cannot be written.
     """
     if (source / SCENARIO).is_file():
         page, shown = _run_report(source), _replay(source, trust, note, policy)
@@ -61,14 +61,14 @@ def write_report(
 
 
 def follow(source: Path, out: Path | None, *, trust: bool = False, note: Note = print) -> Path:
-    """Rewrite the report of a training until it ends, and return its path.
+    """Rewrite the report of a training run until it ends, and return its path.
 
     Args:
         source: its run folder.
         out, trust, note: as for `write_report`.
 
     Raises:
-        DockctlError: it is not a run folder, a file of it is damaged, or the page cannot be written.
+        DockctlError: it is not a run folder, one of its files is damaged, or the page cannot be written.
     """
     run = RunDirectory.open(source)
     file = out or default_name(run.path)
@@ -94,7 +94,7 @@ def follow(source: Path, out: Path | None, *, trust: bool = False, note: Note = 
             return file
         for _ in range(max(1, math.ceil(REST * (time.monotonic() - began) / POLL_S))):
             time.sleep(POLL_S)
-            if not _is_running(run):  # the last page is not delayed
+            if not _is_running(run):  # do not delay the last page
                 break
 
 
@@ -108,12 +108,12 @@ def _tables(folder: Path) -> list[Path]:
 
 
 def _is_running(run: RunDirectory) -> bool:
-    """Return whether a process trains this run."""
+    """Return whether a process is training this run."""
     facts = run.read_json(PROVENANCE)
     if facts.get("finished") or facts.get("stop_reason"):
         return False
     try:
-        with exclusive_lock(run.path):  # a training holds it; one that was killed does not
+        with exclusive_lock(run.path):  # held during training, released if the process is killed
             return False
     except DockctlError as error:
         if error.code != "busy":
@@ -134,7 +134,7 @@ def _run_report(folder: Path) -> Page:
     facts = run.read_json(PROVENANCE) if (folder / PROVENANCE).is_file() else {}
     reason = REASONS.get(str(facts.get("stop_reason")), UNFINISHED)
     if (folder / RECORDING).is_file():
-        reason = "A recording, without a training"
+        reason = "A recording, without training"
     return run_page(read_run(folder), f"{reason}.")
 
 
@@ -145,7 +145,7 @@ def _replay(folder: Path, trust: bool, note: Note, policy: LoadedPolicy | None =
     try:
         return replay_page.page(page_data(replay([policy or load_checkpoint(folder, trust=trust)])))
     except DockctlError as error:
-        note(f"note: the 3-D replay is left out: {error}")
+        note(f"note: the 3-D replay is omitted: {error}")
         return None
 
 
@@ -167,7 +167,7 @@ def _study_or_comparison(path: Path) -> Page:
 
 
 def _study(folder: Path) -> Study:
-    """Return the study of archived runs: as archived with them, or the packaged one, or from the folders."""
+    """Return the study of archived runs: archived with them, packaged, or derived from the folder names."""
     if archived := archived_study(folder):
         return archived
     try:

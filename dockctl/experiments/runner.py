@@ -1,4 +1,4 @@
-"""Run a study: its jobs in parallel, a progress display, and the archive of results."""
+"""Run a study: jobs in parallel, a progress display, and the archive of results."""
 
 from __future__ import annotations
 
@@ -52,10 +52,10 @@ def run_study(
         out: folder of the runs, ``<study>/<experiment>/<scenario>/<time>-seed<N>/``.
         results: folder of the archive, ``<study>/<experiment>/seed<N>/``.
         workers: number of parallel jobs; one per core by default.
-        on: where they run, see `dockctl.cluster.connected`; by default here, without Ray.
+        on: where they run, see `dockctl.cluster.connected`; by default on this machine, without Ray.
 
     Raises:
-        DockctlError: the study or one of its scenarios is invalid, the archive is of another study, a
+        DockctlError: the study or one of its scenarios is invalid, the archive is from a different study, a
             run is damaged, a folder cannot be written, or Ray cannot be used.
     """
     study = load_study(source)
@@ -82,7 +82,7 @@ def run_study(
 def run_jobs(
     console: Console, jobs: Sequence[Job], workers: int | None = None, on: str | None = None
 ) -> tuple[Ending, list[Job]]:
-    """Run the remaining stages of jobs, report their progress, and return how it ended and which are done.
+    """Run the remaining stages of jobs, report progress, and return the ending and the finished jobs.
 
     Args:
         workers, on: see `run_study`.
@@ -130,7 +130,7 @@ class Progress:
 
 
 class JobRunner:
-    """Runs jobs, each watched by one thread.
+    """Runs jobs, each in its own thread.
 
     Args:
         workers: number of jobs that run at the same time.
@@ -163,7 +163,7 @@ class JobRunner:
                 future.result()
 
     def stop(self) -> None:
-        """Start nothing new and interrupt every job; on the second call, terminate them."""
+        """Start no further jobs and interrupt the running ones; on the second call, terminate them."""
         with self._lock:
             self._stopping = True
             for job in self._running:
@@ -175,7 +175,7 @@ class JobRunner:
 
     def _run(self, progress: Progress) -> None:
         with self._lock:
-            if self._stopping:  # before it was started
+            if self._stopping:  # before this job was started
                 return
             job = self._place(progress.job)
             self._running.add(job)
@@ -212,7 +212,7 @@ class Display:
             yield
 
     def report(self, progress: Progress) -> None:
-        """Print that a job started a stage or ended; in a terminal only the end."""
+        """Print that a job started a stage or ended; in a terminal, only that it ended."""
         label = progress.job.label
         if progress.state == "working":
             if not self._live:

@@ -1,4 +1,4 @@
-"""Commented templates of everything that users add: scenarios, vessels, harbors, and code."""
+"""Commented templates for everything that users add: scenarios, vessels, harbors, and code."""
 
 from __future__ import annotations
 
@@ -30,8 +30,8 @@ class Starter:
     Attributes:
         files: path of each file by its template; ``{name}`` and ``{module}`` are replaced, as in `following`.
         following: commands to try next; ``{out}`` is the folder, with a slash.
-        pattern: of the name.
-        registry: in which the name must be new.
+        pattern: regular expression for the name.
+        registry: the registry in which the name must be new.
     """
 
     files: dict[str, str]
@@ -99,7 +99,7 @@ STARTERS: dict[str, Starter] = {
         PROJECT,
     ),
 }
-"""Template of each kind."""
+"""Template for each kind."""
 
 
 def write_starter(kind: str, name: str, folder: Path) -> tuple[list[Path], list[str]]:
@@ -107,10 +107,10 @@ def write_starter(kind: str, name: str, folder: Path) -> tuple[list[Path], list[
 
     Raises:
         DockctlError: there is no such kind, the name cannot be used or is taken, a file exists, or the folder
-            cannot be written; nothing has been written then.
+            cannot be written; then nothing is written.
     """
     if kind not in STARTERS:
-        message = f"there is no template of a '{kind}' (known: {', '.join(STARTERS)})"
+        message = f"there is no template for a '{kind}' (known: {', '.join(STARTERS)})"
         raise DockctlError(message, code="unknown_name", suggestion=nearest(kind, STARTERS))
     starter, words = STARTERS[kind], {"name": name, "module": name.replace("-", "_")}
     _require_usable(kind, name, starter)
@@ -119,7 +119,7 @@ def write_starter(kind: str, name: str, folder: Path) -> tuple[list[Path], list[
     for path in [folder / name, *targets] if kind == "plugin" else targets:
         if os.path.lexists(path):
             raise DockctlError(
-                f"{path}: exists, and is not overwritten; choose another name", code="duplicate"
+                f"{path}: already exists and is not overwritten; choose another name", code="duplicate"
             )
     environment = Environment(
         loader=FileSystemLoader(TEMPLATES), undefined=StrictUndefined, keep_trailing_newline=True
@@ -141,7 +141,7 @@ def _require_usable(kind: str, name: str, starter: Starter) -> None:
     """Check a name.
 
     Raises:
-        DockctlError: it does not fit the pattern of its kind, or is taken.
+        DockctlError: it does not match the pattern of its kind, or is taken.
     """
     wrong = not re.fullmatch(starter.pattern, name) or iskeyword(name)
     if wrong:
@@ -156,7 +156,7 @@ def _require_usable(kind: str, name: str, starter: Starter) -> None:
     catalog.fill()
     if starter.registry is not None and name in starter.registry:
         origin = starter.registry.origin(name)
-        message = f"the {starter.registry.noun} '{name}' exists already, in {origin}; choose another name"
+        message = f"the {starter.registry.noun} '{name}' already exists in {origin}; choose another name"
         raise DockctlError(message, code="duplicate")
     if kind == "plugin" and find_spec(name.replace("-", "_")) is not None:
-        raise DockctlError(f"there is a module '{name}' already; choose another name", code="duplicate")
+        raise DockctlError(f"there is already a module '{name}'; choose another name", code="duplicate")

@@ -61,7 +61,7 @@ def show(loaded: LoadedScenario, pose: Pose | None = None) -> Shown:
 
 
 def _bodies(scenario: Scenario, harbor: Harbor) -> tuple[list[Body], Body]:
-    """Return the solids of the harbor in the world frame, and our hull in the body frame."""
+    """Return the solids of the harbor in the world frame, and our boat's hull in the body frame."""
     solids = [(part.name, solid) for part in harbor.parts for solid in part.solids]
     return (
         [Body(name, solid.kind, np.array(solid.mesh.triangles)) for name, solid in solids],
@@ -70,7 +70,7 @@ def _bodies(scenario: Scenario, harbor: Harbor) -> tuple[list[Body], Body]:
 
 
 def berths(scenario: Scenario) -> dict[str, Floats]:
-    """Return the final poses (k, 3) at the berths of the task, by kind; empty for a task of one berth."""
+    """Return the final poses (k, 3) at the berths of the task, by kind; empty for a task with one berth."""
     poses: dict[str, list[Floats]] = {}
     for site in sites(scenario):
         if site.kind and not (isinstance(scenario.harbor, Generated) and site.harbor):
@@ -79,7 +79,7 @@ def berths(scenario: Scenario) -> dict[str, Floats]:
 
 
 def _drawn_layouts(scenario: Scenario) -> tuple[list[tuple[Scene, Floats]], int]:
-    """Return plan views of the first generated layouts with their free berths (k, 3), and their number."""
+    """Return plan views of the first generated layouts with free berths (k, 3), and the number of layouts."""
     every = layouts(scenario.harbor, scenario.task.berths)
     if not isinstance(scenario.harbor, Generated) or len(every) == 1:
         return [], 0

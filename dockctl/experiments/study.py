@@ -1,4 +1,4 @@
-"""A study: which scenarios are trained with which seeds and settings, what is measured, and its jobs."""
+"""A study: the scenarios to train, with seeds and settings, the measurements, and the resulting jobs."""
 
 from __future__ import annotations
 
@@ -55,7 +55,7 @@ class Experiment(Model):
     Attributes:
         group: name that selects several experiments together.
         title: short description.
-        set: overrides, ``key=value`` as after ``--set``.
+        set: overrides, ``key=value``, as for ``--set``.
         evaluate_on: other scenarios to evaluate the trained policies on.
         probes: further measurements of every policy.
     """
@@ -80,7 +80,7 @@ class Experiment(Model):
         return f"{self._place}experiment {self.name}"
 
     def overrides(self, seed: int) -> list[str]:
-        """Return the overrides of the scenario for one training."""
+        """Return the overrides of the scenario for one training run."""
         return [*self.set, f"training.seed={seed}"]
 
 
@@ -101,7 +101,7 @@ class Study(Model):
         for index, experiment in enumerate(self.experiments):
             field = f"experiments.{index}.name"
             if experiment.name in (STUDY, SCENES):
-                raise FieldError(field, f"{experiment.name} is a file of every study", "invalid")
+                raise FieldError(field, f"every study has a {experiment.name} of its own", "invalid")
             if experiment.name in names:
                 raise FieldError(field, f"another experiment is named {experiment.name}", "duplicate")
             names.add(experiment.name)
@@ -129,7 +129,7 @@ def load_study(source: str) -> Study:
     """Load a study file, or a packaged study by name.
 
     Raises:
-        InputError: every problem of the file, each with its location.
+        InputError: lists every problem in the file with its location.
         DockctlError: the study is unknown, or its name cannot be used.
     """
     path = Path(source)
@@ -144,7 +144,7 @@ def load_study(source: str) -> Study:
     name = study.name if "name" in study.model_fields_set else path.stem
     location = (tree.get("name") or tree).location
     if not re.fullmatch(NAME, name):
-        message = f"'{name}' cannot be a folder name; set letters, digits, dots, dashes and underscores"
+        message = f"'{name}' cannot be a folder name; use letters, digits, dots, dashes and underscores"
         raise input_error(location, message, "name")
     if name in known and path.resolve() != known[name].resolve():
         message = f"'{name}' is a packaged study, whose results would be replaced; set another name"
@@ -172,10 +172,10 @@ def archived_study(results: Path) -> Study | None:
 
 
 def require_own_results(study: Study, results: Path) -> None:
-    """Check that no archived experiment has the name of one of the study, but other settings.
+    """Check that no archived experiment has the name of one in the study but other settings.
 
     Raises:
-        DockctlError: one does: it is of another study of the same name, or was changed.
+        DockctlError: one does, because it is from a different study of the same name or was changed.
     """
     archived = archived_study(results)
     settings = {e.name: (e.scenario, e.set) for e in archived.experiments} if archived else {}
@@ -183,8 +183,8 @@ def require_own_results(study: Study, results: Path) -> None:
         folder = results / experiment.name
         own = experiment.scenario, experiment.set
         if folder.is_dir() and settings.get(experiment.name, own) != own:
-            message = f"{folder}: results of an experiment with another scenario or other settings"
-            remedy = "set another name of the study or of the experiment, or move these results away"
+            message = f"{folder}: results of an experiment with a different scenario or settings"
+            remedy = "rename the study or the experiment, or move these results away"
             raise DockctlError(f"{message}; {remedy}", code="mismatch")
 
 
@@ -218,7 +218,7 @@ class Stage:
 
     @property
     def is_done(self) -> bool:
-        """Whether the results exist, are intact, and were not made from other tables or of another policy."""
+        """Whether the results exist, are intact, and come from the current tables and policy."""
         try:
             hashes = {policy_hash(read_results(output)) for output in self.outputs}
         except DockctlError:
@@ -228,14 +228,14 @@ class Stage:
 
 @dataclass(frozen=True, eq=False)
 class Job:
-    """One training of an experiment and the measurements of its policy.
+    """One training run of an experiment, and the measurements of its policy.
 
     Attributes:
         scenario: resolved, with the seed.
         transfer: other scenarios to evaluate the policy on, as (source in the study, scenario name).
         folder: of the runs, ``<scenario>/<time>-seed<N>/``, and the log.
-        options: of ``dockctl train``, also when it resumes a run.
-        start_options: those that it takes for a new run only.
+        options: options of ``dockctl train``, for new and resumed runs.
+        start_options: further options, for new runs only.
     """
 
     experiment: Experiment
@@ -256,8 +256,8 @@ class Job:
         return self.folder / f"seed{self.seed}.log"
 
     def runs(self) -> list[Path]:
-        """Return the usable run folders of this training: finished ones first, then the latest."""
-        found = self.folder.glob(f"*/[!.]*/{PROVENANCE}")  # a dot: a folder that was not written to its end
+        """Return the usable run folders of this job: finished ones first, then the latest."""
+        found = self.folder.glob(f"*/[!.]*/{PROVENANCE}")  # a dot marks a folder that is incomplete
         runs = [path.parent for path in sorted(found, reverse=True)]
         usable = [r for r in runs if self.difference(r) is None and (_finished(r) or _resumable(r))]
         return sorted(usable, key=_finished, reverse=True)
@@ -270,14 +270,14 @@ class Job:
             return str(error).splitlines()[0]
 
     def mismatched_runs(self) -> Iterator[tuple[Path, str]]:
-        """Yield the run folders of this seed that are not of this job, each with the first difference."""
+        """Yield the run folders of this seed that do not match this job, each with the first difference."""
         found = (self.folder.glob(f"*/{name}/{SCENARIO}") for name in runs_of_seed(self.seed))
         for path in sorted(chain.from_iterable(found)):
             if differs := self.difference(path.parent):
                 yield path.parent, differs
 
     def training(self) -> Stage | None:
-        """Return the stage that starts or resumes the training, or None if it is finished."""
+        """Return the stage that starts or resumes training, or None if training is finished."""
         run = next(iter(self.runs()), None)
         if run is None:
             settings = [word for setting in self.experiment.set for word in ("--set", setting)]
@@ -286,11 +286,11 @@ class Job:
         return None if _finished(run) else Stage("resume", ("train", "--resume", str(run), *self.options))
 
     def finished(self) -> Path | None:
-        """Return the folder of the finished training, if there is one."""
+        """Return the folder of the finished run, if there is one."""
         return next((run for run in self.runs() if _finished(run)), None)
 
     def measurements(self) -> Iterator[Stage]:
-        """Return the remaining stages after the training."""
+        """Return the remaining stages after training."""
         run = self.runs()[0]
         measured = measured_policy(run)
         stages = (replace(stage, policy=measured) for stage in self._measurements(run))
@@ -315,7 +315,7 @@ class Job:
 
 
 def nearest_failures(table: Path) -> list[str]:
-    """Return poses ``x,y,heading`` of the nearest starts that fail as in Figs. 4.39 and 4.40.
+    """Return poses ``x,y,heading`` of the nearest starts that fail as in thesis Figs. 4.39 and 4.40.
 
     The first one collides, after the intermediate pose if any start does; the second one times out before the
     intermediate pose. Heading offsets above `SMALL_OFFSET_DEG` count only if there are no others.
@@ -380,18 +380,18 @@ def make_jobs(
 
 
 def _transfer(experiment: Experiment, own: Scenario) -> tuple[tuple[str, str], ...]:
-    """Return the other scenarios to evaluate on, as in `Job`; the own one is evaluated anyway.
+    """Return the other scenarios to evaluate on, as in `Job`; the own scenario is always evaluated.
 
     Raises:
-        DockctlError: one is invalid or does not fit the policy, or two have the same name.
+        DockctlError: a scenario is invalid or does not match the policy, or two have the same name.
     """
     interface, sources = PolicyInterface.of(own), dict[str, str]()
     scenarios = {source: interface.on(load_checked(source).scenario) for source in experiment.evaluate_on}
     for source, scenario in scenarios.items():
         other = sources.setdefault(scenario.name, source)
         if first_difference(scenarios[other], scenario, ignore=["training"]):
-            message = f"evaluate_on: {other} and {source} are different scenarios of the name"
-            raise DockctlError(f"{message} '{scenario.name}'; set another name in one", code="duplicate")
+            message = f"evaluate_on: {other} and {source} are different scenarios with the name"
+            raise DockctlError(f"{message} '{scenario.name}'; rename one of them", code="duplicate")
     return tuple(
         (source, name)
         for name, source in sources.items()

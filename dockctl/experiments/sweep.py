@@ -24,7 +24,7 @@ from dockctl.scenarios.loader import load
 Row = dict[str, Any]
 MAX_COMBINATIONS = 1000
 SEEDS = (
-    "a sweep has the seeds 0 to N-1, by which the same command finds and resumes its runs; give their number"
+    "a sweep uses the seeds 0 to N-1, so that the same command finds and resumes its runs; give their number"
     " with --seeds N"
 )
 TOKENS = re.compile(r"""("[^"]*"|'[^']*')|([\[{(])|([\]})])|(,)|.""", re.DOTALL)
@@ -34,7 +34,7 @@ TOKENS = re.compile(r"""("[^"]*"|'[^']*')|([\[{(])|([\]})])|(,)|.""", re.DOTALL)
 def values(setting: str) -> list[str]:
     """Return ``key=value`` for each value of ``key=value,value,...``.
 
-    Commas in brackets or quotes belong to a value: ``a=[1,2],[3]`` has two, ``a="1,2"`` has one.
+    Commas in brackets or quotes belong to a value: ``a=[1,2],[3]`` has two values, ``a="1,2"`` has one.
     """
     key, equals, text = setting.partition("=")
     found, depth = [""], 0
@@ -49,7 +49,7 @@ def values(setting: str) -> list[str]:
 
 
 def is_sweep(settings: Sequence[str], seeds: int | None) -> bool:
-    """Return whether several trainings are asked for: a number of seeds, or several values of a setting."""
+    """Return whether these options describe a sweep: a number of seeds, or several values of a setting."""
     return seeds is not None or any(len(values(setting)) > 1 for setting in settings)
 
 
@@ -57,7 +57,7 @@ def experiments(scenario: str, settings: Sequence[str], seeds: int) -> list[Expe
     """Return one experiment for each combination of the values of `settings`, named after its values.
 
     Raises:
-        DockctlError: a value is empty or comes twice, or there are too many combinations.
+        DockctlError: a value is empty or repeated, or there are too many combinations.
     """
     if any(re.match(r"training\.seed\s*=", setting) for setting in settings):
         raise DockctlError("--set training.seed: " + SEEDS)
@@ -108,7 +108,7 @@ def sweep(
     seed: int | None = None,
     start_from: str | None = None,
 ) -> tuple[Ending, list[Row]]:
-    """Train and evaluate every combination with the seeds 0 to `seeds` - 1, print and return a summary.
+    """Train and evaluate every combination with the seeds 0 to `seeds` - 1; print and return a summary.
 
     Finished runs are not repeated, and interrupted ones are resumed.
 
@@ -119,7 +119,7 @@ def sweep(
         workers: number of parallel runs; one per core by default.
         steps, on_divergence, plugin_files, device, trust, name, tags, log: see
             `dockctl.experiments.training.train`.
-        seed, start_from: a sweep has neither.
+        seed, start_from: not allowed in a sweep.
 
     Raises:
         DockctlError: a combination is invalid, `seed` or `start_from` is given, or the folder cannot be
@@ -128,7 +128,7 @@ def sweep(
     if seed is not None:
         raise DockctlError(f"--seed: {SEEDS}")
     if start_from is not None:
-        raise DockctlError("--from: a sweep trains from the beginning; omit it, or train one policy")
+        raise DockctlError("--from: a sweep trains from scratch; omit it, or train one policy")
     limits = {"training.total_steps": steps, "training.on_divergence": on_divergence}
     given = [f"{key}={value}" for key, value in limits.items() if value is not None]
     chosen = experiments(scenario, [*settings, *given], seeds)
@@ -151,7 +151,7 @@ def _repeated(option: str, given: Sequence[str]) -> list[str]:
 
 
 def summary(jobs: Sequence[Job]) -> list[Row]:
-    """Return the combinations with the number of finished runs, and episodes and those that docked by run."""
+    """Return, for each combination, the number of finished runs, and episodes and docked episodes by run."""
     rows: dict[str, Row] = {}
     for job in jobs:
         name = job.experiment.name
@@ -187,7 +187,7 @@ def _evaluated(job: Job) -> Iterator[tuple[str, dict[str, Any]]]:
 
 
 def _docked(docked: Sequence[int], episodes: Sequence[int]) -> str:
-    """Return the share of all starts, and that of the worst and the best run if there are several."""
+    """Return the success rate of all runs together, and of the worst and best run if there are several."""
     shares = [part / whole for part, whole in zip(docked, episodes, strict=True) if whole]
     total = sum(docked) / sum(episodes)
     return f"{total:.0%}" + (f" ({min(shares):.0%} to {max(shares):.0%})" if len(shares) > 1 else "")

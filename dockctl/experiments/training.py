@@ -47,10 +47,10 @@ from dockctl.sim.world import World, build_worlds
 
 @dataclass(frozen=True, eq=False)
 class TrainedRun:
-    """A training that ended or was interrupted.
+    """A training run that ended or was interrupted.
 
     Attributes:
-        path: the run folder, which the other functions and commands take.
+        path: the run folder, which other functions and commands accept.
         reason: why it ended, a key of `REASONS`.
         progress: its counters.
     """
@@ -85,19 +85,19 @@ def train(
         steps: ``training.total_steps``.
         start_from: a trained policy to fine-tune: run folder, checkpoint, or its name.
         on_divergence: ``training.on_divergence``.
-        overrides: values of the scenario to change, ``key=value``.
+        overrides: changed values of the scenario, ``key=value``.
         plugin_files: local ``.py`` files to load.
         out: parent of ``<scenario>/<time>-seed<N>/``.
         device: torch device of the networks.
         trust: run the plugins of a received scenario, see `dockctl.scenarios.loader.load`.
-        name: of the run, for its provenance.
-        tags: of the run, for its provenance.
-        log: ``tensorboard`` or ``wandb``: logs of the tables, see `dockctl.experiments.logs`.
+        name: name of the run, for its provenance.
+        tags: tags of the run, for its provenance.
+        log: ``tensorboard`` or ``wandb``, to log the tables; see `dockctl.experiments.logs`.
         console: shows the progress; standard output by default.
 
     Raises:
         DockctlError: the scenario is invalid, `out` is not writable, or device or memory are not available;
-            nothing has been written then.
+            then nothing is written.
     """
     torch_device(device)
     require_logs(log)
@@ -147,20 +147,20 @@ def resume(
     log: Sequence[str] = (),
     console: Console | None = None,
 ) -> TrainedRun:
-    """Continue an interrupted training, or extend a finished one to `steps`, without its stop rule.
+    """Continue an interrupted run, or extend a finished one to `steps`, without its stop rule.
 
-    A training that continues with its own number of steps gives the bytes of an uninterrupted one. With other
-    `steps`, what depends on the total changes from here on: the learning rate and the number of updates
-    between rows of ``updates.csv``.
+    A run that continues with its own number of steps gives the same bytes as an uninterrupted one. With other
+    `steps`, everything that depends on the total changes from here on: the learning rate and the number of
+    updates between rows of ``updates.csv``.
 
     Args:
         trust: run the plugins of a run from someone else, see `dockctl.scenarios.loader.load`.
-        log: other logs than those with which it was started, which continue.
+        log: further logs; those that the run was started with continue.
 
     Raises:
         UntrustedError: the run has plugins that may not run.
         DockctlError: `path` is not a run, has no intact checkpoint, is finished, has made more than `steps`,
-            or is in use, or device or memory are not available; nothing has been written then.
+            or is in use, or device or memory are not available; then nothing is written.
     """
     torch_device(device)
     run = RunDirectory.open(Path(path))
@@ -199,7 +199,7 @@ def replay(
     Raises:
         DockctlError: the scenario of the run is damaged, or its plugins may not run.
     """
-    first = run.read_json(PROVENANCE).get("total_steps")  # before the training was extended
+    first = run.read_json(PROVENANCE).get("total_steps")  # before the run was extended
     overrides = [f"training.total_steps={first}"] if isinstance(first, int) else []
     loaded = load_checked(
         run.path / SCENARIO, overrides=overrides, plugin_files=plugin_files, received=True, trust=trust
@@ -230,7 +230,7 @@ def _extension(run: RunDirectory, facts: Mapping[str, Any], env_steps: int, step
     """Return the overrides with which the run continues.
 
     Raises:
-        DockctlError: `steps` is less than the run has made, or does not extend a finished run.
+        DockctlError: `steps` is less than the run has taken, or does not extend a finished run.
     """
     overrides = [] if steps is None else [f"training.total_steps={steps}"]
     if not {"finished", "stop_reason"} <= facts.keys():
@@ -239,13 +239,13 @@ def _extension(run: RunDirectory, facts: Mapping[str, Any], env_steps: int, step
     if not facts["finished"]:
         if steps is not None and steps < env_steps:
             made = count(env_steps, "step")
-            message = f"{run.path}: --steps {steps} is less than this training has made: {made}"
+            message = f"{run.path}: --steps {steps} is less than this run has taken: {made}"
             raise DockctlError(message, code="out_of_range")
         return overrides
     if steps is None or steps <= env_steps:
         reason = REASONS.get(facts["stop_reason"], "finished").lower()
         raise DockctlError(
-            f"{run.path}: this training is finished: {reason} after {count(env_steps, 'step')};"
+            f"{run.path}: this run is finished: {reason} after {count(env_steps, 'step')};"
             " to extend it, give a larger number with --steps"
         )
     return [*overrides, "training.stop=null", "training.max_episodes=null"]
@@ -253,7 +253,7 @@ def _extension(run: RunDirectory, facts: Mapping[str, Any], env_steps: int, step
 
 @dataclass(frozen=True, eq=False)
 class _Session:
-    """Everything that a training needs before its run folder is written."""
+    """Everything that training needs before its run folder is written."""
 
     loaded: LoadedScenario
     worlds: Sequence[World]
@@ -267,7 +267,7 @@ def _prepare(loaded: LoadedScenario, device: str, initial: InitialPolicy | None 
     """Build worlds, environment and algorithm, after a dry run.
 
     Raises:
-        DockctlError: a plugin fails, the algorithm or the initial policy does not fit, or device or memory
+        DockctlError: a plugin fails, the algorithm or the initial policy is incompatible, or device or memory
             are not available.
     """
     training = loaded.scenario.training
@@ -345,7 +345,7 @@ def _run(
             policy, _ = load_policy(run.checkpoint(BEST))
             shown = rollout.run(policy, trajectory_starts(scenario, session.worlds))
             run.write_text(TRAJECTORIES_CSV, trajectories_csv(shown, scenario.vessel.control_period_s))
-        facts = run.read_json(PROVENANCE)  # last: a run that is marked as finished is complete
+        facts = run.read_json(PROVENANCE)  # written last, so that a run marked as finished is complete
         facts |= {"finished": None if reason == "interrupted" else provenance.now(), "stop_reason": reason}
         run.write_json(PROVENANCE, facts)
     result = TrainedRun(run.path, reason, trainer.progress)
@@ -359,7 +359,7 @@ def _step_limit(scenario: Scenario) -> int:
 
 
 def _report(console: Console, run: TrainedRun) -> None:
-    """Print how the training ended and what to do next."""
+    """Print how training ended and what to do next."""
     progress, recent = run.progress, min(RECENT, run.progress.episodes)
     steps, episodes = count(progress.env_steps, "step"), count(progress.episodes, "episode")
     lines = [
@@ -370,7 +370,7 @@ def _report(console: Console, run: TrainedRun) -> None:
     if run.reason == "interrupted":
         lines += ["Saved. To continue:", f"  {command_line('train', '--resume', run.path)}"]
     else:
-        # Without a checkpoint, as after a divergence before the first one, there is nothing to evaluate.
+        # If training diverged before the first checkpoint, there is nothing to evaluate.
         saved = any(map(RunDirectory(run.path).checkpoints, (BEST, LAST)))
         following = ("evaluate", "plot") if saved else ("plot",)
         lines += ["Next:", *(f"  {command_line(name, run.path)}" for name in following)]

@@ -1,4 +1,4 @@
-"""Verify a run: repeat its first steps here, and compare the tables and what could make them differ."""
+"""Verify a run: repeat its first steps here; compare the tables and the conditions that affect them."""
 
 from __future__ import annotations
 
@@ -31,9 +31,9 @@ class TableCheck:
     """Rows of one table, as recorded and as repeated here.
 
     Attributes:
-        rows: number of recorded ones.
+        rows: number of recorded rows.
         recorded, here: SHA-256 of the rows.
-        difference: the first one, or an empty string.
+        difference: the first difference, or an empty string.
     """
 
     name: str
@@ -63,23 +63,23 @@ class Verification:
 def verify(
     path: Path, steps: int = STEPS, *, plugin_files: Sequence[Path] = (), trust: bool = False
 ) -> Verification:
-    """Repeat the first steps of a training in a temporary folder.
+    """Repeat the first steps of a run in a temporary folder.
 
     Args:
         steps: environment steps; fewer if the run has fewer, or was extended after fewer.
         plugin_files, trust: see `dockctl.evaluation.load_policy`.
 
     Raises:
-        UntrustedError: the run has plugins that may not run; none has run then.
-        DockctlError: `path` is not a run, a file of it is damaged, or it has no rows of these steps.
+        UntrustedError: the run has plugins that may not run; none has run.
+        DockctlError: `path` is not a run, one of its files is damaged, or it has no rows for these steps.
     """
     run = RunDirectory.open(path)
     facts = run.read_json(PROVENANCE)
     recorded = {name: _rows(run.path / name) for name in TABLES}
     last = max((_env_steps(rows[-1]) for rows in recorded.values() if rows), default=0)
-    steps = min(steps, *(made - 1 for made in (last, *_extensions(facts))))  # its updates may be missing
+    steps = min(steps, *(made - 1 for made in (last, *_extensions(facts))))  # the last updates may be missing
     if not any(_env_steps(row) <= steps for rows in recorded.values() for row in rows):
-        message = f"{path}: {', '.join(TABLES)} have no rows of the first {max(steps, 0):,} steps to compare"
+        message = f"{path}: {', '.join(TABLES)} have no rows for the first {max(steps, 0):,} steps to compare"
         raise DockctlError(message, code="not_found")
     with TemporaryDirectory(prefix="dockctl-verify-") as folder:
         repeated = replay(run, steps, Path(folder), plugin_files=plugin_files, trust=trust)
@@ -93,7 +93,7 @@ def verify(
 
 
 def _extensions(facts: Mapping[str, Any]) -> Iterator[int]:
-    """Yield the steps after which the training got another total, on which its learning rate depends."""
+    """Yield the steps after which the run was extended: its learning rate depends on the total."""
     resumed = facts.get("resumed")
     for each in map(_mapping, resumed if isinstance(resumed, list) else ()):
         if "total_steps" in each and isinstance(made := each.get("env_steps"), int):
@@ -133,7 +133,7 @@ def _digest(rows: Rows) -> str:
 
 
 def _conditions(recorded: Mapping[str, Any], here: Mapping[str, Any]) -> Iterator[tuple[str, str, str]]:
-    """Yield what could make the results differ and differs."""
+    """Yield the conditions that differ and could make the results differ."""
     for key in provenance.CONDITIONS:
         before, now = _flat(key, recorded.get(key)), _flat(key, here.get(key))
         for name in dict.fromkeys([*before, *now]):

@@ -1,4 +1,4 @@
-"""Videos of a replay: the boats from above and their commands (``dockctl view --gif, --mp4``)."""
+"""Videos of a replay: the boats from above and their commands (``dockctl view --gif`` and ``--mp4``)."""
 
 from __future__ import annotations
 
@@ -40,10 +40,10 @@ SPEED = 5.0
 """Seconds of the episode per second of the video."""
 GIF_FPS, MP4_FPS = 10, 30
 HOLD_S = 1.5
-"""How long the last frame is shown."""
+"""Duration for which the last frame is shown [s]."""
 SHOWN_RANGE_M = 12.0
 MAX_ENTRIES = 24
-"""Entries of the legend at most; of more episodes the last entry is their number."""
+"""Maximum number of legend entries; with more episodes, the last entry is the number of the others."""
 COLUMN_CHARACTERS = {3: 44, 2: 70}
 """Characters of an entry that fit into a column, by the number of columns."""
 PANELS = (
@@ -53,7 +53,7 @@ PANELS = (
 )
 """Titles of the curves, and their keys in `Boat.curves`."""
 LEAST_STEP_PT = 2.0
-"""Below this width of a control period, commands merge into a solid block: drawn thin, with their mean."""
+"""Below this width of a control period, commands would merge into a block: drawn thin, with their mean."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -64,7 +64,7 @@ class Boat:
         ranges: (k, sectors) nearest LiDAR return of each sector [m].
         curves: by key of `PANELS`, (k,).
         goals: x, y [m], heading [rad] and tolerance [m] of each goal.
-        flows: velocities (k, 2) [m/s] of the current and of the wind, by name, where there are any.
+        flows: velocities (k, 2) [m/s] of the current and of the wind, by name, if there are any.
     """
 
     label: str
@@ -100,7 +100,7 @@ def boats(data: Mapping[str, Any]) -> list[Boat]:
 
 
 def _with_gap(distance: Floats, phase: NDArray[np.uint8]) -> Floats:
-    """Return the distance without the step at which it is measured to another goal."""
+    """Return the distance with a gap at the step where the goal changes."""
     changes = np.flatnonzero(np.diff(np.asarray(phase, int))) + 1
     whole = np.array(distance, float)
     whole[changes] = np.nan
@@ -112,7 +112,7 @@ def frames(scene: Scene, data: Mapping[str, Any], fps: float) -> Iterator[Frame]
 
     Args:
         scene: plan view of the harbor.
-        data: of `dockctl.evaluation.replay.page_data`.
+        data: result of `dockctl.evaluation.replay.page_data`.
         fps: frames per second.
     """
     period_s, shown = data["period_s"], boats(data)
@@ -127,7 +127,7 @@ def frames(scene: Scene, data: Mapping[str, Any], fps: float) -> Iterator[Frame]
 
 
 def write_gif(path: Path, scene: Scene, data: Mapping[str, Any]) -> Path:
-    """Write an animated GIF, which repeats.
+    """Write an animated GIF that loops.
 
     Raises:
         DockctlError: the file cannot be written.
@@ -166,7 +166,7 @@ def write_mp4(path: Path, scene: Scene, data: Mapping[str, Any]) -> Path:
 
 
 def ffmpeg() -> str:
-    """Return the path of ffmpeg: of the package imageio-ffmpeg, or that on the search path.
+    """Return the path of ffmpeg, from the package imageio-ffmpeg or on the search path.
 
     Raises:
         DockctlError: there is none.
@@ -181,7 +181,7 @@ def ffmpeg() -> str:
 
 
 class _Video:
-    """Draws what does not move once, and the rest for each frame."""
+    """Draws static content once, and the rest for each frame."""
 
     def __init__(
         self, scene: Scene, shown: Sequence[Boat], title: str, period_s: float, range_m: float
@@ -238,7 +238,7 @@ class _Video:
             self._hulls.append(self._add(ax.add_patch(hull)))
 
     def _legend(self) -> float:
-        """Write the legend in columns below the title; return the height of the figure that is left."""
+        """Write the legend in columns below the title; return the remaining height of the figure."""
         labels = [f"{boat.label}: {boat.ending}" for boat in self._boats]
         handles = [Line2D([], [], color=boat.color, lw=2.2) for boat in self._boats]
         if len(labels) > MAX_ENTRIES:
@@ -252,7 +252,7 @@ class _Video:
         return 0.89 - 0.03 * -(-len(labels) // columns)
 
     def _panel(self, ax: Axes, title: str, key: str) -> None:
-        """Draw the axes of a panel, and add the growing lines of each boat."""
+        """Draw the axes of a panel, and add a growing line for each boat."""
         ax.set_title(title, loc="left", fontsize=9, fontweight="bold", pad=4)
         curves = [boat.curves[key] for boat in self._boats]
         low = min(0.0, *(np.nanmin(c) for c in curves))
@@ -278,7 +278,7 @@ class _Video:
             ax.set_title(note, loc="right", fontsize=7.5, color=palette.INK_SOFT, pad=4)
 
     def _grow(self, ax: Axes, curves: Sequence[Floats], **style: Any) -> None:
-        """Add a line of each boat that grows with the time."""
+        """Add a line for each boat that grows over time."""
         for boat, curve in zip(self._boats, curves, strict=True):
             self._curves.append((self._add(ax.plot([], [], color=boat.color, **style)[0]), curve))
 
@@ -315,13 +315,13 @@ class _Video:
 
 
 def _shortened(text: str, length: int) -> str:
-    """Return the text with at most `length` characters, without a part of the name, with which it begins."""
+    """Shorten the text to at most `length` characters by omitting a part of the name at its beginning."""
     head = length // 3
     return text if len(text) <= length else f"{text[:head]}…{text[head + 1 - length :]}"
 
 
 def _mean(curve: Floats) -> Floats:
-    """Return the mean over the last steps, which are known at that time of the video."""
+    """Return the mean over the last steps, which are known at that point in the video."""
     return pd.Series(curve).rolling(MEAN_STEPS, min_periods=1).mean().to_numpy()
 
 
@@ -332,7 +332,7 @@ def _sector(ax: Axes) -> Wedge:
 
 
 def _place(wedge: Wedge, pose: Floats, number: int, ranges: Floats, range_m: float) -> None:
-    """Move a sector of the LiDAR with the boat, up to its nearest return."""
+    """Move a LiDAR sector with the boat, and size it by its nearest return."""
     start, end = np.degrees(pose[2]) + sector_edges_deg(len(ranges))[number : number + 2]
     wedge.set_center((float(pose[0]), float(pose[1])))
     wedge.set_theta1(start)

@@ -1,4 +1,4 @@
-"""Charts of the HTML report as plain data: values of the tables, which ``page/report.js`` draws."""
+"""Charts of the HTML report as plain data, with values from the tables; ``page/report.js`` draws them."""
 
 from __future__ import annotations
 
@@ -22,10 +22,10 @@ from dockctl.scenarios.schema import Task, Tolerance
 
 Chart = dict[str, Any]
 MOST_POINTS = 6_000
-"""Points of a series, at most; of longer ones every second, third, ... row is drawn."""
+"""Maximum number of points in a series; of longer ones every second, third, ... row is drawn."""
 BINS = 70
 DENSE_STEPS = 240
-"""Length of an episode above which the lines of the commands merge, and their mean is also drawn."""
+"""Length of an episode above which command lines merge, so that their mean is also drawn."""
 TRACK_TONES = tuple(f"s{i}" for i in range(len(palette.SERIES)))
 """Names of the colors of several tracks in the style sheet; they differ between the light and dark themes."""
 
@@ -37,7 +37,7 @@ def numbers(values: Iterable[Any]) -> list[float | int | None]:
 
 
 def thinned(table: pd.DataFrame, most: int = MOST_POINTS) -> pd.DataFrame:
-    """Return evenly spaced rows of a table, at most `most`, with the last one."""
+    """Return at most `most` evenly spaced rows of a table, including the last one."""
     stride = max(1, -(-len(table) // most))
     return table.iloc[::-1].iloc[::stride].iloc[::-1]
 
@@ -55,7 +55,7 @@ def series(
 
 
 def training_charts(episodes: pd.DataFrame, task: Task) -> list[Chart]:
-    """Return return, outcomes, duration, exploration, phase and reward terms of the training episodes."""
+    """Return charts of return, outcomes, duration, reward terms, phase and exploration in training."""
     window = smoothing_window(episodes)
     charts = [
         _episode_chart("Return", "Return of the episode", episodes, "return"),
@@ -123,7 +123,7 @@ def _outcome_chart(episodes: pd.DataFrame, window: int) -> Chart:
 
 
 def evaluation_chart(evaluations: pd.DataFrame) -> Chart:
-    """Return the share of greedy episodes that dock at each evaluation; the best policies are marked."""
+    """Return a chart of the share of greedy episodes that dock in each evaluation; stars mark the best."""
     names = {"pose": ("evaluation poses", "mean2"), "validation": ("validation starts", "mean")}
     lines = []
     for kind, table in evaluations.groupby("start_kind", sort=False):
@@ -133,7 +133,7 @@ def evaluation_chart(evaluations: pd.DataFrame) -> Chart:
         lines.append(series(name, tone, share.index, share, marks=numbers(best)))
     title = "Greedy evaluations"
     return chart(
-        title, "Environment steps  (★ best so far)", "Share that docks", lines, percent=True, min=0, max=1
+        title, "Environment steps  (★ best so far)", "Share docked", lines, percent=True, min=0, max=1
     )
 
 
@@ -164,7 +164,7 @@ def track_tones(tracks: Sequence[Track]) -> list[str]:
 
 
 def docking_charts(tracks: Sequence[Track], task: Task) -> list[Chart]:
-    """Return distance, heading error, velocities and commands over time, with the tolerances as bands."""
+    """Return charts of distance, heading error, velocities and commands over time, with tolerance bands."""
     shown = (
         ("Distance to the goal", "distance_m", "δd [m]", "line"),
         ("Heading error", "heading_error_deg", "δψ [°]", "line"),
@@ -214,7 +214,7 @@ def _breaks(track: Track, column: str) -> list[int]:
 
 
 def _bands(tracks: Sequence[Track], task: Task, column: str) -> list[Chart]:
-    """Return the tolerances of the goals where they apply, in the unit of the column."""
+    """Return the tolerances of the goals as bands over the times when they apply, in the column's unit."""
 
     def band(start: float | None, end: float | None, tolerance: Tolerance) -> Chart:
         if column == "distance_m":
@@ -334,10 +334,10 @@ def latency_charts(samples: pd.DataFrame, control_period_ms: float) -> list[Char
 
 
 def interval_chart(title: str, x: str, rows: Sequence[Mapping[str, Any]], **options: Any) -> Chart:
-    """Return values with their confidence intervals, one line per row.
+    """Return a chart of values with their confidence intervals, one line per row.
 
     Args:
-        rows: ``label``, ``value``, ``low``, ``high`` and ``text`` for the pointer, and optional ``dots``.
+        rows: ``label``, ``value``, ``low``, ``high``, ``text`` for the tooltip, and optional ``dots``.
     """
     return {"type": "intervals", "title": title, "x": {"label": x}, "rows": [*rows], **options}
 

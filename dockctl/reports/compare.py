@@ -20,7 +20,7 @@ from dockctl.drawing import palette
 from dockctl.reports.style import label, make_figure, panel_title, percent
 
 ROW_IN, LINE_IN = 0.46, 0.17
-"""Height per policy, and per further line of the longest name [inches]."""
+"""Height per policy, and per additional line of the longest name [inches]."""
 NAME_CHARACTERS, TITLE_CHARACTERS = 36, 14
 """Length of a line in the name of a policy, which `--vary` makes long, and in the title of a measure."""
 UNCLEAR_COLOR = "#8296A5"
@@ -28,7 +28,7 @@ UNCLEAR_COLOR = "#8296A5"
 
 
 def compare_figure(table: pd.DataFrame, kinds: Mapping[str, str], caption: str) -> Figure:
-    """Outcomes of each policy, and its differences from the first one with 95 % intervals.
+    """Draw the outcomes of each policy, and its differences from the first with 95 % intervals.
 
     Args:
         table: columns ``policy`` and `dockctl.runs.tables.EVALUATION`, the same starts for every policy.
@@ -93,7 +93,7 @@ def draw_outcomes(ax: Axes, table: pd.DataFrame, policies: Sequence[str], title:
 
 
 def draw_differences(ax: Axes, measure: Measure, found: Sequence[Contrast], policies: int) -> None:
-    """Draw the difference of each policy from the first one in one measure, with its interval."""
+    """Draw the difference of each policy from the first in one measure, with its interval."""
     ax.axvline(0, color=palette.INK_SOFT, lw=0.9)
     ends = [0.0]
     for row, contrast in enumerate(found, start=1):
@@ -124,7 +124,7 @@ def draw_differences(ax: Axes, measure: Measure, found: Sequence[Contrast], poli
 
 
 def _name(policy: str) -> str:
-    """Return the name of a policy in lines."""
+    """Return the name of a policy, wrapped into lines."""
     return textwrap.fill(policy, NAME_CHARACTERS, break_on_hyphens=False)
 
 

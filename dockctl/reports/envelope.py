@@ -18,7 +18,7 @@ def envelope_figure(table: pd.DataFrame, labels: Mapping[str, str], caption: str
 
     Args:
         table: columns `dockctl.runs.tables.ENVELOPE`.
-        labels: of the factors' values.
+        labels: labels of the factors' values.
         caption: the policy.
     """
     factors = list(table["factor"].unique())

@@ -74,7 +74,7 @@ def training_figures(run: Run, episodes: pd.DataFrame) -> Iterator[tuple[str, Fi
 
 
 def updates_figure(run: Run, updates: pd.DataFrame, columns: Sequence[str]) -> Figure:
-    """Loss, TD error, Q and gradient norm of the updates, one panel each."""
+    """Draw loss, TD error, Q and gradient norm of the updates, one panel each."""
     figure = make_figure("Network updates", run.caption, (10.0, 0.9 + 2.4 * -(-len(columns) // 2)))
     learning.draw_updates(panels(figure, len(columns), 2, sharex=True), updates, columns)
     figure.supxlabel("Environment steps", fontsize=9.5)
@@ -82,17 +82,17 @@ def updates_figure(run: Run, updates: pd.DataFrame, columns: Sequence[str]) -> F
 
 
 def evaluation_figure(run: Run, evaluations: pd.DataFrame) -> Figure:
-    """Outcomes of the greedy policy from each evaluation pose, and from the validation starts."""
+    """Draw the outcomes of the greedy policy from each evaluation pose, and from the validation starts."""
     rows = evaluations["pose"][evaluations["start_kind"] != "validation"].nunique() + 1
     figure, ax = make_axes("Greedy evaluations during training", run.caption, (7.6, 2.3 + 0.3 * rows))
-    at_berths = run.task.berths is not None  # there evaluated from random starts
+    at_berths = run.task.berths is not None  # then evaluated from random starts
     names = [] if at_berths else [plan_view.pose_names([pose]) for pose in run.tests]
     learning.draw_evaluations(ax, evaluations, names)
     return figure
 
 
 def pose_figure(run: Run, tracks: Sequence[Track]) -> Figure:
-    """Trajectories of the best policy over the harbor (Fig. 4.4)."""
+    """Draw the trajectories of the best policy over the harbor (Fig. 4.4)."""
     plan, view = _plan_and_view(run, tracks)
     height = 6.9 * (view[3] - view[1]) / (view[2] - view[0]) + (1.45 if len(tracks) > 1 else 1.2)
     interval = plan_view.outline_interval(tracks)
@@ -117,7 +117,7 @@ def docking_figures(run: Run, tracks: Sequence[Track]) -> Iterator[tuple[str, Fi
 
 
 def _command_figure(run: Run, tracks: Sequence[Track], title: str, draw: DrawTracks) -> Figure:
-    """One row of axes per track."""
+    """Draw the commands, one row of axes per track."""
     size = (7.6, 4.3) if len(tracks) == 1 else (7.6, 1.2 + 1.25 * len(tracks))
     figure = make_figure(f"{title} while docking", run.caption, size)
     axes = panels(figure, len(tracks), 1, sharex=True, sharey=True)
@@ -136,7 +136,7 @@ def _command_figure(run: Run, tracks: Sequence[Track], title: str, draw: DrawTra
 
 
 def overview(run: Run, episodes: pd.DataFrame, tracks: Sequence[Track]) -> Figure:
-    """One page: trajectories over the harbor, training curves, and time series."""
+    """Draw trajectories over the harbor, training curves, and time series on one page."""
     docked = sum(track.docked for track in tracks)
     last = episodes.tail(RECENT)
     share = float((last["outcome"] == "docked").mean())
@@ -172,7 +172,7 @@ def overview(run: Run, episodes: pd.DataFrame, tracks: Sequence[Track]) -> Figur
 def _plan_and_view(
     run: Run, tracks: Sequence[Track], aspect: tuple[float, float] = (0.85, 1.75)
 ) -> tuple[Scene, plan_view.Bounds]:
-    """The harbor, with water wherever the boat went, and the part of it around paths and poses."""
+    """Return the harbor, with water wherever the boat went, and the view around paths and poses."""
     paths = [track.table[["x_m", "y_m"]].to_numpy(float) for track in tracks]
     points = np.concatenate([*paths, plan_view.task_points(run.task)])
     plan = plan_view.extended(run.scene, points)

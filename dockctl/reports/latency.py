@@ -21,7 +21,7 @@ COLORS = {
 
 
 def latency_figure(samples: pd.DataFrame, subtitle: str, control_period_ms: float) -> Figure:
-    """One histogram per part of a decision, with the control period marked.
+    """Draw one histogram per part of a decision, with the control period marked.
 
     Args:
         samples: one row per decision, columns `dockctl.analysis.latency.PARTS` [ms].

@@ -113,7 +113,7 @@ def draw_terms(ax: Axes, episodes: pd.DataFrame) -> None:
 
 
 def term_colors(table: pd.DataFrame) -> list[tuple[str, str]]:
-    """Name and color of each reward term of a table, in the order of its columns."""
+    """Return name and color of each reward term of a table, in the order of its columns."""
     others = cycle(OTHER_TERMS)
     names = [column.removeprefix("reward_") for column in term_columns(table)]
     return [(name, TERM_COLORS.get(name) or next(others)) for name in names]
@@ -122,7 +122,7 @@ def term_colors(table: pd.DataFrame) -> list[tuple[str, str]]:
 def draw_evaluations(ax: Axes, evaluations: pd.DataFrame, names: Sequence[str]) -> None:
     """Draw the outcome from each evaluation pose, one column per evaluation; stars mark the best policy.
 
-    The last row has the shares of the outcomes from the validation starts.
+    The last row shows the shares of the outcomes from the validation starts.
     """
     steps = sorted(evaluations["env_steps"].unique())
     poses = evaluations["start_kind"] != "validation"
@@ -153,7 +153,7 @@ def draw_evaluations(ax: Axes, evaluations: pd.DataFrame, names: Sequence[str]) 
 
 
 def update_columns(updates: pd.DataFrame) -> list[str]:
-    """Those of `UPDATE_COLUMNS` that the algorithm recorded."""
+    """Return those of `UPDATE_COLUMNS` that the algorithm recorded."""
     return [name for name in UPDATE_COLUMNS if name in updates and updates[name].notna().any()]
 
 

@@ -189,7 +189,7 @@ def draw_flows(ax: Axes, velocities: Mapping[str, Sequence[float]]) -> list[Arti
         velocities: x and y [m/s] of some of `FLOWS`, by name.
 
     Returns:
-        the arrows and their labels.
+        The arrows and their labels.
     """
     below, drawn = 22.0, list[Artist]()  # points from the corner
     figure = ax.get_figure(root=True)
@@ -213,7 +213,7 @@ def draw_flows(ax: Axes, velocities: Mapping[str, Sequence[float]]) -> list[Arti
 
 
 def mean_flows(table: pd.DataFrame) -> dict[str, tuple[float, float]]:
-    """Return the mean velocities [m/s] of the flows that a trajectory has, by name."""
+    """Return the mean velocities [m/s] of the flows in a trajectory, by name."""
     return {
         name: (float(table[f"{name}_x_mps"].mean()), float(table[f"{name}_y_mps"].mean()))
         for name in FLOWS
@@ -222,7 +222,7 @@ def mean_flows(table: pd.DataFrame) -> dict[str, tuple[float, float]]:
 
 
 def common_flows(tables: Sequence[pd.DataFrame]) -> dict[str, tuple[float, float]]:
-    """Return those of `mean_flows` that all trajectories have, by name."""
+    """Return those of `mean_flows` that are equal in all trajectories, by name."""
     first, *others = map(mean_flows, tables)
     return {
         name: mean
@@ -262,7 +262,7 @@ def draw_paths(ax: Axes, scene: Scene, tracks: Sequence[Track], task: Task) -> N
 
 
 def outline_interval(tracks: Iterable[Track]) -> float:
-    """Interval between outlines [s], a round number, with at most `MOST_OUTLINES` on the longest track."""
+    """Return a round interval between outlines [s], with at most `MOST_OUTLINES` on the longest track."""
     longest = max(float(track.table["time_s"].iloc[-1] - track.table["time_s"].iloc[0]) for track in tracks)
     return next((seconds for seconds in INTERVALS_S if longest / seconds <= MOST_OUTLINES), INTERVALS_S[-1])
 
@@ -288,7 +288,7 @@ def draw_poses(ax: Axes, scene: Scene, task: Task, tests: Sequence[Pose], *, nam
 
 
 def whole_view(scene: Scene) -> Bounds:
-    """The water and a strip of the quays around it, (x_min, y_min, x_max, y_max) [m]."""
+    """Return the water and a strip of the quays around it, (x_min, y_min, x_max, y_max) [m]."""
     x_min, y_min, x_max, y_max = water(scene)
     return x_min - QUAY_M, y_min - QUAY_M, x_max + QUAY_M, y_max + QUAY_M
 
@@ -320,13 +320,13 @@ def close_view(scene: Scene, points: Floats, aspect: tuple[float, float] = (0.85
 
 
 def task_points(task: Task, tests: Sequence[Pose] = ()) -> Floats:
-    """Positions of the poses of a task and of its evaluation poses, (k, 2) [m]."""
+    """Return the positions of the poses of a task and of its evaluation poses, (k, 2) [m]."""
     poses = [*task.initial, *tests, task.final, *([task.intermediate] if task.intermediate else [])]
     return np.array([[pose.x_m, pose.y_m] for pose in poses])
 
 
 def pose_names(poses: Iterable[Pose]) -> str:
-    """Poses as text: ``(20, 2, 160°), (20, 0, 180°)``."""
+    """Return poses as text: ``(20, 2, 160°), (20, 0, 180°)``."""
     return ", ".join(pose_label(pose.x_m, pose.y_m, pose.heading_deg) for pose in poses)
 
 

@@ -1,4 +1,4 @@
-"""The 3-D replay of `dockctl view`: one HTML page that needs no network."""
+"""The 3-D replay of `dockctl view`: one HTML page that works offline."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ def page(data: Mapping[str, Any]) -> str:
     """Return the page as HTML.
 
     Args:
-        data: of `dockctl.evaluation.replay.page_data`.
+        data: result of `dockctl.evaluation.replay.page_data`.
     """
     block = bytearray()
     # Plain "<" could end the script element that holds the data.
@@ -45,7 +45,7 @@ def page(data: Mapping[str, Any]) -> str:
 
 
 def _placed(value: Any, block: bytearray) -> Any:
-    """Append all arrays to `block`, at multiples of four bytes; return the data with their places."""
+    """Append all arrays to `block`, at multiples of four bytes; return the data with their offsets."""
     if isinstance(value, Mapping):
         return {key: _placed(item, block) for key, item in value.items()}
     if isinstance(value, list):

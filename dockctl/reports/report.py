@@ -1,4 +1,4 @@
-"""The report of a run as one HTML page that needs no network (``dockctl report``)."""
+"""The report of a run as one HTML page that works offline (``dockctl report``)."""
 
 from __future__ import annotations
 
@@ -57,7 +57,7 @@ from dockctl.scenarios.yaml_tree import read_file
 FILES = ("page/theme.css", "page/report.css", "page/report.html", "page/report.js")
 """Parts of the page, in the package."""
 MOST_ROWS = 40
-"""Rows of a table of episodes, at most."""
+"""Maximum number of rows in a table of episodes."""
 
 
 @dataclass(frozen=True)
@@ -107,7 +107,7 @@ class Page:
 
         Args:
             replay: the page of the 3-D replay, which is shown in a frame.
-            reload_s: time after which the page loads itself again [s].
+            reload_s: time after which the page reloads itself [s].
         """
         theme, style, html, script = (
             (resources.files("dockctl.reports") / name).read_text("utf-8") for name in FILES
@@ -133,10 +133,10 @@ class Page:
 
 
 def run_page(run: Run, state: str) -> Page:
-    """Return the report of a run; what has not been measured of its current policy is left out.
+    """Return the report of a run; measurements that its current policy does not have are omitted.
 
     Args:
-        state: whether and why the training ended, in words.
+        state: whether and why training ended, in words.
 
     Raises:
         DockctlError: a file of the run is damaged.
@@ -233,9 +233,7 @@ def _evaluation_section(page: Page, run: Run) -> None:
     section.tables.append(Table("", SUMMARY_COLUMNS, rows, range(2, 9)))
     page.add(
         section,
-        charts.interval_chart(
-            "Success with 95 % interval", "Share that docks", bars, percent=True, min=0, max=1
-        ),
+        charts.interval_chart("Success with 95 % interval", "Share docked", bars, percent=True, min=0, max=1),
         size="wide",
     )
     _failure_section(page, run)
@@ -270,7 +268,7 @@ SUMMARY_COLUMNS = (
 
 
 def summary_cells(summary: Mapping[str, Any]) -> list[str]:
-    """Return a group of an evaluation as text, for the columns `SUMMARY_COLUMNS` after the first two.
+    """Return one group of an evaluation as text, for the columns `SUMMARY_COLUMNS` after the first two.
 
     Args:
         summary: see `dockctl.analysis.episodes.summarize`.

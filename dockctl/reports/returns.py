@@ -17,7 +17,7 @@ ENDINGS = {"docked": "docks", "collision": "collides", "timeout": "timeout"}
 
 
 def returns_figure(table: pd.DataFrame, caption: str) -> Figure:
-    """One panel of bars per distance unit, and the advantage of docking if there is an intermediate pose.
+    """Draw bars for each distance unit, and the advantage of docking if there is an intermediate pose.
 
     Args:
         table: columns `dockctl.runs.tables.RETURNS` and one ``reward_<term>`` per term.

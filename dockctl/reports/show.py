@@ -25,18 +25,18 @@ QUAY_STRIP_M = 5.0
 """Width of the quays in the 3-D view."""
 HEIGHT_SHARES = (0.5, 0.6)
 TURNS_DEG = (0.0, -4.0, 4.0, -8.0, 8.0, -12.0, 12.0)
-"""Cameras tried for the 3-D view, in order of preference: height by length of the marina, and direction."""
+"""Cameras tried for the 3-D view, in order of preference: height per length of the marina, and direction."""
 CLOUD_EYE_M = np.array([-46.0, -30.0, 30.0])
 """Camera of the point cloud, relative to the boat."""
 CLOUD_EXTENT_M = np.array([[-24, -24, 0], [24, -24, 0], [-24, 24, 0], [24, 24, 0], [0, 20, 12]])
-"""Points around the boat that are inside the view of the point cloud."""
+"""Points around the boat that the view of the point cloud must contain."""
 CLOUD_RINGS_M = (10.0, 20.0, 30.0)
 HEIGHTS = LinearSegmentedColormap.from_list(
     "heights", ["#3E9FD6", "#6FD3C4", "#D7E58A", "#F8C152", "#F2705B"]
 )
-"""Colors of the point cloud from the water to the mastheads, all in contrast with the dark water."""
+"""Colors of the point cloud from the water to the mastheads; all contrast with the dark water."""
 MAX_LAYOUTS = 12
-"""Generated layouts that are drawn."""
+"""Maximum number of generated layouts that are drawn."""
 LARGEST_VIEW_M = 30.0
 BERTHS = {"trained": ("trained berths", palette.DOCKED), "held_out": ("held-out berths", palette.PURPLE)}
 """Name and color of the berths of a task, by kind."""
@@ -51,7 +51,7 @@ class Scan:
         pose: (3,) of the boat [m, m, rad].
         points: (k, 3) returns in the body frame [m].
         ranges_m: (n,) nearest return of each sector, `range_m` if there is none.
-        range_m: largest range of the sensor.
+        range_m: maximum range of the sensor.
     """
 
     pose: Floats
@@ -92,7 +92,7 @@ def figures(
 
 
 def harbor_figure(plan: Scene, scenario: Scenario, berths: Mapping[str, Floats]) -> Figure:
-    """The whole harbor with the berths of the task, and a close-up of its poses (Figs. 3.13-3.15).
+    """Draw the whole harbor with the berths of the task, and a close-up of its poses (Figs. 3.13-3.15).
 
     Args:
         berths: see `figures`.
@@ -124,7 +124,7 @@ def harbor_figure(plan: Scene, scenario: Scenario, berths: Mapping[str, Floats])
 def layouts_figures(
     scenario: Scenario, drawn: Sequence[tuple[Scene, Floats]], count: int
 ) -> dict[str, Figure]:
-    """The first of `count` layouts, each with the poses (k, 3) of a boat in its free berths; none without."""
+    """Draw the first of `count` layouts, each with a boat at the poses (k, 3) of its free berths."""
     if not drawn:
         return {}
     columns = min(4, len(drawn))
@@ -149,7 +149,7 @@ def layouts_figures(
 
 
 def marina_figure(plan: Scene, scenario: Scenario, bodies: Sequence[Body]) -> Figure:
-    """The marina in 3-D, with the docking boat in red."""
+    """Draw the marina in 3-D, with the docking boat in red."""
     bounds = water(plan)
     x0, y0, x1, y1 = bounds
     edge = np.array(
@@ -176,7 +176,7 @@ def marina_figure(plan: Scene, scenario: Scenario, bodies: Sequence[Body]) -> Fi
 
 
 def cloud_figure(plan: Scene, scenario: Scenario, boat: Body, scan: Scan) -> Figure:
-    """The points of one scan in 3-D (Fig. 3.6)."""
+    """Draw the points of one scan in 3-D (Fig. 3.6)."""
     points = to_world(scan.points, scan.pose)
     center = np.array([scan.pose[0], scan.pose[1], 0.0])
     camera = Camera(tuple((center + CLOUD_EYE_M).tolist()), tuple(center.tolist()))
@@ -199,7 +199,7 @@ def cloud_figure(plan: Scene, scenario: Scenario, boat: Body, scan: Scan) -> Fig
 
 
 def sectors_figure(plan: Scene, scenario: Scenario, scan: Scan) -> Figure:
-    """The points of one scan from above, with the distance in each sector (Fig. 3.9)."""
+    """Draw the points of one scan from above, with the range in each sector (Fig. 3.9)."""
     figure, ax = make_axes(
         f"The {len(scan.ranges_m)} distances that the policy observes",
         f"scenario {scenario.name}, from {scan.label}: points from above, the nearest of each sector marked",
@@ -256,7 +256,7 @@ def draw_sectors(ax: Axes, points: Floats, ranges_m: Floats, hull: Floats, range
         points: (k, 3) returns in the body frame [m].
         ranges_m: (n,) nearest return of each sector, `range_m` if there is none.
         hull: (j, 2) outline of the boat in the body frame [m].
-        range_m: largest range of the sensor.
+        range_m: maximum range of the sensor.
     """
     count = len(ranges_m)
     view = view_radius(ranges_m, range_m)
@@ -311,15 +311,15 @@ def _draw_nearest(
 
 
 def on_page(points: Floats) -> tuple[Floats, Floats]:
-    """Page coordinates, bow up and port left, of points (k, 2 or 3) in the body frame."""
+    """Return page coordinates, bow up and port left, of points (k, 2 or 3) in the body frame."""
     return -points[:, 1], points[:, 0]
 
 
 def view_radius(ranges_m: Floats, range_m: float) -> float:
-    """Half-width of the sector drawing [m]: around all nearest points, at most `LARGEST_VIEW_M`.
+    """Return the half-width of the sector drawing [m]: around all nearest points, at most `LARGEST_VIEW_M`.
 
     Args:
-        ranges_m: of the sectors, (sectors,); `range_m` where nothing returned.
+        ranges_m: (sectors,) ranges of the sectors [m]; `range_m` without a return.
     """
     hits = ranges_m[ranges_m < range_m]
     return float(np.clip(1.35 * hits.max(), 6.0, LARGEST_VIEW_M)) if len(hits) else LARGEST_VIEW_M

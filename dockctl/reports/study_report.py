@@ -29,7 +29,7 @@ from dockctl.runs.reader import Run
 from dockctl.runs.tables import START_KINDS
 
 CURVE_POINTS = 300
-"""Points of a learning curve, at most; a study has many curves."""
+"""Maximum number of points in a learning curve; a study has many curves."""
 
 
 @dataclass(frozen=True)
@@ -51,7 +51,7 @@ def study_page(title: str, folder: Path, trials: Sequence[Trial]) -> Page:
     number = sum(len(trial.runs) for trial in trials)
     page = Page(title, str(folder), f"{count(len(trials), 'experiment')}, {count(number, 'run')}")
     overview = add_section(
-        page, "Results", "Success of the best policies, all seeds together; circles are single seeds."
+        page, "Results", "Success of the best policies, all seeds together; circles are individual seeds."
     )
     rows: list[list[str]] = []
     bars: dict[str, list[Chart]] = {}
@@ -79,9 +79,7 @@ def study_page(title: str, folder: Path, trials: Sequence[Trial]) -> Page:
             )
     for kind, entries in bars.items():
         name = START_KINDS.get(kind, kind).capitalize()
-        page.add(
-            overview, charts.interval_chart(name, "Share that docks", entries, percent=True, min=0, max=1)
-        )
+        page.add(overview, charts.interval_chart(name, "Share docked", entries, percent=True, min=0, max=1))
     columns = ("experiment", "about", "starts", "seeds", "docked", "success", "95 % interval")
     if rows:
         overview.tables.append(Table("", columns, rows, (3, 4, 5, 6)))
@@ -143,7 +141,7 @@ def comparison_page(result: Mapping[str, Any], file: Path) -> Page:
         file: its path, for messages.
 
     Raises:
-        DockctlError: it is something else.
+        DockctlError: it is not such a file.
     """
     with reading(file):
         policies, differences = result["policies"], result["differences"]
@@ -165,7 +163,7 @@ def comparison_page(result: Mapping[str, Any], file: Path) -> Page:
             page.add(
                 section,
                 charts.interval_chart(
-                    START_KINDS[kind].capitalize(), "Share that docks", bars, percent=True, min=0, max=1
+                    START_KINDS[kind].capitalize(), "Share docked", bars, percent=True, min=0, max=1
                 ),
             )
         _difference_section(page, differences)

@@ -37,7 +37,7 @@ STYLE: dict[Any, Any] = {
     "font.family": "DejaVu Sans",  # comes with matplotlib, so figures are the same on every machine
     "font.size": 9.5,
     "text.color": palette.INK,
-    "text.parse_math": False,  # names of others may contain dollar signs
+    "text.parse_math": False,  # names given by users may contain dollar signs
     "axes.edgecolor": palette.RULE,
     "axes.labelcolor": palette.INK_SOFT,
     "axes.labelsize": 9.5,
@@ -74,7 +74,7 @@ METADATA: dict[str, dict[str, str | None]] = {
     "png": {"Software": None},
     "svg": {"Date": None, "Creator": "dockctl"},
 }
-"""File formats, with metadata without dates and versions, so that the files are reproducible."""
+"""File formats and their metadata, without dates and versions, so that the files are reproducible."""
 Entry = tuple[str, str] | tuple[str, str, str]
 """Legend entry: name, color and, optionally, line style."""
 
@@ -101,7 +101,7 @@ class RoundedLayout(ConstrainedLayoutEngine):
 
 @contextmanager
 def figure_style() -> Iterator[None]:
-    """Context in which figures are drawn and saved; matplotlib's settings are restored afterwards."""
+    """Set the style in which figures are drawn and saved; restore matplotlib's settings afterwards."""
     with mpl.rc_context():
         mpl.rcdefaults()
         mpl.rcParams.update(STYLE)
@@ -111,7 +111,7 @@ def figure_style() -> Iterator[None]:
 def make_figure(title: str, subtitle: str, size_in: tuple[float, float] = (7.6, 4.3)) -> Figure:
     """Return an empty figure with a bold title and a subtitle, left-aligned.
 
-    A subtitle that is too long for the width continues on further lines, which make the figure higher.
+    A subtitle that is too long for the width continues on further lines, which make the figure taller.
     """
     width, height = size_in
     lines = _lines(subtitle, width - 0.22 - 0.1)
@@ -127,7 +127,7 @@ def make_figure(title: str, subtitle: str, size_in: tuple[float, float] = (7.6, 
 
 
 def _lines(subtitle: str, width_in: float) -> list[str]:
-    """Return the subtitle in lines of at most this width, broken between words."""
+    """Return the subtitle wrapped at this width, between words."""
     lines = [subtitle]
     while _width_in(lines[-1]) > width_in and " " in lines[-1]:
         words = lines.pop().split(" ")
@@ -148,7 +148,7 @@ def make_axes(title: str, subtitle: str, size_in: tuple[float, float] = (7.6, 4.
 
 
 def panels(figure: FigureBase, count: int, columns: int, **subplots: Any) -> list[Axes]:
-    """Return `count` axes in rows of `columns`, without the rest of the last row."""
+    """Return `count` axes in rows of `columns`, with the rest of the last row hidden."""
     axes = figure.subplots(-(-count // columns), columns, squeeze=False, **subplots).ravel().tolist()
     for ax in axes[count:]:
         ax.set_visible(False)
@@ -210,14 +210,14 @@ def label(
 
 
 def log_scale(ax: Axes) -> None:
-    """Give the y axis a logarithmic scale, labeled with plain numbers: formulas are not parsed."""
+    """Give the y axis a logarithmic scale with plain number labels, because math text is not parsed."""
     ax.set_yscale("log")
     ax.yaxis.set_major_formatter(_PlainLogFormatter())
     ax.yaxis.set_minor_formatter(_PlainLogFormatter())
 
 
 class _PlainLogFormatter(LogFormatter):
-    """Labels the ticks that matplotlib chooses with numbers without markup."""
+    """Labels the ticks that matplotlib selects with plain numbers."""
 
     def __call__(self, x: float, pos: int | None = None) -> str:
         return f"{x:g}" if super().__call__(x, pos) else ""

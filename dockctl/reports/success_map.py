@@ -35,14 +35,14 @@ from dockctl.scenarios.schema import Task
 
 HEADING_LIMITS_DEG = (SMALL_OFFSET_DEG, 45.0, 180.0)
 DISTANCE_LIMITS_M = (3.0, 6.0, 10.0)
-"""Largest offsets of the groups for which success is drawn."""
+"""Maximum offsets of the groups for which success is drawn."""
 COLORS = (palette.MEAN, palette.SECOND_MEAN, palette.PURPLE)
 BLOCKED_COLOR, BLOCKED_HATCH = "#8C99A3", "//////"
 MOST_COLUMNS = 4
 
 
 def map_figure(table: pd.DataFrame, plan: Scene, task: Task, caption: str) -> Figure:
-    """One panel of cells per heading offset; below, success by distance and by heading offset.
+    """Draw one panel of cells per heading offset; below, success by distance and by heading offset.
 
     Args:
         table: columns `dockctl.analysis.success_map.COLUMNS`, one row per start.
@@ -94,9 +94,9 @@ def draw_cells(ax: Axes, part: pd.DataFrame, hull: Floats, limit_m: float) -> No
     """Draw the starts with one heading offset as cells colored by outcome, and the boat at the center.
 
     Args:
-        part: their rows, columns `dockctl.analysis.success_map.COLUMNS`.
+        part: rows of these starts, columns `dockctl.analysis.success_map.COLUMNS`.
         hull: outline (k, 2) in the body frame [m].
-        limit_m: half-width of the map.
+        limit_m: half-width of the map [m].
     """
     side = 0.9 * spacing(part)
     blocked = part["blocked"].to_numpy(bool)
@@ -160,14 +160,14 @@ def _draw_success(ax: Axes, groups: Sequence[tuple[str, pd.DataFrame]], column: 
 
 
 def _limits(values: pd.Series, wanted: Sequence[float], largest: float) -> list[float]:
-    """Limits that select different groups of the values; those beyond the largest value become that value."""
+    """Return limits that select different groups of the values, each at most the largest value."""
     limits = sorted({min(limit, largest) for limit in wanted})
     sizes = [(values <= limit + EPS).sum() for limit in limits]
     return [limit for i, limit in enumerate(limits) if sizes[i] > (sizes[i - 1] if i else 0)]
 
 
 def _center(table: pd.DataFrame) -> pd.Series:
-    """First start without position offset."""
+    """Return the first start without a position offset."""
     return table[(table["dx_m"] == 0) & (table["dy_m"] == 0)].iloc[0]
 
 
@@ -177,13 +177,13 @@ def _squares(cells: pd.DataFrame, side: float, **style: Any) -> PatchCollection:
 
 
 def spacing(table: pd.DataFrame) -> float:
-    """Grid spacing [m]."""
+    """Return the grid spacing [m]."""
     offsets = np.sort(table["dx_m"].unique())
     return float(np.diff(offsets).min()) if len(offsets) > 1 else 1.0
 
 
 def _view(table: pd.DataFrame, goals: Floats) -> plan_view.Bounds:
-    """Bounds of cells and goals with a margin, (x_min, y_min, x_max, y_max) [m]."""
+    """Return the bounds of cells and goals with a margin, (x_min, y_min, x_max, y_max) [m]."""
     margin = spacing(table) / 2 + 0.6
     points = np.concatenate([table[["x_m", "y_m"]].to_numpy(float), goals])
     low, high = points.min(axis=0) - margin, points.max(axis=0) + margin

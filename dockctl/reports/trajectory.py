@@ -14,7 +14,7 @@ from dockctl.reports.style import label, legend_above
 from dockctl.scenarios.schema import Task, Tolerance
 
 LEAST_STEP_PT = 1.5
-"""Below this width of a control period, commands merge into a solid block: drawn thin, with their mean."""
+"""Below this width of a control period, commands would merge into a block: drawn thin, with their mean."""
 MEAN_STEPS = 20
 
 
@@ -90,7 +90,7 @@ def with_gaps(time: np.ndarray, values: np.ndarray, rows: Sequence[int]) -> tupl
         time, values: (k,).
 
     Returns:
-        both, (k + len(rows),).
+        Both with NaN inserted, (k + len(rows),).
     """
     return np.insert(time, rows, np.nan), np.insert(values, rows, np.nan)
 
@@ -145,7 +145,7 @@ def _draw_commands(ax: Axes, tracks: Sequence[Track], column: str) -> None:
 
 
 def _step_width_pt(ax: Axes, tracks: Sequence[Track]) -> float:
-    """Approximate width of a control period on the page, before the final layout."""
+    """Return the approximate width of a control period on the page [pt], before the final layout."""
     period_s = min(
         float(np.diff(track.table["time_s"].astype(float)).min(initial=np.inf)) for track in tracks
     )
@@ -154,7 +154,7 @@ def _step_width_pt(ax: Axes, tracks: Sequence[Track]) -> float:
 
 
 def _end_s(ax: Axes, tracks: Sequence[Track]) -> float:
-    """End of the time axis; a wider limit, set for axes that share it, is not reduced."""
+    """Return the end of the time axis [s]; a wider limit that was set for shared axes is kept."""
     longest = 1.015 * max(float(track.table["time_s"].iloc[-1]) for track in tracks)
     return max(longest, ax.get_xlim()[1])
 
@@ -165,7 +165,7 @@ def _finish_axes(ax: Axes, tracks: Sequence[Track]) -> None:
 
 
 def _tolerance_spans(ax: Axes, tracks: Sequence[Track], task: Task) -> list[tuple[float, float, Tolerance]]:
-    """Tolerances with their start and end; with several tracks, those of the two phases may overlap."""
+    """Return tolerances with their start and end; with several tracks, the two phases may overlap."""
     end = ax.get_xlim()[1]
     changes = [float(t.table["time_s"].iloc[row]) for t in tracks if (row := t.switch) is not None]
     if not changes:
@@ -176,7 +176,7 @@ def _tolerance_spans(ax: Axes, tracks: Sequence[Track], task: Task) -> list[tupl
 
 def _draw_tolerance(ax: Axes, times: tuple[float, float], band: tuple[float, float], text: str) -> None:
     ax.fill_between(times, *band, color=palette.DOCKED, alpha=0.18, lw=0, zorder=0.5)
-    # The label of the last band is at its end, where the boats are inside of it.
+    # The label of the last band is at its end, where the boats are inside the band.
     is_last = times[1] >= ax.get_xlim()[1]
     x, shift, side = (times[1], -4, "right") if is_last else (times[0], 4, "left")
     label(ax, text, (x, band[1]), (shift, 3), ha=side, color=palette.DOCKED, zorder=6)

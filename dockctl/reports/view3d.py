@@ -17,7 +17,7 @@ from dockctl.geometry import Floats
 
 SUN = np.array([-0.45, -0.35, 0.82]) / np.linalg.norm([-0.45, -0.35, 0.82])
 NEAR_M = 1.0
-"""Smallest depth that is drawn."""
+"""Minimum depth that is drawn."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -57,7 +57,7 @@ class Camera:
 
 
 def draw_bodies(ax: Axes, camera: Camera, bodies: Sequence[Body], *, shadows: bool = True) -> None:
-    """Draw solids and their shadows on the water, the farthest first, without back faces."""
+    """Draw solids and their shadows on the water, farthest first, without back faces."""
     above = [replace(body, triangles=_above_water(body.triangles)) for body in bodies]
     for body in above if shadows else ():
         if body.kind != "quay":
@@ -122,10 +122,10 @@ def draw_water(
 
 
 def extent(camera: Camera, points: Floats, ratio: float | None = None) -> Floats:
-    """Rectangle of the image that contains points (k, 3), extended to a ratio of width to height.
+    """Return the rectangle of the image that contains points (k, 3) [m], extended to a width-to-height ratio.
 
     Returns:
-        (2, 2) lower left and upper right corner in image coordinates.
+        The lower left and upper right corner (2, 2) in image coordinates.
     """
     flat, _ = camera.project(points)
     low, high = flat.min(axis=0), flat.max(axis=0)
@@ -147,7 +147,7 @@ def frame(ax: Axes, extent: Floats, background: str) -> None:
 def overview_camera(
     bounds: tuple[float, float, float, float], turn_deg: float = 0.0, height_share: float = 0.5
 ) -> Camera:
-    """Camera that looks down on a rectangle of water across its longer side, from the west or the south.
+    """Return a camera that looks down on a rectangle of water across its longer side, from west or south.
 
     Args:
         bounds: x_min, y_min, x_max, y_max [m].

@@ -84,7 +84,7 @@ def speed(
 ) -> Floats:
     """Return sqrt(u^2 + v^2) / delta d [m/s], delta d at least `floor_m` and in units of `distance_unit_m`.
 
-    `floor`, in these units, is read from runs of earlier versions instead.
+    `floor`, in these units, is the equivalent in runs of earlier versions.
     """
     least = floor_m / distance_unit_m if floor is None else floor
     return status.speed_mps / np.maximum(status.distance_m / distance_unit_m, least)
@@ -104,15 +104,15 @@ def progress(status: StepStatus, *, per_m: Number = 150.0, per_rad: Number = 100
 
 @reward_term("clearance", kind="dense", source="not in the thesis")
 def clearance(status: StepStatus, *, margin_m: Positive = 0.5) -> Floats:
-    """Return max(0, 1 - c / margin_m), c the distance between hull and harbor [m]: from 0 to 1 at contact."""
+    """Return max(0, 1 - c / margin_m) with the distance c between hull and harbor [m]; 1 at contact."""
     return 1 - status.clearance_below(margin_m) / margin_m
 
 
 @reward_term("command_change", kind="dense", source="not in the thesis; its section 4.4 asks for it")
 def command_change(status: StepStatus, *, per_n: Positive = 50.0, per_deg: Positive = 30.0) -> Floats:
-    """Return |P - P'| / per_n + |phi - phi'| / per_deg of the command and the one before it.
+    """Return |P - P'| / per_n + |phi - phi'| / per_deg between the command and the previous one.
 
-    By default in units of the thesis' limits, 50 N and 30 degrees, so that a reversal of both is 4.
+    By default in units of the thesis's limits, 50 N and 30 degrees, so that a reversal of both gives 4.
     """
     force, angle = np.abs(status.command - status.previous_command).T
     change: Floats = force / per_n + np.degrees(angle) / per_deg
@@ -123,8 +123,8 @@ def command_change(status: StepStatus, *, per_n: Positive = 50.0, per_deg: Posit
 def overspeed(status: StepStatus, *, deceleration_mps2: Positive = 0.01, floor_mps: Positive = 0.1) -> Floats:
     """Return max(0, V - v) [m/s], with the speed limit v = max(floor_mps, sqrt(2 a delta d)).
 
-    At the limit, a boat that decelerates by a = `deceleration_mps2` stops at the goal. With the defaults it
-    is above the top speed of the thesis' boat, 0.41 m/s, from 8.5 m on.
+    At the limit, a boat that decelerates by a = `deceleration_mps2` stops at the goal. With the defaults, the
+    limit is above the top speed of the thesis's boat, 0.41 m/s, beyond 8.5 m.
     """
     limit = np.maximum(np.sqrt(2 * deceleration_mps2 * status.distance_m), floor_mps)
     return np.maximum(status.speed_mps - limit, 0.0)

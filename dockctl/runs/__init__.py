@@ -1,1 +1,1 @@
-"""Run folders: the complete record of a training, written atomically, nothing pickled."""
+"""Run folders: the complete record of a training run, written atomically, nothing pickled."""

@@ -40,10 +40,10 @@ def shipped() -> dict[str, Path]:
 
 
 def default_policy(scenario: str | None = None) -> RunDirectory | str:
-    """Return the latest run in ./runs, or without any the name of a shipped policy.
+    """Return the latest run in ./runs, or if there is none the name of a shipped policy.
 
     Args:
-        scenario: that it will run in; its shipped policy comes before that of `DEFAULT_SCENARIO`.
+        scenario: the scenario that it will run in; its shipped policy is preferred to the default one.
     """
     try:
         return RunDirectory.latest(RUNS)
@@ -61,7 +61,7 @@ class RunDirectory:
     """One training run on disk. Files are replaced atomically; tables grow by complete rows.
 
     Attributes:
-        observer: gets the rows of the tables that are opened after it is set.
+        observer: receives the rows of the tables that are opened after it is set.
     """
 
     observer: TableObserver | None = None
@@ -114,7 +114,7 @@ class RunDirectory:
 
     @classmethod
     def latest(cls, root: Path, *, unsaved: bool = False) -> RunDirectory:
-        """Return the run under `root`, at any depth, that was started last, of those with a checkpoint.
+        """Return the most recently started run under `root`, at any depth, that has a checkpoint.
 
         Args:
             unsaved: also consider runs that have no checkpoint yet.
@@ -132,7 +132,7 @@ class RunDirectory:
 
     @classmethod
     def latest_interrupted(cls, root: Path) -> RunDirectory:
-        """Return the run under `root` that was started last, of those that can be resumed and do not run.
+        """Return the most recently started run under `root` that can be resumed and is not running.
 
         Raises:
             DockctlError: there is none.
@@ -145,7 +145,7 @@ class RunDirectory:
 
     @property
     def is_finished(self) -> bool:
-        """Whether the training has ended and is complete."""
+        """Whether training has ended and is complete."""
         try:
             return self.read_json(PROVENANCE).get("finished") is not None
         except DockctlError:
@@ -153,9 +153,9 @@ class RunDirectory:
 
     @classmethod
     def next_sequence(cls, root: Path) -> int:
-        """Return the number of a new run under `root`: the order of starts, whatever the clock shows.
+        """Return the number of a new run under `root`, which orders runs independently of the clock.
 
-        All runs in `RUNS` have one order, also those of sweeps, which are deeper in it.
+        All runs in `RUNS` share one sequence, including those of sweeps in subfolders.
         """
         top = RUNS if root.resolve().is_relative_to(RUNS.resolve()) else root
         return 1 + max((run.sequence for run in cls.below(top)), default=0)
@@ -171,7 +171,7 @@ class RunDirectory:
 
     @property
     def sequence(self) -> int:
-        """Number of the run in the order of starts; 0 if it is unknown."""
+        """Number of the run in the order of starts; 0 if unknown."""
         try:
             number = self.read_json(PROVENANCE).get("sequence")
         except DockctlError:
@@ -217,7 +217,7 @@ class RunDirectory:
         return Table(self.path / name, columns, self.observer)
 
     def inside(self, path: str) -> str:
-        """Return the path relative to the run folder; unchanged for a file outside of it."""
+        """Return the path relative to the run folder; unchanged for a file outside it."""
         home = self.path.resolve()
         return Path(path).relative_to(home).as_posix() if Path(path).is_relative_to(home) else path
 

@@ -17,7 +17,7 @@ from dockctl.errors import DockctlError
 
 @contextmanager
 def writing(path: Path) -> Iterator[None]:
-    """Report an OSError of the block as a failure to write `path`.
+    """Report an OSError in the block as a failure to write `path`.
 
     Raises:
         DockctlError: the block raised an OSError.
@@ -31,12 +31,12 @@ def writing(path: Path) -> Iterator[None]:
 
 
 def sync(path: Path) -> None:
-    """Wait until the content of a file, or the names in a folder, are on the disk."""
+    """Wait until the content of a file, or the names in a folder, are on disk."""
     descriptor = os.open(path, os.O_RDONLY)
     try:
         os.fsync(descriptor)
     except OSError as error:
-        if error.errno != errno.EINVAL:  # a file system without it, for example of a network
+        if error.errno != errno.EINVAL:  # not supported by some file systems, for example network ones
             raise
     finally:
         os.close(descriptor)
@@ -55,7 +55,7 @@ def all_or_nothing(*folders: Path) -> Iterator[list[Path]]:
     """Yield a list for new files and folders, which are removed if the block fails, as on a full disk.
 
     Args:
-        folders: those in which they are; what the block creates of them and their parents is removed, too.
+        folders: folders that contain them; those that the block creates are also removed, with parents.
     """
     missing = {each for folder in folders for each in (folder, *folder.parents) if not os.path.exists(each)}
     new: list[Path] = []
@@ -68,13 +68,13 @@ def all_or_nothing(*folders: Path) -> Iterator[list[Path]]:
             else:
                 path.unlink(missing_ok=True)
         for folder in sorted(missing, reverse=True):
-            with suppress(OSError):  # others have used it since
+            with suppress(OSError):  # another process has used it in the meantime
                 folder.rmdir()
         raise
 
 
 def write_atomically(path: Path, content: bytes) -> Path:
-    """Write a file so that a reader sees the old or the new content, also after a crash or a power cut.
+    """Write a file so that a reader sees the old or the new content, even after a crash or power cut.
 
     Raises:
         DockctlError: the file cannot be written.
@@ -102,7 +102,7 @@ def write_json(path: Path, value: Any) -> Path:
 
 
 def json_text(value: Any) -> str:
-    """Return plain data as JSON; NaN and infinity, which JSON lacks, become null."""
+    """Return plain data as JSON; NaN and infinity, which JSON does not support, become null."""
     return json.dumps(_standard(value), indent=2) + "\n"
 
 
@@ -166,7 +166,7 @@ def require_writable_file(file: Path, suffix: str) -> None:
     """Check that a file can be written, before any work is done for it.
 
     Raises:
-        DockctlError: its name has another suffix, so that a file of another type would be replaced, its
+        DockctlError: its name has a different suffix, so that a file of another type could be replaced, its
             folder does not exist or cannot be written, or it is a folder itself.
     """
     if file.suffix != suffix:
@@ -205,9 +205,9 @@ def require_replaceable(folder: Path, always: Collection[str], perhaps: Collecti
 
 @contextmanager
 def exclusive_lock(path: Path) -> Iterator[None]:
-    """Lock a folder or a file for this process, by a lock file in the folder or next to the file.
+    """Lock a folder or a file for this process, with a lock file in the folder or next to the file.
 
-    Read-only folders and file systems without locks are used without one.
+    Read-only folders and file systems without locks are not locked.
 
     Raises:
         DockctlError: there is no such path, or another process holds the lock.

@@ -26,12 +26,12 @@ class RunSummary:
     """A run in a list.
 
     Attributes:
-        name: that the user gave it, or an empty string.
+        name: name given by the user, or an empty string.
         state: training, finished, interrupted, diverged or damaged.
         env_steps: environment steps at the last evaluation or at the end of the last training episode.
-        success: of the current policy in ``dockctl evaluate``, else the fraction of the last validation.
-        measured: what `success` is of, ``evaluation`` or ``validation``; an empty string without any.
-        size: of all files [bytes].
+        success: success rate of the current policy in ``dockctl evaluate``, else in the last validation.
+        measured: where `success` is from, ``evaluation`` or ``validation``; empty if there is none.
+        size: total size of the files [bytes].
     """
 
     path: Path
@@ -84,7 +84,7 @@ def state_of(run: RunDirectory) -> str:
 
 
 def given_name(run: RunDirectory) -> str:
-    """Return the name of ``dockctl train --name``; an empty string without one."""
+    """Return the name given with ``dockctl train --name``, or an empty string."""
     name = _facts(run).get("name")
     return name if isinstance(name, str) else ""
 
@@ -97,7 +97,7 @@ def _facts(run: RunDirectory) -> dict[str, Any]:
 
 
 def size_of(path: Path) -> int:
-    """Return the size of a file, or of a folder with everything in it [bytes]; without what vanishes."""
+    """Return the size of a file or folder [bytes]; files that disappear meanwhile are ignored."""
     total = path.lstat().st_size if path.is_file() else 0
     for folder, _, files in os.walk(path):
         for file in files:

@@ -25,7 +25,7 @@ LIBRARIES = (
 )  # fmt: skip
 
 CONDITIONS = ("dockctl", "git_commit", "python", "libraries", "packages", "plugins", "hardware")
-"""Keys of the provenance of what the results of a training may depend on, apart from its scenario."""
+"""Keys of the provenance that the results of a run may depend on, apart from its scenario."""
 
 
 def now() -> str:

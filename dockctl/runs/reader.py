@@ -43,9 +43,9 @@ SOURCES = (SCENARIO, SCENE, EPISODES_CSV, UPDATES_CSV, EVALUATIONS_CSV, TRAJECTO
 TEXT = ("start_kind", "outcome", "collided_with", "berth", "behavior", "factor")
 """Columns that contain text; all others contain numbers."""
 COMPLETE = ("env_steps", "pose", "time_s", "x_m", "y_m", "heading_deg")
-"""Columns without empty cells, where they are required."""
+"""Columns that must not have empty cells, where they are required."""
 WHOLE = ("pose",)
-"""Columns of whole numbers."""
+"""Columns of integers."""
 MAX_COLUMNS = 5_000
 
 
@@ -137,7 +137,7 @@ def read_table(path: Path, columns: Collection[str]) -> pd.DataFrame | None:
     """Read the complete rows of a CSV table, plain or gzipped; None if it is missing or has none.
 
     Raises:
-        DockctlError: it is not a table, lacks one of `columns`, or has text in a column of numbers.
+        DockctlError: it is not a table, lacks one of `columns`, or has text in a numeric column.
     """
     if not path.exists():
         path = path.with_name(f"{path.name}.gz")
@@ -145,8 +145,8 @@ def read_table(path: Path, columns: Collection[str]) -> pd.DataFrame | None:
         return None
     content = read_bytes(path)
     complete = content[: content.rfind(b"\n") + 1]
-    if complete and complete != content:  # a crash, or a reader during the writing
-        log.warning("%s: the last row is incomplete, and is left out", path)
+    if complete and complete != content:  # after a crash, or while the table is being written
+        log.warning("%s: the last row is incomplete and is ignored", path)
         content = complete
     with reading(path):
         _require_rows(content)
@@ -183,7 +183,7 @@ def _require_rows(content: bytes) -> None:
     """Check the size of a table before it is parsed.
 
     Raises:
-        ValueError: it has too many values or columns, or a cell of several lines.
+        ValueError: it has too many values or columns, or a cell that spans lines.
     """
     if content.count(b",") + content.count(b"\n") > MAX_VALUES:
         raise ValueError(f"contains more than {MAX_VALUES:,} values")

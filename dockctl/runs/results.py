@@ -1,6 +1,6 @@
 """Results of a command: files, and a JSON file, written last, that contains their hashes.
 
-A reader finds out that a file is torn, stale, or belongs to another result.
+By the hashes, a reader detects files that are incomplete, stale, or from a different result.
 """
 
 from __future__ import annotations
@@ -19,7 +19,7 @@ from dockctl.runs.directory import RunDirectory
 from dockctl.runs.files import write_atomically, write_json
 
 FILES = "files"
-"""Key of the hashes: SHA-256 by path, relative to the JSON file."""
+"""Key of the hashes: SHA-256 by path relative to the JSON file."""
 
 
 def sha256_of(path: Path) -> str:
@@ -41,7 +41,7 @@ def hashes_of(paths: Iterable[Path]) -> dict[Path, str]:
 
 
 def write_results(path: Path, facts: Mapping[str, Any], hashes: Mapping[Path, str]) -> Path:
-    """Write a JSON file with facts, and with the hashes of the files that belong to them.
+    """Write a JSON file with `facts` and the hashes of the files that belong to them.
 
     Raises:
         DockctlError: it cannot be written.
@@ -62,7 +62,7 @@ def write_measurement(stem: Path, table: str, facts: Mapping[str, Any]) -> tuple
 
 
 def read_results(path: Path) -> dict[str, Any]:
-    """Return the facts in a JSON file of results, after a check of the files that belong to them.
+    """Return the content of a JSON file of results, after checking the files that belong to it.
 
     Raises:
         DockctlError: a file is missing or damaged, or belongs to other results.
@@ -74,7 +74,7 @@ def read_results(path: Path) -> dict[str, Any]:
     for name, digest in files.items():
         file = path.parent / name
         if sha256_of(file) != digest:
-            message = f"{file}: damaged, or not of the results in {path.name}: run the command again"
+            message = f"{file}: damaged, or does not belong to {path.name}: run the command again"
             raise DockctlError(message, code="mismatch")
     return facts
 
@@ -85,10 +85,10 @@ def setting_names(overrides: Sequence[str]) -> list[str]:
 
 
 def require_same_policy(path: Path, policy: Mapping[str, Any]) -> None:
-    """Check that a JSON file of results, if there is one, is of this policy and may be replaced.
+    """Check that a JSON file of results, if it exists, is of this policy and may be replaced.
 
     Raises:
-        DockctlError: it is of another policy.
+        DockctlError: it is of a different policy.
     """
     if not os.path.isfile(path):
         return
@@ -96,7 +96,7 @@ def require_same_policy(path: Path, policy: Mapping[str, Any]) -> None:
     if isinstance(other, dict) and not any(
         key in other and other[key] == policy.get(key) for key in ("name", "file", "sha256")
     ):
-        raise DockctlError(f"{path}: results of another policy: choose another folder", code="mismatch")
+        raise DockctlError(f"{path}: results of a different policy: choose another folder", code="mismatch")
 
 
 def policy_hash(facts: Mapping[str, Any]) -> str | None:
@@ -106,7 +106,7 @@ def policy_hash(facts: Mapping[str, Any]) -> str | None:
 
 
 def measured_policy(run: Path) -> str | None:
-    """Return the SHA-256 of the policy that is measured: the best one, or the last if there is no other."""
+    """Return the SHA-256 of the policy that is measured: the best, or the last if there is no best."""
     for name in (BEST, LAST):
         try:
             return str(RunDirectory(RunDirectory(run).checkpoint(name)).read_json(POLICY_JSON)["sha256"])
@@ -116,7 +116,7 @@ def measured_policy(run: Path) -> str | None:
 
 
 def is_outdated(run: Path, name: str) -> bool:
-    """Return whether the results in a JSON file of a run are of an earlier policy, as after more training.
+    """Return whether the results in a JSON file of a run are of an earlier policy, before further training.
 
     Raises:
         DockctlError: the file is damaged.

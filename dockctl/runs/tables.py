@@ -15,7 +15,7 @@ from dockctl.reading import read_bytes
 from dockctl.runs.files import sync, write_atomically, writing
 
 MAX_TABLE_BYTES = 2_000_000_000
-"""Size up to which a training continues a table: about 10 million episodes."""
+"""Maximum size of a table that a run continues: about 10 million episodes."""
 
 Value = str | int | float | bool | None
 
@@ -38,7 +38,7 @@ EPISODE_RESULT = (
 """Result of one greedy episode."""
 
 MANEUVER = ("contact_speed_mps", "propeller_change_n", "rudder_change_deg")
-"""How the boat was driven: speed at a collision, and mean changes of the commands per step."""
+"""Maneuver: speed at a collision, and mean command changes per step."""
 
 EVALUATIONS = ("env_steps", "start_kind", "pose", *EPISODE_RESULT, "best")
 """Greedy episodes during training, from the evaluation poses and, less often, from the validation starts.
@@ -57,7 +57,7 @@ START_KINDS = {
     "trained": "trained berths",
     "held_out": "held-out berths",
 }
-"""Values of `start_kind` in an evaluation, and their plain names."""
+"""Values of `start_kind` in an evaluation, and their names in text."""
 START_KEYS = {
     "pose": "test_poses",
     "random": "random_starts",
@@ -96,13 +96,13 @@ CONDITION_COLUMNS = {
 
 
 class TableObserver(Protocol):
-    """Follows the tables of a training."""
+    """Follows the tables of a training run."""
 
     def appended(self, table: str, rows: Sequence[Mapping[str, Value]]) -> None:
-        """Take rows that were appended to the table with this file name."""
+        """Receive rows that were appended to the table with this file name."""
 
     def restored(self, table: str, env_steps: int, rows: Sequence[Mapping[str, str]]) -> None:
-        """Forget what the table had after a save: the training continues from there.
+        """Drop what the table had after a save, from which training continues.
 
         Args:
             table: file name.
@@ -117,7 +117,7 @@ class Table:
     Args:
         path: the file; rows are appended if it exists.
         columns: the first columns; other keys of the first row are appended.
-        observer: gets every row.
+        observer: receives every row.
     """
 
     def __init__(self, path: Path, columns: Iterable[str], observer: TableObserver | None = None) -> None:
@@ -144,7 +144,7 @@ class Table:
             self._observer.appended(self._path.name, rows)
 
     def save(self) -> dict[str, Any]:
-        """Wait until all rows are on the disk, and return what `restore` needs to return to this state.
+        """Wait until all rows are on disk, and return what `restore` needs to return to this state.
 
         Raises:
             DockctlError: the file cannot be written.
@@ -156,14 +156,14 @@ class Table:
         return {"lines": self._lines, "bytes": self._size, "sha256": self._hash.hexdigest()}
 
     def restore(self, saved: Mapping[str, Any] | None, env_steps: int) -> str | None:
-        """Remove the rows that were appended after `save`; in a damaged file, leave the rows that are intact.
+        """Remove the rows that were appended after `save`; in a damaged file, keep the intact rows.
 
         Args:
-            saved: the result of `save`; None in checkpoints of early versions.
+            saved: the result of `save`; None in checkpoints from early versions.
             env_steps: steps at that time.
 
         Returns:
-            What the file has lost, or None.
+            A message about lost rows, or None.
 
         Raises:
             DockctlError: the file cannot be read or written.
@@ -202,7 +202,7 @@ class Table:
 
 
 def _intact_lines(content: bytes, env_steps: int, most: int | None = None) -> bytes:
-    """Return the header and the complete rows up to `env_steps`; a crash leaves half rows and NUL bytes."""
+    """Return the header and the complete rows up to `env_steps`; a crash may leave partial rows and NULs."""
     header, *lines = content.split(b"\n")[:-1][:most] or [b""]
     names = _cells(header)
     if "env_steps" not in names:
@@ -217,7 +217,7 @@ def _intact_lines(content: bytes, env_steps: int, most: int | None = None) -> by
 
 
 def _cells(line: bytes) -> list[str]:
-    """Return the cells of a line of a table; of a damaged line, none."""
+    """Return the cells of a line of a table; none for a damaged line."""
     try:
         return [] if b"\0" in line else next(csv.reader([line.decode()]), [])
     except (UnicodeDecodeError, csv.Error):

@@ -1,1 +1,1 @@
-"""Scenarios as data: YAML files checked against frozen models."""
+"""Scenario files: YAML, validated against frozen models."""

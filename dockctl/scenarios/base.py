@@ -10,15 +10,15 @@ from pydantic_core import PydanticKnownError
 from dockctl.errors import Code
 
 MAX_NUMBER = 1e12
-"""Maximum magnitude, and inverse of the minimum, of a number in SI units: products of several stay finite."""
+"""Maximum magnitude of a number in SI units, and inverse of the minimum, so that products stay finite."""
 MAX_COORDINATE_M = 10_000.0
-"""A harbor is within 10 km of the origin: a number of single precision then resolves 1 mm."""
+"""A harbor is within 10 km of the origin, so that single precision resolves 1 mm."""
 MAX_TURN_DEG = 36_000.0
-"""Limit of headings, a hundred turns: with billions of them an integration counts as diverged."""
+"""Limit of headings, a hundred turns: far larger ones count as a diverged integration."""
 
 
 def _bounded(value: float) -> float:
-    """Check the magnitude; as a validator, because a bound of a field would replace one of its type."""
+    """Check the magnitude; a validator, because a bound on a field would replace the bound of its type."""
     if abs(value) > MAX_NUMBER:
         raise PydanticKnownError("less_than_equal", {"le": MAX_NUMBER})
     return value
@@ -52,7 +52,7 @@ class Model(BaseModel):
     """A frozen model that rejects unknown keys.
 
     Attributes:
-        file_keys: further keys of files of this model, which the loader replaces.
+        file_keys: further keys in files of this model, which the loader replaces.
     """
 
     file_keys: ClassVar[tuple[str, ...]] = ()

@@ -11,7 +11,7 @@ from dockctl.scenarios.harbor import BerthPlace, Generated, HarborSpec, Marina, 
 
 BerthKind = Literal["trained", "held_out"]
 MAX_HARBORS = 32
-"""Copies of a harbor with other vacant berths."""
+"""Maximum number of copies of a harbor with different vacant berths."""
 
 
 class BerthPlaces(Model):
@@ -29,14 +29,14 @@ class BerthPlaces(Model):
 
 
 class Berths(Model):
-    """Berths for the episodes: each episode moves all poses of the task to one of them.
+    """Berths for the episodes: each episode moves all poses of the task to one of the berths.
 
-    Those of a marina are split into groups of at most `vacant` berths. Each group has its own copy of the
+    A marina's berths are split into groups of at most `vacant` berths. Each group has its own copy of the
     harbor, in which only these berths are free. Generated layouts have their own free berths.
     """
 
-    trained: BerthPlaces = Field(default=BerthPlaces(), description="berths of the training")
-    held_out: BerthPlaces = Field(default=BerthPlaces(), description="berths used only by the evaluation")
+    trained: BerthPlaces = Field(default=BerthPlaces(), description="berths used in training")
+    held_out: BerthPlaces = Field(default=BerthPlaces(), description="berths used only in evaluation")
     mirrored: Flag = Field(default=True, description="also mirror the task about the berth")
     vacant: Count = 6
 
@@ -61,7 +61,7 @@ def require_berths(harbor: HarborSpec, berths: Berths | None) -> None:
     """Check that a harbor has the berths of a task.
 
     Raises:
-        FieldError: the first berth that the harbor lacks, or that none is given.
+        FieldError: the harbor does not have one of the berths, or none is given.
     """
     field = "task.berths"
     if isinstance(harbor, Generated):
@@ -69,7 +69,7 @@ def require_berths(harbor: HarborSpec, berths: Berths | None) -> None:
             message = "is missing; 'berths: {}' moves the task to the free berths of all layouts"
             raise FieldError(field, message, "missing_key")
         if berths is not None and (berths.trained.places or berths.held_out.places):
-            message = "generated layouts have their own free berths; leave out trained and held_out"
+            message = "generated layouts have their own free berths; omit trained and held_out"
             raise FieldError(field, message, "mismatch")
         return
     if berths is None:

@@ -12,20 +12,20 @@ from dockctl.plugins import HARBORS, SCENARIOS, VESSELS, Registry
 
 SUFFIXES = (".yaml", ".yml")
 DEFAULT_SCENARIO = "s3"
-"""What the commands take if they are given no scenario."""
+"""Scenario that commands use if none is given."""
 PACKAGE = Path(__file__).resolve().parent
 FOLDERS: dict[str, Registry[Path]] = {".": SCENARIOS, "vessels": VESSELS, "harbors": HARBORS}
 
 
 def packaged_folder(inside: str, name: str) -> Path:
-    """Return a folder of packaged YAML files: `inside` this package in the wheel, `name` in the sources."""
+    """Return a folder of packaged YAML files: `inside` of an installed package, `name` of a checkout."""
     folder = PACKAGE / inside
     return folder if folder.is_dir() else PACKAGE.parent.parent / name
 
 
 @cache
 def fill() -> None:
-    """Register the packaged files and what installed packages offer."""
+    """Register the packaged files and the plugins of installed packages."""
     for folder, registry in FOLDERS.items():
         for path in sorted((packaged_folder("data", "scenarios") / folder).glob("*.yaml")):
             registry.register(path.stem, path)
@@ -64,7 +64,7 @@ def _exists(path: Path) -> bool:
 
 
 def display_path(path: Path) -> str:
-    """Return `path` for messages: relative if it is below the working directory, else as it is."""
+    """Return `path` for messages: relative if it is below the working directory, otherwise unchanged."""
     normal = os.path.normpath(path)
     try:
         relative = os.path.relpath(normal)

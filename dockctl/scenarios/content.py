@@ -15,7 +15,7 @@ from dockctl.scenarios.loader import dump
 from dockctl.scenarios.schema import Scenario
 
 LABELS = {"title", "description", "plugins"}
-"""Fields that affect neither a training nor an episode."""
+"""Fields that affect neither training nor episodes."""
 
 
 def mesh_files(scenario: Scenario) -> tuple[Path, ...]:
@@ -29,7 +29,7 @@ def _model_files(scenario: Scenario) -> list[str]:
 
 
 def with_paths(scenario: Scenario, plugins: Iterable[str], meshes: Iterable[str]) -> Scenario:
-    """Return `scenario` with other paths for its plugins and, ordered as in `mesh_files`, its meshes."""
+    """Return `scenario` with new paths for its plugins and, ordered as in `mesh_files`, its meshes."""
     harbor, paths = scenario.harbor, iter(meshes)
     moved = tuple(mesh.model_copy(update={"path": next(paths)}) for mesh in harbor.meshes)
     changes: dict[str, Any] = {"meshes": moved}
@@ -41,7 +41,7 @@ def with_paths(scenario: Scenario, plugins: Iterable[str], meshes: Iterable[str]
 
 
 def self_contained(scenario: Scenario) -> dict[str, bytes]:
-    """Return the files, by relative path, from which `SCENARIO` loads as an equal scenario anywhere.
+    """Return the files, by relative path, that a copy of the scenario needs to load anywhere.
 
     Raises:
         DockctlError: a local file of the scenario cannot be read.

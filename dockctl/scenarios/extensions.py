@@ -45,7 +45,7 @@ class Kind(Model):
     build what it describes.
 
     Attributes:
-        examples: keys of valid sections, with which the contract tests check a subclass; at least one.
+        examples: keys of valid sections, which the contract tests of a subclass use; at least one.
     """
 
     examples: ClassVar[tuple[dict[str, Any], ...]] = ({},)
@@ -81,7 +81,7 @@ class ActionType(Kind, ABC):
 
     @abstractmethod
     def describe(self) -> str:
-        """Return the actions in one line, for model cards."""
+        """Return a one-line description of the actions, for model cards."""
 
     @abstractmethod
     def space(self, vessel: Vessel) -> gymnasium.Space[Any]:
@@ -89,30 +89,30 @@ class ActionType(Kind, ABC):
 
     @abstractmethod
     def commands(self, actions: NDArray[Any], vessel: Vessel) -> Floats:
-        """Return propeller force [N] and rudder angle [rad], (n, 2), of n actions of the space."""
+        """Return propeller force [N] and rudder angle [rad], (n, 2), for n actions of the space."""
 
     def next_commands(self, actions: NDArray[Any], vessel: Vessel, previous: Floats) -> Floats:
-        """Return the commands (n, 2) after those of the last step, `previous` (n, 2), zero at a start.
+        """Return the commands (n, 2), given those of the last step, `previous` (n, 2), zero at a start.
 
-        By default they are `commands`, which do not depend on the last step.
+        By default these are `commands`, which do not depend on the last step.
         """
         return self.commands(actions, vessel)
 
     @property
     def grid(self) -> dict[str, tuple[float, ...]] | None:
-        """``propeller_n`` and ``rudder_deg`` of which the actions are all pairs, the angle runs fastest.
+        """``propeller_n`` and ``rudder_deg`` if the actions are all pairs of them; the angle varies fastest.
 
-        Replays draw Q-values over them. None, the default, if the actions are something else.
+        Replays draw Q-values over this grid. None, the default, for other actions.
         """
         return None
 
     @property
     def has_memory(self) -> bool:
-        """Whether the commands of an action depend on the commands before it."""
+        """Whether the command of an action depends on the previous command."""
         return type(self).next_commands is not ActionType.next_commands
 
     def fitted(self, vessel: Vessel) -> ActionType:
-        """Return the actions with keys that are not given chosen for the vessel; by default unchanged."""
+        """Return the actions with defaults that depend on the vessel filled in; by default unchanged."""
         return self
 
     def require_within_limits(self, vessel: Vessel) -> None:
@@ -129,10 +129,10 @@ class RangeNoise:
     """Noise of one scan of n boats, each (n,).
 
     Attributes:
-        seeds: of the scan, uint64.
+        seeds: seeds of the scan, uint64.
         sigma_m: standard deviation of each return [m].
-        lost_returns: share of the returns that are lost.
-        lost_sectors: share of the sectors that are lost.
+        lost_returns: fraction of the returns that are lost.
+        lost_sectors: fraction of the sectors that are lost.
     """
 
     seeds: NDArray[np.uint64]
@@ -150,16 +150,16 @@ class RangeSensor(Protocol):
 
     @property
     def table_bytes(self) -> int:
-        """Memory of the sensor in use [bytes], for the estimate before training."""
+        """Memory that the sensor takes in use [bytes], for the estimate before training."""
         ...
 
     def sector_ranges(self, eta: Floats) -> Floats:
-        """Return the nearest return of each sector (n, sectors) [m] from the poses (n, 3).
+        """Return the range of the nearest return in each sector (n, sectors) [m] from the poses (n, 3).
 
-        It is the horizontal distance from the body's origin, and `range_m` where nothing returns; sectors
+        It is the horizontal distance from the body's origin, or `range_m` without a return; sectors
         are numbered as in `dockctl.geometry.sector_index`. Row i depends on pose i alone.
 
-        Called in several threads at once, in each for another harbor.
+        Called in several threads at once, each for a different harbor.
         """
         ...
 
@@ -173,15 +173,15 @@ class NoisyRangeSensor(RangeSensor, Protocol):
     """A range sensor that can scan with noise."""
 
     def noisy_sector_ranges(self, eta: Floats, noise: RangeNoise) -> Floats:
-        """Return `sector_ranges` (n, sectors) [m] of returns with errors, and without those that are lost.
+        """Return `sector_ranges` (n, sectors) [m] with errors of the returns and without lost returns.
 
-        The noise of row i depends on its seed alone. Lost sectors are not the sensor's concern.
+        The noise of row i depends on its seed alone. The simulator applies lost sectors.
         """
         ...
 
 
 class RangeSensorSpec(Kind, ABC):
-    """A range sensor on the boat, as data; registered in `RANGE_SENSORS`.
+    """Configuration of a range sensor on the boat; registered in `RANGE_SENSORS`.
 
     Equal specs must have equal hashes, so use tuples for lists: the sensor is built once for each harbor.
     """
@@ -191,38 +191,38 @@ class RangeSensorSpec(Kind, ABC):
 
     @property
     def is_symmetric(self) -> bool:
-        """Whether the sensor is its own mirror image, port and starboard; ``training.mirrored`` needs it."""
+        """Whether port and starboard of the sensor are mirror images; required by ``training.mirrored``."""
         return False
 
     @property
     def origins(self) -> tuple[tuple[float, float, float], ...]:
-        """Where its rays begin, x, y, z in the body frame [m], for drawings; nothing is drawn by default."""
+        """Origins of its rays, x, y, z in the body frame [m], for drawings; by default none are drawn."""
         return ()
 
     @abstractmethod
     def build(self, triangles: Floats) -> RangeSensor:
-        """Return the sensor in a harbor with this surface (m, 3, 3) [m], in the world frame."""
+        """Return the sensor in a harbor with these surface triangles (m, 3, 3) [m], in the world frame."""
 
 
 class Disturbance:
     """Run-time state of a condition for n boats; the hooks do nothing by default.
 
     `reset` draws the values of an episode. In every step the simulator calls the hooks, and `advance` last.
-    What a hook returns changes only in `reset` and `advance`, except for `actuate`, which is called once a
-    step. A velocity, force or error may be the number 0 for none.
+    The results of hooks change only in `reset` and `advance`, except for `actuate`, which is called once per
+    step. A velocity, force or error may be the number 0.
     """
 
     def reset(self, rows: Ints, rngs: Sequence[np.random.Generator]) -> None:
-        """Draw the values of the episodes that begin in `rows` (k,), each from the generator of its boat."""
+        """Draw the values of the episodes that start in `rows` (k,), each from its boat's generator."""
 
     def advance(self, period_s: float) -> None:
-        """Proceed by one control period; each boat draws from what `reset` drew for it."""
+        """Advance by one control period; a boat may draw only from seeds that `reset` drew for it."""
 
     def water_velocity(self) -> Floats | float:
         """Return the velocity of the water over ground (n, 2) [m/s], in the world frame.
 
-        It is constant during a control period: there the equations of motion hold for the velocity relative
-        to the water. When it changes, the velocity of the boat over ground does not.
+        It is constant during a control period, over which the equations of motion hold for the velocity
+        relative to the water. A change of it does not change the boat's velocity over ground.
         """
         return 0.0
 
@@ -244,29 +244,29 @@ class Disturbance:
         return None
 
     def reported_ranges(self, ranges: Floats, rows: Ints, range_m: float) -> Floats:
-        """Return what the range sensors of the boats in `rows` (k,) report instead of `ranges`.
+        """Return the ranges that the sensors of the boats in `rows` (k,) report instead of `ranges`.
 
         Args:
-            ranges: (k, sectors) of a scan, with noise [m]; not to be changed.
-            range_m: of the sensor, which a sector without a return reads.
+            ranges: (k, sectors) of a scan, with noise [m]; must not be modified.
+            range_m: maximum range of the sensor, which a sector without a return reads.
         """
         return ranges
 
     def coefficient_factors(self) -> dict[str, Floats]:
         """Return factors (n,) of the vessel's coefficients, by their key in the vessel's file.
 
-        They are read at the start of an episode; those of several conditions are multiplied.
+        They are read at the start of an episode; the factors of several conditions are multiplied.
         """
         return {}
 
     def actuate(self, commands: Floats, substep_s: float) -> Floats:
-        """Return the propeller force [N] and rudder angle [rad], (n, k, 2), that answer the commands.
+        """Return the actual propeller force [N] and rudder angle [rad], (n, k, 2), for the commands.
 
-        It is called once in every control step; conditions follow each other in the scenario's order.
+        Called once in every control step; conditions are applied in the scenario's order.
 
         Args:
             commands: (n, k, 2) [N, rad] in the k substeps of the control period.
-            substep_s: length of a substep [s]; the result holds means over substeps.
+            substep_s: length of a substep [s]; the results are means over substeps.
         """
         return commands
 
@@ -283,15 +283,15 @@ class Disturbance:
         return {}
 
     def state(self) -> dict[str, Any]:
-        """Return all that changes after `build`, for checkpoints: by default every attribute but models.
+        """Return everything that changes after `build`, for checkpoints; by default all but models.
 
         Values are numbers, strings, None, arrays of numbers, NumPy generators, and lists, tuples and
-        dictionaries of them. Override it if an attribute has another type.
+        dictionaries of them. Override it if an attribute has a different type.
         """
         return {name: value for name, value in vars(self).items() if not isinstance(value, Model)}
 
     def restore(self, state: dict[str, Any]) -> None:
-        """Continue from what `state` returned, in a condition that was built for as many boats."""
+        """Continue from what `state` returned; the condition was built for the same number of boats."""
         vars(self).update(state)
 
 
@@ -309,24 +309,24 @@ class Condition(Kind, ABC):
         """Return the condition for `num_boats` boats."""
 
     def fitted(self, vessel: Vessel) -> Condition:
-        """Return the condition with keys that are not given chosen for the vessel; by default unchanged.
+        """Return the condition with defaults that depend on the vessel filled in; by default unchanged.
 
         Raises:
-            FieldError: it is not possible for this vessel; the field is one of the condition.
+            FieldError: it is not possible for this vessel; the field is a key of the condition.
         """
         return self
 
     def notes(self, vessel: Vessel) -> list[tuple[str, str]]:
-        """Return a field and a message for each key with which the vessel's control authority is exceeded."""
+        """Return a field and a message for each key that exceeds the vessel's control authority."""
         return []
 
     def side_force_n(self, vessel: Vessel) -> float:
-        """Return the force across the boat that holding it in place takes at most [N], for the notes."""
+        """Return the maximum side force needed to hold the boat in place [N], for the notes."""
         return 0.0
 
 
 class _NumberOrBounds(BeforeValidator):
-    """Accepts a number for a range; a class, because a JSON schema must describe both."""
+    """Accepts a number as a range; a class, because the JSON schema must describe both."""
 
     def __get_pydantic_json_schema__(
         self, schema: CoreSchema, handler: GetJsonSchemaHandler
@@ -358,7 +358,7 @@ Drawn = Annotated[
     AfterValidator(_ordered),
     PlainSerializer(_shortest),
 ]
-"""A number, or a range [low, high] from which each episode draws; `draw` takes it."""
+"""A number, or a range [low, high] from which each episode draws with `draw`."""
 
 
 OFF = (0.0,)
@@ -366,7 +366,7 @@ OFF = (0.0,)
 
 
 def draw_integer(bounds: tuple[int, ...], rng: np.random.Generator) -> int:
-    """Return the integer, or one drawn from the range with its ends."""
+    """Return the integer, or one drawn uniformly from the range, bounds included."""
     return bounds[0] if len(bounds) == 1 else int(rng.integers(bounds[0], bounds[1], endpoint=True))
 
 

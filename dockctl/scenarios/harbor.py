@@ -1,4 +1,4 @@
-"""Harbors as data: a marina, generated layouts, or mesh files."""
+"""Models of harbors: a marina, generated layouts, or mesh files."""
 
 from __future__ import annotations
 
@@ -25,22 +25,22 @@ DEFAULT_MODELS = (
     "skiff", "console", "cuddy", "dinghy", "daysailer", "sloop", "cruiser",
     "sedan", "express", "flybridge", "inflatable", "catamaran",
 )  # fmt: skip
-"""The models of the packaged harbors. They are listed, because another file must not change these harbors."""
+"""The models of the packaged harbors, listed so that an additional file does not change these harbors."""
 
 Places = Annotated[tuple[Coordinate, ...], Field(max_length=1000)]
 """Coordinates along a quay [m]."""
 Side = Literal["east", "west", "north", "south"]
 QUAYS: dict[Side, str] = {"east": "x_max_m", "west": "x_min_m", "north": "y_max_m", "south": "y_min_m"}
-"""The edge of the basin at which the berths of a side begin."""
+"""The edge of the basin where the berths of a side begin."""
 FACES: dict[Side, str] = {"east": "x_min_m", "west": "x_max_m", "north": "y_min_m", "south": "y_max_m"}
-"""The edge of a pier or of land at which the berths of a side begin: their sterns point to that side."""
+"""The edge of a pier or of land where the berths of a side begin: sterns point toward that side."""
 INTO_BASIN: dict[Side, tuple[int, int]] = {"east": (-1, 0), "west": (1, 0), "north": (0, -1), "south": (0, 1)}
-"""Direction to which the bow of a boat moored stern-to points."""
+"""Direction in which the bow of a boat moored stern-to points."""
 BERTH_POSE_GAP_M = 2.5
 """Distance of a docked boat's origin from the quay; x = 36 m at the east quay of the reference harbor."""
 MAX_LAYOUTS = 1000
 MIN_BERTH_M = 2.4
-"""Narrowest generated berth; every berth has space for the narrowest of `DEFAULT_MODELS`."""
+"""Minimum width of generated berths, which fits the narrowest of `DEFAULT_MODELS`."""
 
 
 class Rectangle(Model):
@@ -80,7 +80,7 @@ class Entrance(Model):
 
 
 class _Row(Model):
-    """Berths along one edge, of a quay, a pier or land, with finger piers between them."""
+    """Berths along one edge of a quay, a pier or land, with finger piers between them."""
 
     finger_length_m: Length = 8.0
     finger_width_m: Length = 1.0
@@ -169,7 +169,7 @@ class Fleet(Model):
 
 
 class MeshFile(Model):
-    """A GLB, OBJ, STL or PLY file; rotated, scaled and shifted it is in meters with the water at z = 0."""
+    """A GLB, OBJ, STL or PLY file; after rotation, scaling and shift, in meters with the water at z = 0."""
 
     path: str
     up: Literal["z", "y"] = Field(default="z", description="upward axis of the file; y in glTF")
@@ -199,8 +199,8 @@ class Marina(Model):
             if row.edge_m is not None and self.under(row) is None:
                 edges = [getattr(body, FACES[row.side]) for body in (*self.piers, *self.land)]
                 known = ", ".join(f"{edge:g}" for edge in edges) or "none"
-                field, message = f"rows.{index}.edge_m", f"{row.edge_m:g} is no {FACES[row.side]} of a pier"
-                raise FieldError(field, f"{message} or land (there are: {known})", "mismatch")
+                field, message = f"rows.{index}.edge_m", f"{row.edge_m:g} is not {FACES[row.side]} of a pier"
+                raise FieldError(field, f"{message} or land (known: {known})", "mismatch")
         return self
 
     @model_validator(mode="after")
@@ -211,7 +211,7 @@ class Marina(Model):
             for at in row.berths:
                 if seen.setdefault((row.side, at), index) != index:
                     field = f"rows.{index}.berth_{row.axis}_m"
-                    message = f"another row of the side {row.side} also has a berth at {at:g}; move one"
+                    message = f"another {row.side} row also has a berth at {at:g}; move one of them"
                     raise FieldError(field, message, "duplicate")
         return self
 
@@ -221,19 +221,19 @@ class Marina(Model):
             axis = "y" if gap.side in ("east", "west") else "x"
             low, high = (getattr(self.basin, f"{axis}_{end}_m") for end in ("min", "max"))
             if not low <= gap.from_m < gap.to_m <= high:
-                message = f"the {gap.side} quay is from {low:g} to {high:g}"
+                message = f"the {gap.side} quay extends from {low:g} to {high:g}"
                 raise FieldError("entrance", message, "out_of_range")
         return self
 
     def under(self, row: SideRow | EndRow) -> Rectangle | None:
-        """Return the pier or the land that a row is along, None for the quay around the basin."""
+        """Return the pier or land along which a row lies; None for the quay around the basin."""
         if row.edge_m is None:
             return None
         bodies = (body for body in (*self.piers, *self.land) if getattr(body, FACES[row.side]) == row.edge_m)
         return next(bodies, None)
 
     def edge_of(self, row: SideRow | EndRow) -> float:
-        """Return the coordinate of the edge that a row is along, across the row [m]."""
+        """Return the coordinate, across the row, of the edge along which it lies [m]."""
         if row.edge_m is not None:
             return row.edge_m
         quay: float = getattr(self.basin, QUAYS[row.side])
@@ -265,19 +265,19 @@ Counts = Annotated[tuple[int, int], AfterValidator(_ordered)]
 
 
 class Generated(Model):
-    """Layouts of marinas that are drawn at random, one from each seed; see `dockctl.scenarios.layouts`.
+    """Random marina layouts, one for each seed; see `dockctl.scenarios.layouts`.
 
     The layouts of the seeds from `seed` on are for training, those from `held_out_seed` on for evaluation.
     """
 
     kind: Literal["generated"]
     name: str = "generated"
-    seed: int = Field(default=0, ge=0, strict=True, description="of the first layout")
+    seed: int = Field(default=0, ge=0, strict=True, description="seed of the first layout")
     layouts: Count = Field(default=1, le=MAX_LAYOUTS, description="number of layouts for training")
     held_out_seed: int = Field(default=1_000_000, ge=0, strict=True)
     held_out_layouts: int = Field(default=0, ge=0, le=MAX_LAYOUTS, strict=True)
-    basin_length_m: Interval = Field(default=(44.0, 68.0), description="along the quays with most berths")
-    fairway_m: Interval = Field(default=(13.0, 22.0), description="between the bows of two rows")
+    basin_length_m: Interval = Field(default=(44.0, 68.0), description="along the quays with the most berths")
+    fairway_m: Interval = Field(default=(13.0, 22.0), description="width between the bows of two rows")
     entrance_m: Interval = Field(default=(9.0, 14.0), description="width of the harbor's entrance")
     berth_width_m: Interval = Field(default=(2.6, 4.6), description="between center lines in one bay")
     finger_width_m: Interval = (0.6, 1.2)

@@ -1,7 +1,7 @@
 """JSON Schema (draft 7) of scenario, vessel and harbor files, for completion and checks in editors.
 
-A schema sees the shape of a file, not what depends on several values. A file that extends another may omit
-required keys, except in the items of lists, which replace the inherited ones as a whole.
+A schema describes the structure of a file, not constraints between values. A file that extends another may
+omit required keys, except in list items, because lists replace the inherited ones as a whole.
 """
 
 from __future__ import annotations
@@ -39,7 +39,7 @@ DEFINITIONS = "#/definitions/"
 INHERITED = " of a file that extends another"
 """Appended to the name of a definition without required keys."""
 BOUNDS = {"gt": "exclusiveMinimum", "ge": "minimum", "lt": "exclusiveMaximum", "le": "maximum"}
-"""Keywords of pydantic's own, for a bound that follows a validator."""
+"""Pydantic's own keywords for a bound that follows a validator."""
 _CHOICES, _INNER = ("anyOf", "oneOf", "allOf"), ("items", "additionalProperties")
 
 
@@ -48,7 +48,7 @@ def scenario_schema() -> Schema:
     catalog.fill()
     schema = Scenario.model_json_schema()
     definitions, properties = schema["$defs"], schema["properties"]
-    schema["required"].remove("name")  # by default that of the file
+    schema["required"].remove("name")  # the file name by default
     properties["vessel"] = {"anyOf": [_name_of(VESSELS), properties["vessel"]]}
     properties["harbor"] = {"anyOf": [_name_of(HARBORS), properties["harbor"]]}
     properties["conditions"] = _conditions()
@@ -74,7 +74,7 @@ def harbor_schema() -> Schema:
 
 
 def model_schema(model: type[BaseModel]) -> Schema:
-    """Return the schema of files that extend no others."""
+    """Return the schema of files that cannot extend others."""
     schema = _draft_7(model.model_json_schema())
     return {"$schema": DRAFT, **schema}
 
@@ -99,7 +99,7 @@ def _file(schema: Schema, registry: Registry[Any]) -> Schema:
 
 
 def _with_key(schema: Schema, key: str, value: Schema, definitions: dict[str, Schema]) -> Schema:
-    """Return the schema of a mapping, or of a choice of mappings, with another key."""
+    """Return the schema of a mapping, or of a choice of mappings, with a further key."""
     if "$ref" in schema:
         return _with_key(definitions[schema["$ref"].removeprefix("#/$defs/")], key, value, definitions)
     if "properties" in schema:
@@ -168,7 +168,7 @@ def _loaded(registry: Registry[Function]) -> Iterable[Entry[Function]]:
 
 
 def _parameters(entry: Entry[Function]) -> Schema:
-    """Return the schema of the parameters of a term or a part, by their type hints."""
+    """Return the schema of the parameters of a term or a part, from their type hints."""
     try:
         hints = get_type_hints(entry.value, include_extras=True)
     except NameError:  # imported for type checkers only
@@ -220,7 +220,7 @@ def _inherited(schema: Any) -> Any:
     for key in ("anyOf", "allOf"):
         if key in changed:
             changed[key] = [_inherited(part) for part in changed[key]]
-    if "oneOf" in changed:  # without its tag, a value may fit several
+    if "oneOf" in changed:  # without its tag, a value may match several
         changed["anyOf"] = [_inherited(part) for part in changed.pop("oneOf")]
     if "additionalProperties" in changed:
         changed["additionalProperties"] = _inherited(changed["additionalProperties"])
@@ -228,7 +228,7 @@ def _inherited(schema: Any) -> Any:
 
 
 def _draft_7(schema: Any) -> Any:
-    """Return a schema of pydantic in draft 7, which more editors know, without generated titles."""
+    """Convert a pydantic schema to draft 7, which more editors support, without generated titles."""
     if not isinstance(schema, dict):
         return schema
     changed: Schema = {}

@@ -15,10 +15,10 @@ from dockctl.scenarios.extensions import Kind
 
 
 class Kinds:
-    """Annotation of a field that holds a model of a registry.
+    """Annotation of a field that holds a model from a registry.
 
-    It does what pydantic's discriminated unions do, but looks up the model at validation time: plugins
-    register theirs after the schema of the scenario is built, and errors name the origin.
+    It works like pydantic's discriminated unions, but looks up the model at validation time: plugins register
+    their models after the schema of the scenario is built, and errors name the origin.
 
     Args:
         registry: the models by name.
@@ -30,7 +30,7 @@ class Kinds:
         self.base: type[Kind] = Kind
 
     def model(self, kind: object) -> type[Kind] | None:
-        """Return the model registered as `kind`, for None the default; None if there is no such model."""
+        """Return the model registered as `kind`, or the default for None; None if there is no such model."""
         name = self.default if kind is None else kind
         try:
             return self.registry.get(str(name)).value

@@ -1,4 +1,4 @@
-"""The harbors of a scenario: its own, copies of it with other vacant berths, or generated layouts."""
+"""The harbors of a scenario: its own, copies of it with different vacant berths, or generated layouts."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ LONGEST_CM = ((264, 550), (335, 720), (347, 870), (362, 890), (10**9, 1000))
 """Length of the longest of the default models in a berth narrower than this [cm]."""
 STERN_GAP_CM = (50, 90)
 REFERENCE_CM = (3850, 0)
-"""The east quay, and the free berth nearest to its middle: (36, 0, 180°) docks there in every layout."""
+"""The east quay, and the free berth nearest to its middle: in every layout its pose is (36, 0, 180°)."""
 END_MARGIN_CM = (150, 600)
 """Range of the distance from an end of the basin to the first finger pier."""
 PASSAGE_CM = (1000, 1500)
@@ -91,7 +91,7 @@ def _with_vacant_berths(marina: Marina, places: tuple[BerthPlace, ...]) -> Marin
 
 
 class _Draws:
-    """Random numbers from uniform ones alone, so that a seed gives the same layout everywhere."""
+    """Random numbers derived only from uniform ones, so that a seed gives the same layout everywhere."""
 
     def __init__(self, seed: int) -> None:
         self._rng = np.random.Generator(np.random.PCG64(seed))
@@ -100,11 +100,11 @@ class _Draws:
         return bool(self._rng.random() < probability)
 
     def integer(self, low: int, high: int, step: int = 1) -> int:
-        """Return one of low, low + step, ... up to `high`."""
+        """Draw one of low, low + step, ... up to `high`."""
         return low + step * int(self._rng.random() * ((high - low) // step + 1))
 
     def length(self, interval: Interval) -> int:
-        """Return a multiple of 10 cm within an interval in meters [cm]."""
+        """Draw a multiple of 10 cm [cm] from an interval in meters."""
         low, high = (round(100 * bound) for bound in interval)
         return min(self.integer(low, max(low, high), 10), high)
 
@@ -143,7 +143,7 @@ def _longest(berth: int) -> int:
 
 @dataclass(frozen=True)
 class _Row:
-    """A row before it is moved to its place: positions along and across in cm."""
+    """A row before it is placed: positions along and across it in cm."""
 
     side: Side
     style: _Style
@@ -171,9 +171,9 @@ class _Plan:
 def generate(spec: Generated, seed: int) -> Marina:
     """Return the layout of one seed.
 
-    Berths are along the east quay, mostly along the west one, on both sides of walkways that start at the
-    inner end, or at the inner end itself; the entrance is at the other end, before a fairway. All water is
-    connected, because walkways end before a passage, and rows leave a fairway before all of their berths.
+    Berths are along the east quay, usually along the west quay, on both sides of walkways that start at the
+    inner end, or at the inner end itself; the entrance is at the other end, facing a fairway. All water is
+    connected, because walkways leave a passage at their heads, and there is a fairway in front of all berths.
     """
     draws = _Draws(seed)
     plan = _plan(spec, draws)
@@ -213,7 +213,7 @@ def _plan(spec: Generated, draws: _Draws) -> _Plan:
     depths = [sum(style.depth for style in pair) for pair in sides]
     west_depth = west.depth if west else 0
     width = east.depth + sum(fairways) + sum(widths) + sum(depths) + west_depth
-    # The entrance is at the south end; half of the layouts are mirrored in the end.
+    # The entrance is at the south end here; half of the layouts are mirrored afterwards.
     near, inner = draws.integer(*END_MARGIN_CM, 10), length - draws.integer(*END_MARGIN_CM, 10)
     passage = draws.integer(*PASSAGE_CM, 10)
     inner_row = _row(draws, "north", back, west_depth + 100, width - east.depth - 100) if back else None
@@ -261,7 +261,7 @@ def _row(
 
 
 def _distinct(rows: list[_Row]) -> list[_Row]:
-    """Move rows by centimeters, so that no two berths of one side have the same position along it."""
+    """Shift rows by centimeters, so that no two berths of one side have the same position along it."""
     taken: set[tuple[Side, int]] = set()
     moved = []
     for row in rows:

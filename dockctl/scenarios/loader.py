@@ -37,12 +37,12 @@ from dockctl.scenarios.yaml_tree import (
 from dockctl.trust import allowed, is_received
 
 OWN_KEYS = ("name", "title", "description")
-"""Keys that are not inherited by files that extend a file."""
+"""Keys that a file does not inherit from the file that it extends."""
 
 BY_NAME: dict[str, Registry[Path]] = {"vessel": VESSELS, "harbor": HARBORS}
 
 MAX_FILES = 50
-"""Files that extend each other."""
+"""Maximum number of files that extend each other."""
 
 _MESHES = (("meshes", "*", "path"), ("fleet", "models", "*"))
 PATHS = {
@@ -71,10 +71,10 @@ class LoadedScenario:
         base_dir: directory of the scenario file.
         source: path or name that was loaded.
         tree: the merged YAML tree, for the location of later problems.
-        received: the file is in a checkpoint or a run.
-        rejected_starts: shares of the random starts that are drawn again, by the field with their offsets.
+        received: whether the file is in a checkpoint or a run.
+        rejected_starts: fractions of the random starts that are redrawn, by the field with their offsets.
         blocked_berths: names of the berths that are left out, because a pose of the task is blocked there, by
-            the field that lists them. `dockctl.sim.checks.load_checked` finds both.
+            the field that lists them. `dockctl.sim.checks.load_checked` fills in both.
     """
 
     scenario: Scenario
@@ -113,12 +113,12 @@ def load(
         source: path of a YAML file, or the name of a scenario.
         overrides: ``a.b.c=value`` with a YAML value; a number in the path is a list index.
         plugin_files: local ``.py`` files to load in addition to those that the scenario lists.
-        received: the scenario is that of a checkpoint or a run, also where its folder does not show it.
-        trust: run the plugins that a checkpoint or a run lists, though they are unknown on this machine.
+        received: the scenario is from a checkpoint or a run, even if its folder does not show it.
+        trust: run the plugins that a checkpoint or a run lists, even if not yet trusted on this machine.
 
     Raises:
-        InputError: all problems of the scenario, with their locations.
-        UntrustedError: it lists plugins that may not run; none has run then.
+        InputError: lists all problems of the scenario, with their locations.
+        UntrustedError: it lists plugins that may not run; none has run.
         DockctlError: the scenario or one of `plugin_files` does not exist.
     """
     catalog.fill()
@@ -151,14 +151,19 @@ def load_vessel(source: str | Path) -> Vessel:
     """Load and validate a vessel by path or name.
 
     Raises:
-        InputError: all problems of the file, with their locations.
+        InputError: lists all problems of the file, with their locations.
         DockctlError: the vessel does not exist.
     """
     return _load_part(source, VESSELS, _VesselFile).vessel
 
 
 def load_harbor(source: str | Path) -> HarborSpec:
-    """Load and validate a harbor by path or name; raises as `load_vessel`."""
+    """Load and validate a harbor by path or name.
+
+    Raises:
+        InputError: lists all problems of the file, with their locations.
+        DockctlError: the harbor does not exist.
+    """
     return _load_part(source, HARBORS, _HarborFile).harbor
 
 
@@ -181,10 +186,10 @@ def plain(scenario: Scenario) -> dict[str, Any]:
 
 
 def _name_of_file(path: Path, location: Location) -> Node:
-    """Return the name of a scenario whose file does not give one."""
+    """Return the name of a scenario whose file does not contain one."""
     if re.fullmatch(NAME, path.stem):
         return Node(path.stem, location)
-    message = f"the name of the file, '{path.stem}', cannot be that of the scenario; add 'name: ...' to it"
+    message = f"the file name '{path.stem}' cannot be the scenario's name; add 'name: ...' to the file"
     return Node(None, location, problems=(location.problem(message, "name"),))
 
 
@@ -195,7 +200,7 @@ def _read(registry: Registry[Path], path: Path, display: str) -> Node:
         display: path for messages.
 
     Raises:
-        InputError: the file cannot be read. Problems of others are in the tree.
+        InputError: the file cannot be read. Problems of the files that it extends are in the tree.
     """
     trees: list[Node] = []
     seen: set[str] = set()
@@ -259,13 +264,13 @@ def _named(registry: Registry[Path], node: Node, directory: Path, key: str) -> N
 
 
 def _expanded(tree: Node, registry: Registry[Path], file: str, directory: Path | None) -> Node:
-    """Replace the names of vessels and harbors by their content, and make paths absolute.
+    """Replace the names of vessels and harbors with their content, and make paths absolute.
 
     Args:
-        registry: of files like this one.
-        file: in the locations of the values to expand; values of other files are left as they are.
-        directory: of the file, which the files of meshes must be inside of; None for the command line, where
-            the user names any file.
+        registry: the registry of files like this one.
+        file: file of the values to expand, as in their locations; values from other files are not changed.
+        directory: directory of the file, which must contain its mesh files; None for the command line, where
+            any file is allowed.
     """
 
     def absolute(node: Node, field: str) -> Node:
@@ -298,7 +303,7 @@ def _expanded(tree: Node, registry: Registry[Path], file: str, directory: Path |
 
 
 def _mapped(node: Node, pattern: Sequence[str], change: Callable[[Node, str], Node], field: str) -> Node:
-    """Change the nodes at the keys of `pattern`, of which "*" is any index; `change` takes node and path."""
+    """Change the nodes at the keys of `pattern`, where "*" is any index; `change` takes node and path."""
     if not pattern:
         return change(node, field.rstrip("."))
     key, *rest = pattern
@@ -333,7 +338,7 @@ def _load_part(source: str | Path, registry: Registry[Path], model: type[P]) -> 
 
 
 def _require_no_part(path: Path, first: Location) -> None:
-    """Check that a file that is no scenario is not a part of one.
+    """Check that a file that is not a scenario is not a part of one.
 
     Raises:
         InputError: it is a vessel or a harbor.
@@ -350,9 +355,9 @@ def _require_no_part(path: Path, first: Location) -> None:
 
 
 def _without_replaced(tree: Node, own: Sequence[Path], *, received: bool, trust: bool) -> Node:
-    """Return the tree without the plugins of others that the user's `own` files replace.
+    """Return the tree without others' plugins that the user's `own` files replace.
 
-    Plugins that the user names with ``--set``, or lists in a scenario file, are not those of others.
+    Plugins that the user names with ``--set`` or lists in a scenario file do not count as others'.
 
     Raises:
         UntrustedError: others' plugins may not run.
@@ -370,7 +375,7 @@ def _without_replaced(tree: Node, own: Sequence[Path], *, received: bool, trust:
 
 
 def _is_of_others(location: Location, *, received: bool) -> bool:
-    """Return whether a value is from a received file; those of the command line have no line."""
+    """Return whether a value is from a received file; values from the command line have no line."""
     if location.file.startswith("--set ") and not location.line:
         return False
     return received or is_received(Path(location.file))

@@ -1,4 +1,4 @@
-"""Merging of YAML trees: a file into the one that it extends, and overrides into a file."""
+"""Merge YAML trees: a file into the one that it extends, and overrides into a file."""
 
 from __future__ import annotations
 
@@ -49,8 +49,8 @@ def put(node: Node, keys: list[str], value: Node, location: Location, done: tupl
     """Merge `value` into `node` at the keys below it.
 
     Args:
-        keys: of mappings, or indices of lists.
-        location: of nodes that are created.
+        keys: keys of mappings, or indices of lists.
+        location: location of nodes that are created.
         done: keys above `node`.
 
     Raises:

@@ -53,13 +53,13 @@ EXPECTED = {
     "string_pattern_mismatch": "letters, digits, dots, dashes and underscores, a letter or digit first",
     "literal_error": "{expected}",
 }
-"""What is expected, by pydantic's type of the error."""
+"""Expected values, by pydantic's error type."""
 
 RANGES = (
     *("greater_than", "greater_than_equal", "less_than", "less_than_equal", "finite_number"),
     *("too_short", "too_long", "string_too_long", "int_parsing_size"),
 )
-"""Types of error of a value with the right type."""
+"""Error types of values that have the right type."""
 
 
 @dataclass(frozen=True)
@@ -85,7 +85,7 @@ class FieldLocation:
 
 
 def locate(tree: Node, steps: Sequence[Step]) -> FieldLocation:
-    """Follow a location of pydantic, or a dotted path, from the root; handles short forms and union tags."""
+    """Follow a pydantic location, or the keys of a path, from the root, with short forms and tags."""
     field = FieldLocation("", tree.location, tree.location, tree, bool(tree.problems))
     for step in steps:
         if field.node is None:
@@ -124,7 +124,7 @@ def _is_tag(step: Step, value: Mapping[str, Node]) -> bool:
 
 
 def _without_ambiguous_tag(tree: Node, steps: tuple[Step, ...]) -> tuple[Step, ...]:
-    """Return a location of pydantic without a tag that is also a key of its mapping, as in `kind: meshes`."""
+    """Return a pydantic location without a tag that is also a key of its mapping, as in `kind: meshes`."""
     for depth, step in enumerate(steps):
         node = locate(tree, steps[:depth]).node
         if node and isinstance(node.value, dict) and step in node.value and _is_tag(step, node.value):
@@ -136,10 +136,10 @@ def validate(tree: Node, model: type[M], problems: Iterable[Problem] = ()) -> M:
     """Return the model of a tree.
 
     Args:
-        problems: others that are known.
+        problems: other known problems.
 
     Raises:
-        InputError: all problems, by location.
+        InputError: lists all problems, by location.
     """
     found = [*problems, *tree.all_problems()]
     try:
@@ -152,7 +152,7 @@ def validate(tree: Node, model: type[M], problems: Iterable[Problem] = ()) -> M:
 
 
 def _model_problems(error: ValidationError, tree: Node, model: type[BaseModel]) -> Iterator[Problem]:
-    """Translate all errors of a validation but those that follow from the problems of a node."""
+    """Translate all errors of a validation except those that follow from the problems of a node."""
     details = error.errors(include_url=False)
     for detail in details:
         detail["loc"] = _without_ambiguous_tag(tree, detail["loc"])
@@ -212,7 +212,7 @@ def _is_inside(inner: Sequence[Step], outer: Sequence[Step]) -> bool:
 
 
 def description(detail: ErrorDetails, path: str = "") -> tuple[str, Code, str]:
-    """Return the message, the code and the suggestion for an error of pydantic."""
+    """Return the message, the code and the suggestion for a pydantic error."""
     context: Mapping[str, Any] = detail.get("ctx", {})
     kind, found = detail["type"], detail["input"]
     if kind == "value_error":
@@ -367,7 +367,7 @@ def _check(
 
 
 def _type_error(entry: Entry[Function], key: str, value: Any) -> ErrorDetails | None:
-    """Return the first error of a parameter by its type hint; as in JSON, a list is accepted for a tuple."""
+    """Check a parameter against its type hint and return the first error; a list is accepted for a tuple."""
     try:
         hint = get_type_hints(entry.value, include_extras=True).get(key, Any)
         adapter = TypeAdapter(hint)

@@ -1,4 +1,4 @@
-"""The key ``berth`` of a scenario file: the poses of the task move to another berth of its marina."""
+"""The key ``berth`` of a scenario file, which moves the poses of the task to another berth of its marina."""
 
 from __future__ import annotations
 
@@ -31,7 +31,7 @@ def at_berth(tree: Node, scenario: Scenario, given: Node) -> Node:
         given: ``side position``, for example ``west 12``.
 
     Raises:
-        InputError: the harbor has no such berth, or the task has many.
+        InputError: the harbor has no such berth, or the task has ``task.berths``.
     """
     place = _place(scenario, given)
     assert isinstance(scenario.harbor, Marina)  # otherwise it has no such place
@@ -57,7 +57,7 @@ def _place(scenario: Scenario, given: Node) -> BerthPlace:
     if not isinstance(scenario.harbor, Marina):
         raise error(f"the harbor '{scenario.harbor.name}' has no berths: expected kind marina", "mismatch")
     if scenario.task.berths is not None:
-        raise error("the task has many berths, task.berths; remove one of the two", "mismatch")
+        raise error("the task already has berths, task.berths; remove one of the two", "mismatch")
     found = re.fullmatch(PATTERN, str(given.value).strip())
     if not isinstance(given.value, str) or not found:
         message = f"expected side and position, like 'west 12', found {describe(given.to_python())}"
@@ -69,7 +69,7 @@ def _place(scenario: Scenario, given: Node) -> BerthPlace:
     near = [place for place in known if place.side == found[1]]
     closest = min(near, key=lambda place: abs(place.at_m - float(found[2])), default=None)
     names = ", ".join(map(str, known))
-    message = f"the harbor '{scenario.harbor.name}' has no berth '{given.value}' (there are: {names})"
+    message = f"the harbor '{scenario.harbor.name}' has no berth '{given.value}' (known: {names})"
     raise error(message, "unknown_name", str(closest or nearest(given.value, map(str, known))))
 
 
@@ -84,7 +84,7 @@ def _poses(scenario: Scenario) -> Iterator[tuple[tuple[str | int, ...], Pose]]:
 
 
 def _replaced(tree: Node, keys: Sequence[Any], value: Node) -> Node:
-    """Return the tree with another value at `keys`, the last of which may be new."""
+    """Return the tree with a new value at `keys`, the last of which may be new."""
     if not keys:
         return value
     key, *rest = keys

@@ -30,18 +30,18 @@ from dockctl.scenarios.vessel import Vessel
 
 Part = TypeVar("Part", ActionType, Condition)
 BERTH_MARGIN_M = 1.0
-"""Water on both sides of the boat together in the narrowest generated berth, and around it when it turns."""
+"""Total clearance beside the boat in the narrowest generated berth, and when it turns in a fairway."""
 
 
 class SpreadPose(Pose):
-    """A pose; in training it is drawn within +- position_offset_m in x and y, and +- heading_offset_deg."""
+    """A pose; in training it is drawn within ±position_offset_m in x and y, and ±heading_offset_deg."""
 
     position_offset_m: Annotated[NonNegative, Field(le=MAX_COORDINATE_M)] = 0.0
     heading_offset_deg: Turn = 0.0
 
 
 class Tolerance(Model):
-    """When a pose is reached. Give the heading in degrees or in radians, not both."""
+    """Limits at which a pose counts as reached. Give the heading in degrees or in radians, not both."""
 
     distance_m: Positive
     heading_deg: Positive | None = None
@@ -72,7 +72,7 @@ class Task(Model):
     final_tolerance: Tolerance = Tolerance(distance_m=1.0, heading_rad=0.07, speed_mps=0.1)
     intermediate_tolerance: Tolerance = Tolerance(distance_m=1.5, heading_deg=5.0, speed_mps=0.1)
     max_steps: Count = 500
-    berths: Berths | None = Field(default=None, description="transfer the poses above to many berths")
+    berths: Berths | None = Field(default=None, description="move the poses above to many berths")
 
 
 ACTION_KINDS = Kinds(ACTIONS, default="grid")
@@ -97,13 +97,13 @@ class WeightedTerm(Model):
 
 
 SHARED_BY_TERMS = ("distance_unit_m",)
-"""Fields of `Reward` that are the defaults of the parameters with the same names of all terms."""
+"""Fields of `Reward` that are defaults of the terms' parameters with the same name."""
 
 
 class Reward(Model):
-    """Equations 3.10 and 3.13 as cases: the term of the event alone, otherwise the sum of the dense terms.
+    """Equations 3.10 and 3.13 as cases: only the term of the event, otherwise the sum of the dense terms.
 
-    `distance_unit_m` is the unit of the distance in the dense terms; 1 is meters.
+    `distance_unit_m` is the unit of the distance in the dense terms; 1 for meters.
     """
 
     distance_unit_m: Positive
@@ -201,9 +201,9 @@ class Scenario(Model):
         return self
 
     def in_training(self) -> Self:
-        """Return the scenario whose control period is `training.action_repeat` of this one's periods.
+        """Return the scenario with a control period that is longer by a factor of `training.action_repeat`.
 
-        Its steps are longer by this factor, and its step limits shorter.
+        Its step limits are reduced by the same factor.
         """
         repeat, vessel, task, exploring = (
             self.training.action_repeat, self.vessel, self.task, self.training.exploring_starts
@@ -238,11 +238,11 @@ class Scenario(Model):
 
 
 def _fitted(part: Part, registry: Registry[type[Any]], vessel: Vessel) -> Part:
-    """Return a part of a scenario with its open keys chosen for the vessel.
+    """Return a part of a scenario with defaults that depend on the vessel filled in.
 
     Raises:
-        FieldError: the part does not fit.
-        PluginError: it failed; pydantic would take some exceptions for errors of the user.
+        FieldError: the part does not suit the vessel.
+        PluginError: it failed; pydantic would report some exceptions as the user's errors.
     """
     try:
         fitted = part.fitted(vessel)
@@ -258,7 +258,7 @@ def _fitted(part: Part, registry: Registry[type[Any]], vessel: Vessel) -> Part:
 class PolicyInterface(Model):
     """The parts of a scenario that a policy keeps in every scenario: observation, range sensor and actions.
 
-    Cards of older policies have only the number of sectors; the rest of the sensor is that of the scenario.
+    Cards of older policies have only the number of sectors; the scenario defines the rest of the sensor.
     """
 
     observation: tuple[ObservationPart, ...] = Field(min_length=1)
@@ -291,7 +291,7 @@ class PolicyInterface(Model):
         lidar = self.lidar or scenario.sensors.lidar.model_copy(update={"sectors": self.lidar_sectors})
         changed = {
             "observation": self.observation,
-            "actions": self.actions.model_copy(update=dict(self.actions)),  # given, not to be fitted
+            "actions": self.actions.model_copy(update=dict(self.actions)),  # all keys count as given
             "sensors": scenario.sensors.model_copy(update={"lidar": lidar}),
         }
         try:

@@ -17,7 +17,7 @@ from dockctl.scenarios.yaml_tree import Location, Node, PlainDumper
 
 DEFAULT = "default"
 COMMENT_COLUMN = 40
-"""Farthest column of aligned comments; the path of a packaged file then ends in the 80th of a terminal."""
+"""Maximum column of aligned comments, so that the path of a packaged file ends within 80 columns."""
 FILE_NAME = "file name"
 
 
@@ -29,7 +29,7 @@ class Setting:
         path: keys and indices from the root, in the short form of terms and parts.
         value: a scalar, or a list of scalars.
         origin: ``FILE:LINE``, ``--set KEY``, ``preset NAME``, ``file name`` or ``default``.
-        location: in the file; None if it is not from a file.
+        location: location in the file; None if the value is not from a file.
     """
 
     path: tuple[Step, ...]
@@ -39,11 +39,11 @@ class Setting:
 
     @property
     def field(self) -> str:
-        """Dotted path, as after ``--set``."""
+        """Dotted path, as for ``--set``."""
         return ".".join(map(str, self.path))
 
     def to_json(self) -> dict[str, Any]:
-        """Return the field, its value and its origin, and file and line where there are any."""
+        """Return the field, its value and its origin, and file and line if there are any."""
         place = {"file": self.location.file, "line": self.location.line} if self.location else {}
         return {"field": self.field, "value": self.value, "origin": self.origin, **place}
 
@@ -87,7 +87,7 @@ def _settings(
     """Yield the settings of a part of a scenario.
 
     Args:
-        path: of the part, in the short form of terms and parts.
+        path: path of the part, in the short form of terms and parts.
         steps: the same in the long form, which `locate` follows.
     """
     if isinstance(value, dict) and value:
@@ -134,7 +134,7 @@ def _setting(
         )
     if path == ("name",) and field.key == field.location and field.location.line:
         return Setting(path, value, FILE_NAME)
-    if not field.location.line:  # of the command line
+    if not field.location.line:  # from the command line
         return Setting(path, value, field.location.file)
     place = Location(display_path(Path(field.location.file)), field.location.line, field.location.column)
     return Setting(path, value, f"{place.file}:{place.line}", place)

@@ -1,4 +1,4 @@
-"""Training and evaluation of a policy, as data (thesis sections 3.2.4-3.2.6)."""
+"""Configuration of training and evaluation (thesis sections 3.2.4-3.2.6)."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ Layer = Annotated[Count, Field(le=8192)]
 
 
 def _linear(start: float, end: float, fraction: float) -> float:
-    """Interpolate from `start` at 0 to `end` at 1, constant after it."""
+    """Interpolate from `start` at 0 to `end` at 1, constant afterwards."""
     return start + (end - start) * min(fraction, 1.0)
 
 
@@ -55,9 +55,9 @@ class ExploringStarts(Model):
 
 
 class CloseStarts(Model):
-    """Initial starts in training that are drawn again until an obstacle is near the hull.
+    """Initial starts in training that are redrawn until an obstacle is near the hull.
 
-    Such starts are rare among uniform draws, and the hardest.
+    Such starts are rare among uniform draws, and they are the hardest.
     """
 
     fraction: Fraction = 0.5
@@ -73,7 +73,7 @@ class RetriedStarts(Model):
 class ValidationStarts(Model):
     """Random starts whose greedy episodes select the checkpoint `best`.
 
-    They are drawn like those of `evaluation.random_starts`, but are never the same.
+    They are drawn like the starts of `evaluation.random_starts`, but with other random numbers.
     """
 
     starts: Count = Field(default=100, le=100_000)
@@ -81,10 +81,10 @@ class ValidationStarts(Model):
 
 
 class StopRule(Model):
-    """Training ends when `docked` of the last `episodes` episodes docked and the greedy policy does as well.
+    """Training ends when `docked` of the last `episodes` episodes docked and the greedy policy docks as well.
 
-    That is from every evaluation pose, and from the same share of the validation starts; on a task with
-    berths from every validation start.
+    The greedy policy must dock from every evaluation pose and from the same share of the validation starts,
+    or for a task with berths from every validation start.
     """
 
     docked: Count = 95
@@ -100,14 +100,14 @@ class StopRule(Model):
 
 
 class Ensemble(Model):
-    """The policy acts on the mean Q of the network at several times during training.
+    """The policy acts on the mean Q-values of the network at several times during training.
 
-    The mean is also over the mirror image of the observation with ``mirrored``. After averaged DQN (Anschel
-    et al. 2017) and snapshot ensembles (Huang et al. 2017).
+    With ``mirrored``, the mean includes the mirror image of the observation. After averaged DQN (Anschel et
+    al. 2017) and snapshot ensembles (Huang et al. 2017).
     """
 
     networks: int = Field(default=4, ge=1, le=64, strict=True, description="the current one and earlier ones")
-    every_steps: Count = Field(default=100_000, description="environment steps between two of them")
+    every_steps: Count = Field(default=100_000, description="environment steps between two networks")
 
 
 THESIS: dict[str, Any] = {
@@ -142,7 +142,7 @@ class Training(Model):
     preset: Literal["default", "thesis"] = "default"
     seed: int = Field(default=0, ge=0, strict=True)
     algorithm: Annotated[Kind, ALGORITHM] = Field(default_factory=ALGORITHM.make_default)
-    total_steps: Count = Field(default=500_000, description="environment steps, all boats together")
+    total_steps: Count = Field(default=500_000, description="environment steps, summed over all boats")
     max_episodes: Count | None = None
     boats: Count = Field(default=16, le=4096, description="boats in parallel")
     action_repeat: Count = Field(
@@ -162,23 +162,23 @@ class Training(Model):
     ensemble: Ensemble | None = None
     hysteresis: Positive | None = Field(
         default=None,
-        description="the policy keeps its last action until the value of another is higher by this [reward]",
+        description="margin [reward] by which another action must be better than the last one to replace it",
     )
     optimizer: Literal["adam", "rmsprop"] = "adam"
     learning_rate: Positive = 5e-4
     final_learning_rate: Positive = Field(default=5e-5, description="reached linearly at total_steps")
     huber_delta: Positive | None = Field(default=10.0, description="null for the squared error")
-    gradient_clip: Positive | None = Field(default=10.0, description="largest L2 norm; null for none")
+    gradient_clip: Positive | None = Field(default=10.0, description="maximum L2 norm; null for none")
     reward_scale: Positive = 1e-3
     largest_return: Positive | None = Field(
-        default=None, description="upper bound of the TD targets; null for none"
+        default=None, description="upper bound on the TD targets; null for none"
     )
     epsilon: Epsilon = Epsilon()
     exploring_starts: ExploringStarts | None = ExploringStarts()
     close_starts: CloseStarts | None = None
     retried_starts: RetriedStarts | None = None
     stop: StopRule | None = StopRule()
-    mirrored: Flag = Field(default=False, description="half of each batch are mirror images of transitions")
+    mirrored: Flag = Field(default=False, description="replace half of each batch with mirror images")
     on_divergence: Literal["stop", "rollback", "continue"] = "stop"
     evaluate_every_steps: Count = 10_000
     validation: ValidationStarts = ValidationStarts()
@@ -191,7 +191,7 @@ class Training(Model):
 
     @property
     def largest_target(self) -> float:
-        """Upper bound of the TD targets of scaled rewards; infinite without `largest_return`."""
+        """Upper bound on the TD targets of scaled rewards; infinite without `largest_return`."""
         return math.inf if self.largest_return is None else self.largest_return * self.reward_scale
 
     @property
@@ -217,7 +217,7 @@ class Training(Model):
 
 
 class RandomStarts(Model):
-    """Test starts drawn uniformly around the initial poses, at the held-out berths where there are any."""
+    """Test starts drawn uniformly around the initial poses, at the held-out berths if there are any."""
 
     episodes: int = Field(default=100, ge=0, le=100_000, strict=True)
     seed: int = Field(default=12345, ge=0, strict=True)
@@ -228,8 +228,8 @@ class RandomStarts(Model):
 class Evaluation(Model):
     """The greedy episodes that test a policy."""
 
-    poses: tuple[Pose, ...] = Field(default=(), description="evaluation poses; the initial poses where empty")
+    poses: tuple[Pose, ...] = Field(default=(), description="evaluation poses; if empty, the initial poses")
     random_starts: RandomStarts = RandomStarts()
     trained_berths: Count = Field(
-        default=64, le=100_000, description="random starts at trained berths, on a task with berths"
+        default=64, le=100_000, description="random starts at trained berths, for a task with berths"
     )

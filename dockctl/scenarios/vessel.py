@@ -1,4 +1,4 @@
-"""A 3-DOF vessel as data (thesis eqs. 2.17-2.23, Table 3.1)."""
+"""Model of a 3-DOF vessel (thesis eqs. 2.17-2.23, Table 3.1)."""
 
 from __future__ import annotations
 
@@ -14,11 +14,11 @@ from pydantic import Field, ValidationError, model_validator
 from dockctl.scenarios.base import Count, FieldError, Model, NonNegative, Number, Positive
 
 RK4_STABILITY_LIMIT = 2.6
-"""Classical Runge-Kutta is stable if the fastest rate times step is below this limit: its stability region,
-which ends at 2.79 on the real axis, includes the half disk of this radius."""
+"""Classical Runge-Kutta is stable if the fastest rate times the step is below this limit: the stability
+region, which ends at 2.79 on the real axis, includes the half disk of this radius."""
 
 MAX_SPEED_MPS = 100.0
-"""Limit of the speed that the propeller can sustain; vessels without damping have none."""
+"""Maximum allowed speed that the propeller can sustain; it is unbounded without damping."""
 
 
 Size = Annotated[Number, Field(ge=0.01, le=1000)]
@@ -34,7 +34,7 @@ class Hull(Model):
 
     @property
     def reach_m(self) -> float:
-        """Horizontal distance of the corners of the stern from the body origin; no point is farther [m]."""
+        """Horizontal distance from the body origin to the corners of the stern, the farthest points [m]."""
         return math.hypot(self.length_m / 2, self.beam_m / 2)
 
 
@@ -91,8 +91,8 @@ class Vessel(Model):
         """Check that the vessel remains valid if its coefficients are multiplied by factors.
 
         Args:
-            factors: by the name of the coefficient.
-            field: that causes them, for the error.
+            factors: factors by the name of the coefficient.
+            field: the field that causes them, for the error.
 
         Raises:
             FieldError: it does not.
@@ -119,7 +119,7 @@ class Vessel(Model):
         if not coupling * coupling <= 4 * self.Y_v_kgps * self.N_r_kgm2ps:
             raise FieldError(
                 "Y_r_kgmps" if abs(self.Y_r_kgmps) > abs(self.N_v_kgmps) else "N_v_kgmps",
-                f"Y_r + N_v is {coupling:g}, with which the damping can add energy; expected at most"
+                f"Y_r + N_v is {coupling:g}, so that the damping can add energy; expected at most"
                 f" 2 sqrt(Y_v N_r), {2 * math.sqrt(self.Y_v_kgps * self.N_r_kgm2ps):g}, in magnitude",
                 "out_of_range",
             )
@@ -127,7 +127,7 @@ class Vessel(Model):
 
     @model_validator(mode="after")
     def _motion_is_bounded_and_stable(self) -> Self:
-        with np.errstate(all="ignore"):  # a value that overflows is refused
+        with np.errstate(all="ignore"):  # a value that overflows is rejected
             surge, sway_yaw, together = self._sustained_norms()
             bounds = together * np.sqrt(np.diag(np.linalg.inv(self.inertia)))
             if not max(bounds[:2]) < MAX_SPEED_MPS:
@@ -142,7 +142,7 @@ class Vessel(Model):
         if not needed < self.substeps:
             raise FieldError(
                 "substeps",
-                f"{self.substeps} in {self.control_period_s:g} s are unstable, since the vessel's velocity"
+                f"{self.substeps} in {self.control_period_s:g} s are unstable, because the vessel's velocity"
                 f" changes at up to {rate:.3g} 1/s; expected more",
                 "out_of_range",
                 f"{needed // 1 + 1:.0f}",
@@ -150,7 +150,7 @@ class Vessel(Model):
         return self
 
     def _sustained_norms(self) -> tuple[float, float, float]:
-        """Return the greatest sqrt(nu^T M nu) under thrust: in surge, in sway and yaw, and in both.
+        """Return the greatest sqrt(nu^T M nu) under thrust: in surge, in sway and yaw, and in all together.
 
         Above the last one the kinetic energy decreases under any command. Coriolis forces do no work, so the
         thrust p s balances the damping q s^2 + c s^3; p, q and c are bounds for each mix of surge and of sway

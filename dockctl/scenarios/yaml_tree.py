@@ -34,7 +34,7 @@ class Location:
     column: int = 0
 
     def problem(self, message: str, path: str = "", code: Code = "invalid", suggestion: str = "") -> Problem:
-        """Return a problem here; the field is omitted where the file, ``--set field``, already names it."""
+        """Return a problem at this location; the field is omitted if the file, ``--set field``, names it."""
         path = "" if self.file == f"--set {path}" else path
         return Problem(self.file, self.line, self.column, path, message, code, suggestion)
 
@@ -52,7 +52,7 @@ class Node:
 
     Attributes:
         keys: locations of the keys of a mapping.
-        problems: why the value cannot be used, or is not complete.
+        problems: why the value cannot be used or is incomplete.
     """
 
     value: Scalar | dict[str, Node] | list[Node]
@@ -121,7 +121,7 @@ def read_file(path: Path, display: str) -> Node:
 
 
 def read_text(text: str, display: str) -> Node:
-    """Read one YAML document; empty text gives a null node, a scalar that is not valid one with a problem.
+    """Read one YAML document; empty text gives a null node, an invalid scalar a node with a problem.
 
     Args:
         display: name of the input for messages.
@@ -198,7 +198,7 @@ class _Loader(yaml.SafeLoader):
 
 
 class PlainDumper(yaml.SafeDumper):
-    """Writes YAML that `read_text` reads back: quotes every string that would be read as another type."""
+    """Writes YAML that `read_text` reads back: quotes every string that would be read as a different type."""
 
     def ignore_aliases(self, data: Any) -> bool:
         return True
@@ -250,7 +250,7 @@ class _Builder:
 
 
 def _key(node: yaml.Node, location: Location, known: dict[str, Location]) -> str:
-    """Return the text of a key; `known` are the locations of those before it."""
+    """Return the text of a key; `known` are the locations of the previous keys."""
     if not isinstance(node, yaml.ScalarNode):
         raise input_error(location, "a key must be a plain name", code="yaml_syntax")
     key = _text(node, location)
@@ -258,13 +258,13 @@ def _key(node: yaml.Node, location: Location, known: dict[str, Location]) -> str
         message = "merge keys (<<) are not supported; use extends"
         raise input_error(location, message, code="yaml_syntax")
     if key in known:
-        message = f"duplicate key '{key}'; the first one is in line {known[key].line}"
+        message = f"duplicate key '{key}'; the first one is on line {known[key].line}"
         raise input_error(location, message, code="duplicate")
     return key
 
 
 def _text(node: yaml.ScalarNode, location: Location, path: str = "") -> str:
-    """Return the text of a scalar; refuse characters that file names and terminals cannot represent."""
+    """Return the text of a scalar; reject characters that file names and terminals cannot represent."""
     text = str(node.value)
     if bad := re.search("[\0\ud800-\udfff]", text):
         raise input_error(location, f"is not text: character {_hex(bad[0])}", path, "yaml_syntax")
@@ -289,7 +289,7 @@ def _scalar(node: yaml.ScalarNode, location: Location, path: str) -> Scalar:
         message = f"found {text[:40]}, expected a finite number of ordinary size"
         raise input_error(location, message, path, "out_of_range")
     raise input_error(
-        location, f"the tag {node.tag} does not fit the value '{text[:40]}'", path, "yaml_syntax"
+        location, f"the tag {node.tag} does not match the value '{text[:40]}'", path, "yaml_syntax"
     )
 
 

@@ -1,4 +1,4 @@
-"""Checks of a scenario in its harbors: poses, random starts, berths and meshes; notes on what is unusual."""
+"""Checks of a scenario in its harbors: poses, random starts, berths and meshes; notes for the user."""
 
 from __future__ import annotations
 
@@ -23,9 +23,9 @@ from dockctl.sim.harbor.solids import hull_outline
 from dockctl.sim.starts import UNREACHABLE, blocked_berths, free_sites, own_site, rejected_shares
 
 MAX_REJECTED, NOTED_REJECTED = 0.95, 0.3
-"""Shares of random starts: more are an error, or are noted."""
+"""Fractions of unreachable random starts above which there is an error, or a note."""
 CHECKED_LAYOUTS = 3
-"""Generated layouts of each kind whose starts are checked; the others follow the same rules."""
+"""Number of generated layouts of each kind whose starts are checked; the others follow the same rules."""
 SEARCH_RADII_M = np.arange(1, 41) * 0.25
 SEARCH_DIRECTIONS = np.array([(math.cos(a), math.sin(a), 0.0) for a in np.arange(16) * (math.pi / 8)])
 
@@ -59,7 +59,7 @@ class PoseFindings(NamedTuple):
     """What `check_poses` found.
 
     Attributes:
-        problems: field path and message of each.
+        problems: field path and message of each problem.
         rejected_starts, blocked_berths: see `LoadedScenario`.
     """
 
@@ -72,7 +72,7 @@ def check_poses(scenario: Scenario, base_dir: Path) -> PoseFindings:
     """Check every start, goal and test pose, and try random starts.
 
     The final pose of a task that is relocated to berths must be the pose of one of them, some berths of each
-    kind must be free, and so must a share of the random starts.
+    kind must be free, and enough random starts must be reachable.
 
     Raises:
         InputError: a mesh file of the harbor is missing or damaged.
@@ -93,7 +93,7 @@ def check_poses(scenario: Scenario, base_dir: Path) -> PoseFindings:
     advice = f"{UNREACHABLE}; reduce the offsets, or move the pose"
     excessive = ((field, share) for field, share in shares.items() if share > MAX_REJECTED)
     problems = [(field, f"{share:.0%} of the poses drawn here {advice}") for field, share in excessive]
-    # Of generated layouts, only a few were checked, in which some berths are always blocked.
+    # Only a few of the generated layouts were checked, and some berths are always blocked in these.
     blocked = {} if isinstance(scenario.harbor, Generated) else blocked_berths(scenario, free)
     return PoseFindings(problems, shares, blocked)
 
@@ -107,10 +107,10 @@ def with_few_layouts(scenario: Scenario) -> Scenario:
 
 
 def notes(loaded: LoadedScenario) -> list[str]:
-    """Return what a user should know about a scenario that `load_checked` returned.
+    """Return notes for the user on a scenario that `load_checked` returned.
 
-    Starts that are drawn again, berths that are left out, open meshes, and conditions beyond the vessel's
-    control authority.
+    They concern starts that are redrawn, berths that are left out, open meshes, and conditions beyond the
+    vessel's control authority.
     """
     scenario = loaded.scenario
     return (
@@ -127,8 +127,8 @@ def notes(loaded: LoadedScenario) -> list[str]:
             str(
                 loaded.problem(
                     field,
-                    f"{number} of its bodies are open, so that a boat inside them is not found;"
-                    " contact with their surfaces is. Close the mesh to test for both",
+                    f"{number} of its bodies are open, so that a boat inside them is not detected;"
+                    " contact with their surfaces is. Close the mesh to detect both",
                 )
             )
             for field, number in open_bodies(scenario.harbor, loaded.base_dir).items()
@@ -143,7 +143,7 @@ def notes(loaded: LoadedScenario) -> list[str]:
 
 
 def _together(scenario: Scenario) -> Iterator[str]:
-    """Yield a message if conditions exceed the control authority only together."""
+    """Yield a message if conditions exceed the control authority together but not individually."""
     vessel = scenario.vessel
     forces = [condition.side_force_n(vessel) for condition in scenario.conditions.values()]
     if max(forces, default=0.0) <= vessel.max_side_n < sum(forces):
@@ -202,7 +202,7 @@ class PoseCheck:
             return f"is outside the basin; {self._nearest_free(eta)}"
         if self._in_basin(self._final) and not self._checker.blocked(self._final[None])[0]:
             separated = self._checker.unreachable(eta[None], self._final)[0]
-            return "is not connected by water with the final pose" if separated else ""
+            return "is not connected to the final pose by water" if separated else ""
         return ""
 
     def _in_basin(self, eta: Floats) -> bool:

@@ -1,4 +1,4 @@
-"""Contact and clearance between the boat and the harbor, exact, by python-fcl."""
+"""Exact contact and clearance between the boat and the harbor, computed with python-fcl."""
 
 from __future__ import annotations
 
@@ -20,13 +20,13 @@ from dockctl.sim.harbor.solids import Mesh, hull_mesh
 from dockctl.sim.harbor.waters import Waters, cross_section
 
 SIZE_BY_TRIANGLES = 8
-"""Memory of a checker, relative to the array of the harbor's triangles; measured on the reference marina."""
+"""Memory of a checker, relative to the harbor's triangle array; measured on the reference marina."""
 CONTACT_RESOLUTION_M = 0.002
 """Motion of the hull between the poses at which contact is tested."""
 KEPT_TRIANGLES = 700_000
-"""Triangles, in all harbors together, that are kept as objects of fcl, at about 600 bytes each."""
+"""Maximum number of triangles kept as fcl objects, in all harbors together; about 600 bytes each."""
 MAX_BOXES = 128
-"""Boxes that are kept, of hulls with a margin."""
+"""Maximum number of cached bounding boxes of hulls with a margin."""
 SLACK_M = 1e-3
 """Greater than the rounding errors of fcl's distance between convex shapes."""
 
@@ -46,7 +46,7 @@ class CollisionChecker:
         low, high = (getattr(harbor.triangles[:, :, 2], end)(axis=1) for end in ("min", "max"))
         margin = 2 * SLACK_M
         touchable = (low <= hull.freeboard_m + margin) & (high >= -hull.draft_m - margin)
-        # Two thirds of a marina are out of reach: rigs, cabins and decks, which only clearances depend on.
+        # Two thirds of a marina (rigs, cabins, decks) cannot touch the hull; only clearances need them.
         self._low, self._high = _Surfaces(harbor, touchable), _Surfaces(harbor, ~touchable)
         bodies = [(index, solid.mesh) for index, part in enumerate(harbor.parts) for solid in part.solids]
         self._interior = _Interior(bodies, self._middle)
@@ -55,8 +55,8 @@ class CollisionChecker:
     def near(self, eta: Floats, within_m: float) -> Bools:
         """Return whether the hull can touch a surface if each of its points moves at most this far.
 
-        Conservative: the hull's bounding box, enlarged by `within_m`, is tested. If the answer is no, nothing
-        gets into the hull and the hull does not get into or out of anything.
+        Conservative: the hull's bounding box, enlarged by `within_m`, is tested. If it is False, nothing can
+        enter the hull, and the hull can neither enter nor leave anything.
 
         Args:
             eta: (n, 3) poses.
@@ -75,7 +75,7 @@ class CollisionChecker:
         return self.collides(eta) | (self._contained(eta) >= 0)
 
     def unreachable(self, eta: Floats, goal: Floats) -> Bools:
-        """Return whether poses are blocked or not connected by water with the goal (3,), (n, 3) to (n,)."""
+        """Return whether poses are blocked or not connected to the goal (3,) by water, (n, 3) to (n,)."""
         region = self._waters.region(np.vstack([goal, eta]))
         return np.asarray((region[1:] != region[0]) | self.blocked(eta))
 
@@ -134,7 +134,7 @@ class CollisionChecker:
         return np.concatenate([eta[:, :2] - reach, eta[:, :2] + reach], axis=1)
 
     def _touching(self, shape: _Shape, eta: Floats, margin_m: float = 0.0, z: float = 0.0) -> Bools:
-        """Return whether the hull, or its box with a margin, touches what is between keel and deck."""
+        """Return whether the hull, or its box with a margin, touches anything between keel and deck."""
         close = self._low.overlaps(self._bounds(eta, margin_m))
         (rows,), touching = np.nonzero(close.any(axis=1)), np.zeros(len(eta), bool)
         for row, boat in zip(rows.tolist(), shape.placed(eta[rows], z), strict=True):
@@ -144,10 +144,10 @@ class CollisionChecker:
 
 
 class _Surfaces:
-    """Some of the triangles of a harbor, as one object of fcl for each part, built when it is needed.
+    """Some of the triangles of a harbor, as one fcl object for each part, built when needed.
 
-    fcl takes ten times the memory of the triangles, and a boat comes near few parts of a harbor. In a
-    training in many harbors it comes near all: when `KEPT_TRIANGLES` have been built, all are dropped.
+    fcl takes ten times the memory of the triangles, and a boat comes near few parts of a harbor. In training
+    in many harbors, however, all parts are needed: once `KEPT_TRIANGLES` have been built, all are dropped.
     """
 
     _all: ClassVar[WeakSet[_Surfaces]] = WeakSet()
@@ -167,9 +167,9 @@ class _Surfaces:
             self._all.add(self)
 
     def gaps(self, bounds: Floats) -> Floats:
-        """Return the horizontal distance of each part from boxes, of their bounds, (n, 4) to (n, parts) [m].
+        """Return the horizontal distance between boxes and the bounds of each part, (n, 4) to (n, parts) [m].
 
-        It is 0 where bounds overlap, and infinite for a part without triangles.
+        The distance is 0 where they overlap, and infinite for a part without triangles.
         """
         below = self._low - bounds[:, None, 2:]
         above = bounds[:, None, :2] - self._high
@@ -205,13 +205,13 @@ def _touch(one: fcl.CollisionObject, other: fcl.CollisionObject) -> bool:
 
 
 class _Shape:
-    """A shape and its objects, which are used again: python-fcl does not free 32 bytes of each."""
+    """A shape and its fcl objects, which are reused: python-fcl leaks 32 bytes per object."""
 
     def __init__(self, geometry: Any) -> None:
         self._geometry, self._idle = geometry, list[fcl.CollisionObject]()
 
     def placed(self, eta: Floats, z: float = 0.0) -> Iterator[fcl.CollisionObject]:
-        """Yield the shape at each pose; each call has its own object, so that threads can share a checker."""
+        """Yield the shape at each pose; each call uses its own object, so threads can share a checker."""
         try:
             boat = self._idle.pop()
         except IndexError:
@@ -249,11 +249,11 @@ def first_contact(
 
     Args:
         path: (k, 3 + m) successive poses and any m other columns, linear in between; k >= 1.
-        near, blocked: as of a `CollisionChecker`.
+        near, blocked: as in `CollisionChecker`.
         hull: the hull.
 
     Returns:
-        the row of `path`, interpolated, at the contact.
+        The row of `path`, interpolated, at the contact.
     """
     moved = _moved(path, hull.reach_m)
     resolution = min(CONTACT_RESOLUTION_M, 0.1 * hull.beam_m, 0.1 * hull.length_m)
@@ -271,12 +271,12 @@ def first_contact(
 
 
 def rounded_up(distance_m: float) -> float:
-    """Return the next of few numbers, four per power of 2: `near` keeps a box for each."""
+    """Round up to one of four values per power of 2, because `near` caches a box for each value."""
     return float(2.0 ** (math.ceil(4 * math.log2(distance_m)) / 4)) if distance_m > 0 else 0.0
 
 
 def least_clearance(eta: Floats, clearance: Callable[[Floats], Floats], reach_m: float) -> float:
-    """Return the minimum clearance over the poses of a trajectory, computed at few of them.
+    """Return the minimum clearance over the poses of a trajectory [m], computed at few of them.
 
     The clearance cannot change by more than the hull moves. A section of the trajectory is skipped if this
     bound shows that its clearance is not below the minimum found so far.

@@ -1,4 +1,4 @@
-"""The conditions of a scenario for n boats: what `Simulator` asks of all of them at once."""
+"""The conditions of a scenario for n boats, combined for `Simulator`."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ class Disturbances:
     """All conditions of a scenario, in the order of the scenario; errors name the condition.
 
     Raises:
-        DockctlError: a condition cannot be built, or more than one is noise of the range sensor.
+        DockctlError: a condition cannot be built, or more than one adds noise to the range sensor.
     """
 
     def __init__(self, scenario: Scenario, num_boats: int) -> None:
@@ -33,7 +33,7 @@ class Disturbances:
                     raise TypeError(f"build returned {built!r}, not a Disturbance")
                 self._all[name] = guard, built
         if sum(type(each).range_noise is not Disturbance.range_noise for each in self) > 1:
-            raise DockctlError("conditions: more than one is noise of the range sensor", code="mismatch")
+            raise DockctlError("conditions: more than one adds noise to the range sensor", code="mismatch")
 
     def __iter__(self) -> Iterator[Disturbance]:
         return (disturbance for _, disturbance in self._all.values())
@@ -42,7 +42,7 @@ class Disturbances:
         return len(self._all)
 
     def define(self, hook: str) -> bool:
-        """Return whether a condition defines this hook of `Disturbance`."""
+        """Return whether a condition overrides this hook of `Disturbance`."""
         return any(getattr(type(each), hook) is not getattr(Disturbance, hook) for each in self)
 
     def reset(self, rows: Ints, starts: Sequence[Start], rngs: Sequence[np.random.Generator]) -> None:
@@ -58,7 +58,7 @@ class Disturbances:
                 disturbance.reset(rows, drawn)
 
     def advance(self, period_s: float) -> None:
-        """Go on to the next control period."""
+        """Advance to the next control period."""
         for guard, disturbance in self._all.values():
             with guard:
                 disturbance.advance(period_s)
@@ -78,12 +78,12 @@ class Disturbances:
                 disturbance.restore(own)
 
     def sum(self, hook: str, columns: int, *arguments: Any) -> Floats:
-        """Return the sum (n, columns) of what a hook of the conditions returns."""
+        """Return the sum (n, columns) of a hook over all conditions."""
         total = np.zeros((self._boats, columns))
         for guard, disturbance in self._all.values():
             with guard:
                 value = np.asarray(getattr(disturbance, hook)(*arguments))
-                if value.ndim:  # the default is a number, nothing
+                if value.ndim:  # the default is the scalar 0
                     require_shape(f"{type(disturbance).__name__}.{hook}", value.shape, total.shape)
                 total += value
         return total

@@ -16,7 +16,7 @@ TO_INTERMEDIATE, TO_FINAL = 0, 1
 
 
 class Limit(Protocol):
-    """When a pose is reached: distance [m], heading [rad] and speed [m/s]."""
+    """Limits at which a pose is reached: distance [m], heading [rad] and speed [m/s]."""
 
     @property
     def distance_m(self) -> float: ...
@@ -27,7 +27,7 @@ class Limit(Protocol):
 
 
 class Limits(Protocol):
-    """The limits of both poses, as a `dockctl.scenarios.schema.Task` has them."""
+    """The limits of both poses; `dockctl.scenarios.schema.Task` implements it."""
 
     @property
     def intermediate_tolerance(self) -> Limit: ...
@@ -100,7 +100,7 @@ def _unknown(limit_m: float) -> Floats:
 
 @dataclass(frozen=True)
 class StepStatus:
-    """Result of one control step of n boats, relative to the goal of the phase in which the step was made.
+    """Result of one control step of n boats, relative to the goal of the phase in which the step was taken.
 
     Shapes are (n,) unless noted.
 
@@ -114,8 +114,8 @@ class StepStatus:
         command, previous_command: (n, 2) propeller force [N] and rudder angle [rad].
         sector_ranges_m: (n, sectors) range of the nearest return in each sector [m].
         collided, reached_intermediate, reached_final: events; at most one is true for a boat.
-        clearance_below: takes a limit [m], and returns the distance between hull and harbor after the step
-            where it is less, else the limit, (n,) [m]. It is computed only when it is called.
+        clearance_below: function of a limit [m] that returns the distance between hull and harbor after the
+            step, at most the limit, (n,) [m]. The distance is computed only when it is called.
     """
 
     phase: Ints
@@ -140,14 +140,14 @@ class StepStatus:
 
     @property
     def terminated(self) -> Bools:
-        """Whether the step ends the episode, by a collision or at the final pose, (n,)."""
+        """Whether the step ends the episode, with a collision or at the final pose, (n,)."""
         return self.collided | self.reached_final
 
     def outcome(self, truncated: Bools) -> NDArray[np.object_]:
         """Return how each episode ended, (n,): "docked", "collision", "timeout", or "" if it continues.
 
         Args:
-            truncated: (n,) whether the episode ends by its limit of steps.
+            truncated: (n,) whether the episode ends at its step limit.
         """
         outcome = np.full(len(self.phase), "", object)
         outcome[truncated] = "timeout"

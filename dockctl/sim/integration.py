@@ -12,7 +12,7 @@ from dockctl.compute import compiled
 
 @compiled(inline="always")
 def rate(psi: float, u: float, v: float, r: float, tau: Any, coefficients: Any) -> Any:
-    """Return the time derivatives of x, y, psi, u, v, r of one boat."""
+    """Return the time derivatives of x, y, psi, u, v, r of one boat (thesis eqs. 2.5, 2.8)."""
     i00, i11, i12, i21, i22, m, Xud, Yvd, Yrd, Xu, Xuu, Yv, Yvv, Yr, Nv, Nr, Nrr = coefficients
     added = Yvd * v + Yrd * r
     X = tau[0] + m * r * v - added * r - (Xu + Xuu * abs(u)) * u
@@ -24,7 +24,7 @@ def rate(psi: float, u: float, v: float, r: float, tau: Any, coefficients: Any) 
 
 @compiled(inline="always")
 def _write(row: Any, values: Any) -> None:
-    """Assign each value; for `row[:] = values`, numba would compile the message of an error, for seconds."""
+    """Assign each value; for `row[:] = values`, numba would spend seconds compiling an error message."""
     for i, value in enumerate(values):
         row[i] = value
 
@@ -36,8 +36,9 @@ def integrate(
     """Take `substeps` Runge-Kutta steps of h seconds for every row; returns new arrays.
 
     `tau` is (n, k, 3), one row for every substeps / k steps; `coefficients` are (n, 17), or (1, 17) for all
-    boats, in the order of `dockctl.sim.vessel.Coefficients`. The third result sums the motion of the
-    outermost point, at `reach`. All states are written to `states` (n, substeps + 1, 6), unless it is empty.
+    boats, in the order of `dockctl.sim.vessel.Coefficients`. The third result, (n,) [m], is an upper bound on
+    the path length of the outermost point, at `reach` [m]. All states are written to `states`
+    (n, substeps + 1, 6), unless it is empty.
     """
     eta, nu, travel = eta.copy(), nu.copy(), np.zeros(len(eta))
     a, b = h / 2, h / 6

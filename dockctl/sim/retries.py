@@ -13,20 +13,20 @@ from dockctl.geometry import Bools, Ints
 from dockctl.sim.starts import Start
 
 KEPT = 16
-"""Failed starts that are kept for each boat; a further one replaces the oldest."""
+"""Maximum number of failed starts kept for each boat; a new one then replaces the oldest."""
 
 
 class FailedStarts:
     """The starts of failed episodes, a queue for each boat.
 
-    Easy starts are soon learned, and then nearly all episodes of a training repeat them. With retries, the
-    share of episodes with hard starts does not shrink (a form of prioritized level replay, Jiang,
-    Grefenstette and Rocktäschel 2021). Exploring starts are not kept: some cannot be docked from.
+    Easy starts are soon learned, and then nearly all training episodes repeat them. Retries keep up the
+    share of episodes with hard starts (a form of prioritized level replay, Jiang, Grefenstette and
+    Rocktäschel 2021). Exploring starts are not kept, because docking is impossible from some of them.
 
     Args:
         boats: number of boats.
-        fraction: of a boat's starts that are taken from its queue, if that is not empty; at 0 the queues
-            stay empty.
+        fraction: fraction of a boat's starts that are taken from its queue, if it is not empty; if 0, the
+            queues stay empty.
     """
 
     def __init__(self, boats: int, fraction: float) -> None:
@@ -35,7 +35,7 @@ class FailedStarts:
         self._queues = [deque[Start](maxlen=KEPT) for _ in range(boats)]
 
     def begin(self, boats: Ints, starts: Sequence[Start]) -> None:
-        """Note how episodes of these boats (k,) start."""
+        """Record the starts of the new episodes of these boats (k,)."""
         for boat, start in zip(boats, starts, strict=True):
             self._current[boat] = start
 
@@ -72,6 +72,6 @@ class FailedStarts:
             raise ValueError("a state without failed starts")
         queues = [[Start(**start) for start in queue] for queue in state["queues"]]
         if not len(queues) == len(state["current"]) == len(self._queues):
-            raise ValueError("another number of boats")
+            raise ValueError("a different number of boats")
         self._current = [start and Start(**start) for start in state["current"]]
         self._queues = [deque(queue, maxlen=KEPT) for queue in queues]

@@ -30,11 +30,11 @@ STATE = (
 
 
 STATE_LIMIT = 1e9
-"""Positions [m], headings [rad] and velocities above are those of an integration that diverged."""
+"""Positions [m], headings [rad] or velocities above this limit mean that the integration diverged."""
 
 
 class IntegrationError(DockctlError):
-    """The equations of motion were integrated with too large steps for the forces, velocities or currents."""
+    """The integration step is too large for the forces, velocities or currents."""
 
     code = "out_of_range"
 
@@ -49,14 +49,14 @@ class Simulator:
         eta: (n, 3) x, y [m] and heading [rad].
         nu: (n, 3) u, v [m/s] and r [rad/s] over ground.
         command: (n, 2) propeller force [N] and rudder angle [rad] of the last step; zero at a start.
-        actuation: (n, 2) the same of the actuators at the end of the last step, if a condition changes them.
+        actuation: (n, 2) actual force and angle at the end of the last step, if a condition changes them.
         phase: (n,) 0 on the way to the intermediate pose, 1 on the way to the final pose.
         goals: (n, 2, 3) intermediate and final pose of each boat.
         harbor: (n,) index of the world that each boat is in.
         steps, max_steps: (n,) control steps taken in this episode, and allowed.
-        distance_m, heading_error_rad: (n,) from the goal of the current phase.
+        distance_m, heading_error_rad: (n,) relative to the goal of the current phase.
         sector_ranges_m: (n, sectors) nearest LiDAR returns.
-        resting: (n,) boats without an episode, which stay as they are and are not scanned.
+        resting: (n,) boats without an episode, which keep their state and are not scanned.
     """
 
     def __init__(self, scenario: Scenario, worlds: Sequence[World], num_boats: int) -> None:
@@ -88,8 +88,8 @@ class Simulator:
         self.resting = np.zeros(num_boats, bool)
 
     def prepare(self, harbors: Iterable[int]) -> None:
-        """Build the tables of the sensor in these harbors now and in parallel; resets do for their starts."""
-        if len(self.worlds) == 1:  # `in_harbors` does not ask for its number
+        """Build the sensor's tables for these harbors now, in parallel; `reset` does so for its starts."""
+        if len(self.worlds) == 1:  # as in `in_harbors`, the index does not matter
             harbors = [0]
         missing = sorted(set(harbors) - self._prepared)
         with self._sensor:
@@ -107,7 +107,7 @@ class Simulator:
 
         Args:
             starts: k starts.
-            rngs: k generators from which the conditions draw, where a start has no seed of its own.
+            rngs: k generators from which the conditions draw if a start has no seed of its own.
         """
         self.prepare(start.harbor for start in starts)
         self.eta[rows] = [start.eta for start in starts]
@@ -125,18 +125,18 @@ class Simulator:
         self.sector_ranges_m[rows] = self.scan(rows)
 
     def rest(self, rows: Ints) -> None:
-        """Let the boats in `rows` (k,) rest until they are reset."""
+        """Mark the boats in `rows` (k,) as resting until they are reset."""
         self.resting[rows] = True
 
     def step(self, command: Floats) -> StepStatus:
         """Hold the commands (n, 2) [N, rad] for one control period and return the result.
 
-        Events exclude each other: a boat that collides reaches no pose in that step. For a boat that reaches
-        the intermediate pose, the final pose is the goal from the next step on.
+        Events are mutually exclusive: a boat that collides reaches no pose in that step. For a boat that
+        reaches the intermediate pose, the final pose is the goal from the next step on.
 
         Raises:
             IntegrationError: the integration of a boat diverged.
-            DockctlError: a condition failed, or returned another shape.
+            DockctlError: a condition failed, or returned the wrong shape.
         """
         phase, distance, heading_error = self.phase.copy(), self.distance_m, self.heading_error_rad
         previous_command, self.command = self.command, command.astype(float)
@@ -190,7 +190,7 @@ class Simulator:
         """Continue from what `state` returned.
 
         Raises:
-            DockctlError: it is the state of another number of boats, or of another scenario.
+            DockctlError: the number of boats or the scenario differs.
             KeyError: a part of it is missing.
         """
         state = {"actuation": self.actuation, "resting": self.resting, **state}  # not in early versions
@@ -211,7 +211,7 @@ class Simulator:
         """Return the sector ranges (k, sectors) [m] of the boats in `rows` (k,), by default of all.
 
         Raises:
-            DockctlError: the sensor returned another shape.
+            DockctlError: the sensor returned the wrong shape.
         """
         boats, sectors = self.sector_ranges_m.shape
         noise = self.disturbances.range_noise()
@@ -219,7 +219,7 @@ class Simulator:
         def ranges_of(world: World, rows: Ints) -> Floats:
             if noise is None:
                 return world.lidar.sector_ranges(self.eta[rows])
-            # Checked by `__init__`; isinstance of a protocol evaluates all its properties, in every scan.
+            # Checked by `__init__`; isinstance with a protocol would evaluate its properties in every scan.
             sensor = cast(NoisyRangeSensor, world.lidar)
             return sensor.noisy_sector_ranges(self.eta[rows], noise.of(rows))
 
@@ -247,10 +247,10 @@ class Simulator:
         Args:
             query: takes a world and boats (m,), and returns m rows.
             rows: (k,) which boats; all by default.
-            on_all_cores: ask several worlds at once, of a function that releases the GIL.
+            on_all_cores: evaluate several worlds in parallel; for a function that releases the GIL.
 
         Returns:
-            the answers in the order of the boats.
+            The answers in the order of the boats.
         """
         boats = np.arange(len(self.harbor)) if rows is None else rows
         if len(self.worlds) == 1:
@@ -269,10 +269,10 @@ class Simulator:
     def _move(self) -> Bools:
         """Integrate the equations of motion over one control period; return which boats collided, (n,).
 
-        In a current V_c that is constant in the period they hold for the velocity relative to the water,
+        In a current V_c that is constant over the period, they hold for the velocity relative to the water,
         nu_r = nu - R(psi)^T V_c, with eta' = R(psi) nu_r + V_c (Fossen 2012).
 
-        A boat that is free at the end of the period but touched something on the way stays where it did.
+        A boat that is free at the end of the period but touched something on the way stays at the contact.
 
         Raises:
             IntegrationError: the integration diverged.
@@ -293,7 +293,7 @@ class Simulator:
         self.eta, self.nu = eta, nu
         farthest = rounded_up(float(travel.max()))
         collided = self.in_harbors(lambda world, rows: world.obstacles.near(eta[rows], farthest))
-        collided |= self.steps == 0  # a start may be inside something; later, nothing gets there unless near
+        collided |= self.steps == 0  # a start may be inside an obstacle; later, getting there requires `near`
         collided &= ~self.resting
         for row in np.flatnonzero(collided):
             obstacles = self.worlds[int(self.harbor[row])].obstacles
@@ -320,11 +320,11 @@ class Simulator:
         return self.disturbances.sum("air_velocity", 2)
 
     def measured_pose(self) -> Floats:
-        """Return the poses with the errors of the sensors, (n, 3) [m, m, rad]."""
+        """Return the poses with sensor errors, (n, 3) [m, m, rad]."""
         return self.eta + self.disturbances.sum("pose_error", 3) if self.disturbances else self.eta
 
     def measured_velocity(self) -> Floats:
-        """Return the velocities over ground with the errors of the sensors, (n, 3) [m/s, m/s, rad/s]."""
+        """Return the velocities over ground with sensor errors, (n, 3) [m/s, m/s, rad/s]."""
         return self.nu + self.disturbances.sum("velocity_error", 3) if self.disturbances else self.nu
 
     def _scale_coefficients(self, rows: Ints) -> None:
@@ -364,7 +364,7 @@ class Simulator:
             raise IntegrationError(
                 f"boat {row}, step {self.steps[row] + 1}: the integration diverged at ({x:g}, {y:g}) m,"
                 f" {heading:g} rad, {u:g} m/s, {v:g} m/s, {r:g} rad/s at {force:g} N, {np.degrees(angle):g}°;"
-                " expected starts, conditions and commands that the vessel is made for, or more substeps"
+                " use starts, conditions and commands within the vessel's capabilities, or more substeps"
             )
 
     def _measure(self) -> None:

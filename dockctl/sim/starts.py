@@ -21,12 +21,12 @@ from dockctl.sim.goal import TO_FINAL, TO_INTERMEDIATE, measure
 MAX_DRAWS = 1000
 TRIAL_DRAWS = 200
 CLOSE_DRAWS = 30
-"""Attempts to draw a start near an obstacle; around some initial poses there is none."""
-UNREACHABLE = "are in an obstacle or not connected by water with the final pose"
+"""Attempts to draw a start near an obstacle; some initial poses have none nearby."""
+UNREACHABLE = "are in an obstacle or not connected to the final pose by water"
 SAME_POSE = 1e-3
 """Poses that differ by less [m, rad] are equal."""
 Unreachable = Callable[[Floats, Floats], Bools]
-"""Whether poses (n, 3) are blocked by an obstacle, or not connected by water with a goal (3,), (n,)."""
+"""Whether poses (n, 3) are blocked by an obstacle, or not connected to a goal (3,) by water, (n,)."""
 Near = Callable[["Start", float], bool]
 """Whether an obstacle is within this distance [m] of the hull."""
 
@@ -84,7 +84,7 @@ class Start:
 
 
 def own_site(scenario: Scenario) -> Site:
-    """Return the task with the poses that the scenario gives, in the harbor in which its berth is free.
+    """Return the task at the scenario's own poses, in the harbor in which its berth is free.
 
     Raises:
         InputError: the task is relocated to berths, and its final pose is not the pose of one of them.
@@ -181,7 +181,7 @@ def given_start(site: Site, task: Task, pose: Floats, index: int, kind: str = "p
 
 
 def initial_start(site: Site, task: Task, rng: np.random.Generator, unreachable: Unreachable) -> Start:
-    """Draw one of the initial poses and its offset; an unreachable one is drawn again.
+    """Draw one of the initial poses and its offset; unreachable poses are drawn again.
 
     Raises:
         DockctlError: none is reachable.
@@ -196,7 +196,7 @@ def initial_start(site: Site, task: Task, rng: np.random.Generator, unreachable:
 def exploring_start(
     site: Site, task: Task, exploring: ExploringStarts, rng: np.random.Generator, unreachable: Unreachable
 ) -> Start:
-    """Draw an exploring start; an unreachable one is drawn again."""
+    """Draw an exploring start; unreachable ones are drawn again."""
     return _first_reachable(
         lambda: _exploring_draw(site, task, exploring, rng), unreachable, "training.exploring_starts"
     )
@@ -218,7 +218,7 @@ def _exploring_draw(site: Site, task: Task, exploring: ExploringStarts, rng: np.
     leg = end - begin
     leg[2] = wrap(leg[2])
     eta = begin + rng.random() * leg
-    size = rng.random()  # one draw for both: near misses are near in position and in heading
+    size = rng.random()  # one draw for both: small position noise goes with small heading noise
     offsets = offset_limits(
         _interpolate(exploring.position_noise_m, size), _interpolate(exploring.heading_noise_deg, size)
     )
@@ -228,7 +228,7 @@ def _exploring_draw(site: Site, task: Task, exploring: ExploringStarts, rng: np.
 
 
 def draw_intermediate(site: Site, task: Task, rng: np.random.Generator, unreachable: Unreachable) -> Site:
-    """Return the site with its intermediate pose drawn within the offsets that the task gives it.
+    """Return the site with its intermediate pose drawn within the task's offsets.
 
     Raises:
         DockctlError: none is reachable.
@@ -325,7 +325,7 @@ def blocked_berths(scenario: Scenario, free: Sequence[Site]) -> dict[str, list[s
     with_site = {(site.harbor, *site.goals[1]) for site in free}
     for site in sites(scenario):
         if (berth := (site.harbor, *site.goals[1])) not in with_site:
-            with_site.add(berth)  # each is named once, not once for each side
+            with_site.add(berth)  # each berth is named once, not once for each side
             names.setdefault(f"task.berths.{site.kind}", []).append(site.berth)
     return names
 
@@ -333,7 +333,7 @@ def blocked_berths(scenario: Scenario, free: Sequence[Site]) -> dict[str, list[s
 def rejected_shares(
     scenario: Scenario, unreachable: Sequence[Unreachable], every: Sequence[Site]
 ) -> dict[str, float]:
-    """Return the shares of trial draws at these sites that are unreachable, by the field of the offsets."""
+    """Return the fraction of trial draws at these sites that are unreachable, by the field of the offsets."""
     task, random, rng = scenario.task, scenario.evaluation.random_starts, np.random.default_rng(0)
     draws: dict[str, Callable[[Site], Start]] = {}
 

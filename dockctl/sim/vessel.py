@@ -3,7 +3,7 @@
 The matrices follow the thesis and are the reference implementation. `dockctl.sim.integration` is the same
 arithmetic, written out by element for speed; tests compare the two.
 
-The yaw mode of the thesis' boat has its pole at -9.43 1/s. A single Runge-Kutta step over the control period
+The yaw mode of the thesis's boat has its pole at -9.43 1/s. A single Runge-Kutta step over the control period
 of 0.5 s would be unstable (the limit is 0.295 s), so the integration uses substeps.
 """
 
@@ -21,11 +21,11 @@ NONZERO = ((0, 0), (1, 1), (1, 2), (2, 1), (2, 2))
 
 
 class Coefficients(NamedTuple):
-    """The numbers of the equations of motion of n vessels, (n,) each; or of one, for any number of boats.
+    """Coefficients of the equations of motion of n vessels, (n,) each; or of one, for any number of boats.
 
     Attributes:
         i00, i11, i12, i21, i22: elements of the inverse of the inertia matrix; the others are zero.
-        mass_kg, ...: as of a `Vessel`.
+        mass_kg, ...: as in `Vessel`.
     """
 
     i00: Floats
@@ -142,7 +142,7 @@ class VesselModel:
             coefficients: (n, 17) of each boat, as `coefficients` returns them; by default of the vessel.
 
         Returns:
-            the third one is an upper bound on the distance that any point of the hull travels.
+            The third result is an upper bound on the distance that any point of the hull travels.
         """
         return self._integrate(eta, nu, tau, coefficients, np.empty((0, 0, 6)))
 
@@ -166,7 +166,7 @@ class VesselModel:
 
 
 class ReferenceVesselModel(VesselModel):
-    """The reference implementation: classical Runge-Kutta with the matrices above. It compiles nothing."""
+    """The reference implementation: classical Runge-Kutta with the matrices above, not compiled."""
 
     def _integrate(
         self, eta: Floats, nu: Floats, tau: Floats, coefficients: Floats | None, states: Floats
@@ -197,7 +197,7 @@ class ReferenceVesselModel(VesselModel):
 
 
 def coefficients(vessel: Vessel) -> Floats:
-    """Return the numbers (17,) of the equations of motion in the order of `Coefficients`."""
+    """Return the coefficients (17,) of the equations of motion in the order of `Coefficients`."""
     inverse = np.linalg.inv(vessel.inertia)
     named = (getattr(vessel, name) for name in Coefficients._fields[len(NONZERO) :])
     return np.array([*(inverse[index] for index in NONZERO), *named])

@@ -35,11 +35,11 @@ class Obstacles(Protocol):
         ...
 
     def blocked(self, eta: Floats) -> Bools:
-        """Return whether the hull touches something or is inside of it, (n,)."""
+        """Return whether the hull touches or is inside something, (n,)."""
         ...
 
     def unreachable(self, eta: Floats, goal: Floats) -> Bools:
-        """Return whether poses are blocked or not connected by water with the goal (3,), (n,)."""
+        """Return whether poses are blocked or not connected to the goal (3,) by water, (n,)."""
         ...
 
     def collided_part(self, eta: Floats) -> str | None:
@@ -47,7 +47,7 @@ class Obstacles(Protocol):
         ...
 
     def clearance(self, eta: Floats) -> Floats:
-        """Return the least distance (n,) [m] between the hull and anything."""
+        """Return the distance (n,) [m] between the hull and the nearest obstacle."""
         ...
 
     def clearance_below(self, eta: Floats, limit_m: float) -> Floats:
@@ -64,7 +64,7 @@ class World:
 
     Attributes:
         scene: returns the plan view.
-        source: what it was built from; a pickle consists of it.
+        source: what it was built from; only this is pickled.
     """
 
     obstacles: Obstacles
@@ -80,7 +80,7 @@ class World:
 
 
 class Worlds(Sequence[World]):
-    """The worlds of a scenario; each is built when it is used for the first time."""
+    """The worlds of a scenario; each is built on first use."""
 
     def __init__(self, sources: Sequence[Source]) -> None:
         self._sources = tuple(sources)
@@ -122,16 +122,16 @@ def build_worlds(scenario: Scenario, base_dir: Path) -> Worlds:
 
 
 def unreachable_in(worlds: Sequence[World]) -> list[Unreachable]:
-    """Return for each harbor whether poses are unreachable there; a world is built when it is queried."""
+    """Return, for each harbor, a function that tests whether poses are unreachable; it builds the world."""
 
-    def ask(number: int, eta: Floats, goal: Floats) -> Bools:
+    def unreachable(number: int, eta: Floats, goal: Floats) -> Bools:
         return worlds[number].obstacles.unreachable(eta, goal)
 
-    return [partial(ask, number) for number in range(len(worlds))]
+    return [partial(unreachable, number) for number in range(len(worlds))]
 
 
 def near_in(worlds: Sequence[World]) -> Near:
-    """Return whether an obstacle of a start's harbor is within a distance of the hull, as a function."""
+    """Return a function that tests whether a start has an obstacle within a distance of the hull."""
     return lambda start, within_m: bool(worlds[start.harbor].obstacles.near(start.eta[None], within_m)[0])
 
 
@@ -153,32 +153,32 @@ def build_sensor(harbor: Harbor, lidar: RangeSensorSpec) -> RangeSensor:
     """Return the range sensor in a harbor.
 
     Raises:
-        PluginError: the sensor is a plugin's, and fails.
+        PluginError: the sensor is from a plugin, and fails.
     """
     with Guard(RANGE_SENSORS, lidar.kind):
-        return lidar.build(read_only(harbor.triangles))  # others use the array, too
+        return lidar.build(read_only(harbor.triangles))  # the array is shared
 
 
 def scan_points(sensor: RangeSensor, kind: str, pose: Floats, every: int = 1) -> Floats:
     """Return the points (k, 3) [m] of a scan by a sensor of this kind, in the body frame.
 
     Raises:
-        PluginError: the sensor is a plugin's, and fails or returns another shape.
+        PluginError: the sensor is from a plugin, and fails or returns the wrong shape.
     """
     with Guard(RANGE_SENSORS, kind):
         points = np.asarray(sensor.points(pose, every), float)
         if points.shape != (len(points), 3):
             raise ValueError(f"points returned shape {points.shape}, expected (points, 3)")
         if not np.isfinite(points).all():
-            raise ValueError("points returned a number that is not finite")
+            raise ValueError("points returned a value that is not finite")
         return points
 
 
 def scan_sectors(sensor: RangeSensor, spec: RangeSensorSpec, pose: Floats) -> Floats:
-    """Return the nearest return (sectors,) [m] of each sector of a scan from a pose (3,).
+    """Return the range of the nearest return in each sector (sectors,) [m] of a scan from a pose (3,).
 
     Raises:
-        PluginError: the sensor is a plugin's, and fails, or returns another shape or what is no range.
+        PluginError: the sensor is from a plugin, and fails, or returns the wrong shape or an invalid range.
     """
     with Guard(RANGE_SENSORS, spec.kind):
         ranges: Floats = np.asarray(sensor.sector_ranges(pose[None]), float)
@@ -233,9 +233,9 @@ class NothingInRange:
 
 
 def prepare(worlds: Sequence[World]) -> None:
-    """Run one scan in each of these worlds, to build the tables of the sensors now and in parallel."""
+    """Run one scan in each of these worlds, to build the tables of the sensors now, in parallel."""
     if not worlds:
         return
     first, *others = (world.lidar for world in worlds)
-    first.sector_ranges(np.zeros((1, 3)))  # compiles, and builds what all share
+    first.sector_ranges(np.zeros((1, 3)))  # compiles, and builds the shared tables
     on_all_cores(lambda sensor: sensor.sector_ranges(np.zeros((1, 3))), others)

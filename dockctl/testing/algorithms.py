@@ -30,12 +30,12 @@ def check_algorithm(kind: str, action_space: Space[Any], **keys: Any) -> None:
 
     Actions are in the space; nothing is learned in the warm-up; metrics are finite; the same seed gives the
     same policy, also if an `Overlapping` algorithm learns one step late; the greedy policy is deterministic
-    and can be rebuilt from its tensors; a restored algorithm learns on as if it had not stopped.
+    and can be rebuilt from its tensors; a restored algorithm continues as if it had not stopped.
 
     Args:
         kind: registered name.
-        action_space: of one boat.
-        keys: of ``training.algorithm``.
+        action_space: action space of one boat.
+        keys: keys of ``training.algorithm``.
     """
     spec: AlgorithmSpec = registered_spec(ALGORITHMS, AlgorithmSpec, kind, keys)
     training = Training(
@@ -50,7 +50,7 @@ def check_algorithm(kind: str, action_space: Space[Any], **keys: Any) -> None:
     )
     require = contract_of(f"algorithm '{kind}'")
     require("valid", spec.describe(), "no description")
-    require("valid", first.updates > 0, "makes no updates")
+    require("valid", first.updates > 0, "performs no updates")
     _require_equal(require, "deterministic", first.policy_tensors(), second.policy_tensors())
     if isinstance(first, Overlapping) and first.acts_while_learning:
         late = _learned(spec.build(spaces, training, "cpu"), spec, spaces, training, range(SAVED_AT), late=1)
@@ -78,7 +78,7 @@ def check_algorithm(kind: str, action_space: Space[Any], **keys: Any) -> None:
 def _check_greedy(
     require: Require, algorithm: Algorithm, spec: AlgorithmSpec, spaces: Spaces, training: Training
 ) -> None:
-    """Check the greedy policy of what was learned so far, and the one that is rebuilt from its tensors."""
+    """Check the current greedy policy, and the policy that is rebuilt from its tensors."""
     observation = np.random.default_rng(1).uniform(-1, 1, (BOATS, 5)).astype(np.float32)
 
     def act(policy: Policy, rows: slice) -> NDArray[Any]:
@@ -100,7 +100,7 @@ def _check_greedy(
 
 
 def _require_actions(require: Require, actions: NDArray[Any], space: Space[Any]) -> None:
-    """Check the shape of actions, and that they are in a space apart from the size of their numbers."""
+    """Check the shape of actions, and that they are in a space after a cast to its type."""
     expected = space.shape
     require("shape", actions.shape == expected, f"actions of shape {actions.shape}, expected {expected}")
     typed = space.dtype is not None and np.can_cast(actions.dtype, space.dtype, "same_kind")
@@ -117,9 +117,9 @@ def _learned(
     *,
     late: int = 0,
 ) -> Algorithm:
-    """Return the algorithm after learning from random observations and rewards, the same for equal steps.
+    """Return the algorithm after learning from random data, which is the same for the same steps.
 
-    What a call of `learn` returns is consumed as many steps later as `late`.
+    The iterator of a call to `learn` is consumed `late` steps later.
     """
     learning: deque[Iterator[Metrics]] = deque()
 
@@ -156,7 +156,7 @@ def _learned(
 
 
 def _require_equal(require: Require, rule: Rule, first: Tensors, second: Tensors) -> None:
-    require(rule, first.keys() == second.keys(), "another set of tensors")
+    require(rule, first.keys() == second.keys(), "a different set of tensors")
     for name, tensor in first.items():
         require(
             "finite",

@@ -1,4 +1,4 @@
-"""The rules of the contracts, and the error that names the one that is broken."""
+"""The rules of the contracts, and the error that names a broken rule."""
 
 from __future__ import annotations
 

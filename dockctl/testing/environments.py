@@ -1,4 +1,4 @@
-"""Contract tests of what runs as a whole: scenarios with their environments, and policies."""
+"""Contract tests of scenarios with their environments, and of policies."""
 
 from __future__ import annotations
 
@@ -33,7 +33,7 @@ def check_scenario(source: str | Path, *, steps: int = 40) -> None:
     The environment is deterministic under a seed; a boat does not depend on the number of boats; a single
     boat equals a row of the vector; observations are in their space; rewards are finite sums of their terms;
     returned arrays are not shared with the environment; a state restored in a new environment continues.
-    Only the first of generated layouts are built.
+    Of generated layouts, only the first few are built.
     """
     loaded = load_checked(source)
     scenario = loaded.scenario
@@ -48,10 +48,10 @@ def check_scenario(source: str | Path, *, steps: int = 40) -> None:
 def check_policy(policy: Policy, env: DockingVectorEnv, *, steps: int = 40) -> None:
     """Check a policy: valid actions, no state left after a reset, inputs unchanged, row by row.
 
-    The first boat follows the policy, the others make random actions, so that they are in other states.
+    The first boat follows the policy; the others take random actions, so that their states differ.
 
     Args:
-        policy: works for any number of boats.
+        policy: must work for any number of boats.
         env: several boats, same-step autoreset.
         steps: control steps of the check.
     """
@@ -107,7 +107,7 @@ def open_water() -> World:
 
 
 def check_environment(scenario: Scenario, worlds: Sequence[World], steps: int) -> None:
-    """Check the vector environment of a scenario, and the single one against it."""
+    """Check the vector environment of a scenario, and compare the single environment with it."""
     what, boats, seed = f"scenario '{scenario.name}'", 3, 5
 
     def make(number: int) -> DockingVectorEnv:

@@ -181,7 +181,7 @@ def check_range_sensor(kind: str, **keys: Any) -> None:
 
 
 def _check_noise(require: Require, sensor: NoisyRangeSensor, poses: Floats, ranges: Floats) -> None:
-    """Check the noisy ranges: those without noise where all errors are zero, and each row from its seed."""
+    """Check that noisy ranges are exact if all errors are zero, and that each row depends on its seed."""
 
     def noisy(rows: Rows, error: float) -> Rows:
         share = np.full(len(rows["eta"]), error)
@@ -230,7 +230,7 @@ def check_harbor(source: str | Path) -> None:
 
 
 def _all_actions(space: Space[Any]) -> NDArray[Any]:
-    """Return every action of a discrete space, and many of another."""
+    """Return every action of a discrete space, or many samples of another space."""
     if isinstance(space, Discrete):
         return np.arange(space.start, space.start + space.n)
     many = batch_space(space, SAMPLES)
@@ -239,7 +239,7 @@ def _all_actions(space: Space[Any]) -> NDArray[Any]:
 
 
 def registered_spec(registry: Registry[type[Any]], base: type[Any], kind: str, keys: dict[str, Any]) -> Any:
-    """Return the registered spec with these keys, after checks that hold for all of them."""
+    """Check a registered spec with these keys as all specs are checked, and return it."""
     catalog.fill()
     model = registry.get(kind).value
     require = contract_of(f"{registry.noun} '{kind}'")
@@ -323,7 +323,7 @@ def _step_values() -> Rows:
 
 
 def _view_values() -> Rows:
-    """Return random values of a `View` but the vessel's limits."""
+    """Return random values of a `View` except the vessel's limits."""
     rng = np.random.default_rng(2)
     shared = {field.name for field in fields(View)} & {field.name for field in fields(StepStatus)}
     return {
@@ -348,9 +348,9 @@ def _simulate(
     """Return the states (steps, k, 6) of k of the boats under random commands in open water.
 
     Args:
-        of: which boats.
-        episodes: how many equal ones, of which the last is returned.
-        reset_at: step at which another episode of the second boat begins.
+        of: the boats to simulate.
+        episodes: number of identical episodes, the last of which is returned.
+        reset_at: step at which a new episode of the second boat starts.
     """
     rows = np.arange(BOATS)[of]
     simulator = Simulator(scenario, [open_water()], len(rows))
@@ -374,7 +374,7 @@ def _simulate(
 
 
 def _hooks(simulator: Simulator) -> Rows:
-    """Return copies of what the hooks of the conditions return that may be called at any time."""
+    """Return copies of the results of those hooks that may be called at any time."""
     values: Rows = {}
     for disturbance in simulator.disturbances:
         who = type(disturbance).__name__

@@ -1,4 +1,4 @@
-"""Builds fishing-harbor.glb, in place of a harbor that you modeled in Blender, SketchUp or from a survey.
+"""Builds fishing-harbor.glb, which stands in for a harbor modeled in Blender or SketchUp or from a survey.
 
 python examples/glb-harbor/build.py
 """
@@ -12,7 +12,7 @@ import numpy as np
 import trimesh
 
 FILE = Path(__file__).with_name("fishing-harbor.glb")
-Y_UP = trimesh.transformations.rotation_matrix(-np.pi / 2, [1, 0, 0])  # z up to y up, as GLB files are
+Y_UP = trimesh.transformations.rotation_matrix(-np.pi / 2, [1, 0, 0])  # from z up to y up, as in GLB files
 
 
 def box(low: tuple[float, float, float], high: tuple[float, float, float]) -> trimesh.Trimesh:

@@ -49,8 +49,8 @@ PARAMETERS = {
         3.0,
         1.0,
         3.2,
-    ],  # length, beam and height [m] of the box that holds the boat: points inside are its own
-    "water_m": 0.1,  # lower points are returns of the water [m]
+    ],  # length, beam and height [m] of the box around the boat: points inside are returns from itself
+    "water_m": 0.1,  # points below this are returns from the water [m]
 }
 
 
@@ -127,7 +127,7 @@ class DockingNode(Node):
         self.flows[name] = Reading(seconds(stamped.header.stamp), (stamped.vector.x, stamped.vector.y))
 
     def obstacles(self, points: np.ndarray) -> np.ndarray:
-        """Return the points without missing returns, the own boat and the water."""
+        """Return the points [m] other than missing returns and those from the boat itself or the water."""
         points = points[np.isfinite(points).all(axis=1)]  # NaN is how drivers mark rays without a return
         length, beam, height = self.hull
         own = (
@@ -150,7 +150,7 @@ class DockingNode(Node):
         )
 
     def stop(self) -> None:
-        """Leave the boat without thrust."""
+        """Command zero thrust."""
         self.publish(Decision(0.0, 0.0, "the node ends", False, self.pilot.phase))
 
     def warn(self, text: str) -> None:
@@ -165,7 +165,7 @@ def points_of(cloud: Any) -> np.ndarray:
     """Return x, y and z (k, 3) [m] of a PointCloud2.
 
     Raises:
-        KeyError, ValueError: it has no such fields, or its data do not fit its layout.
+        KeyError, ValueError: it has no such fields, or its data do not match its layout.
     """
     fields = {field.name: field for field in cloud.fields}
     order = ">" if cloud.is_bigendian else "<"

@@ -44,7 +44,7 @@ SHARES = (PHASE, DOCKED)
 
 
 def training_figure(title: str, runs: Sequence[ArchivedRun], cited: Sequence[str]) -> Figure:
-    """Reward, duration, ε or phase, and success over the training (as Figs. 4.1-4.3 of the thesis).
+    """Reward, duration, ε or phase, and success over training (as Figs. 4.1-4.3 of the thesis).
 
     Args:
         cited: figures of the thesis for the first three panels.
@@ -119,7 +119,7 @@ def compared_figure(
 
 
 def endings_figure(title: str, runs: Sequence[tuple[str, ArchivedRun]]) -> Figure:
-    """Outcomes of the episodes of single runs over the training."""
+    """Outcomes of the episodes of single runs over training."""
     rows = -(-len(runs) // COLUMNS)
     figure = make_figure(
         title, f"share of the last {RECENT} episodes by outcome; dark: share past the intermediate pose",
@@ -140,7 +140,7 @@ def endings_figure(title: str, runs: Sequence[tuple[str, ArchivedRun]]) -> Figur
 
 
 def losses_figure(title: str, runs: Sequence[tuple[str, ArchivedRun]]) -> Figure:
-    """Mean absolute TD error and mean value of single runs over the training."""
+    """Mean absolute TD error and mean value of single runs over training."""
     figure = make_figure(
         title, "left: mean |TD error| of the updates, right: mean Q; in units of the reward", (12.4, 4.6)
     )

@@ -46,9 +46,9 @@ from dockctl.scenarios.schema import Task
 
 OUTCOMES = ("docked", "collision", "timeout")
 SELECTION, TEST = ("pose", "trained"), ("random", "held_out")
-"""Kinds of starts of ``dockctl evaluate`` on the scenario of the training.
+"""Kinds of starts of ``dockctl evaluate`` on the training scenario.
 
-Greedy episodes from the first kinds chose the checkpoint and, with a stop rule, ended the training. The
+Greedy episodes from the first kinds selected the checkpoint and, with a stop rule, ended training. The
 others were used for neither. On another scenario every kind is a test.
 """
 
@@ -253,12 +253,12 @@ class ArchivedRun:
 
     @property
     def mastered(self) -> bool:
-        """Whether the stop rule ended the training."""
+        """Whether the stop rule ended training."""
         return bool(self.provenance["stop_reason"] == "mastered")
 
     @property
     def steps(self) -> int:
-        """Environment steps of the training."""
+        """Environment steps of the run."""
         return int(self.timing["env_steps"].iloc[-1])
 
     @property
@@ -272,12 +272,12 @@ class ArchivedRun:
 
     @property
     def recent_docked(self) -> int:
-        """Docked episodes of the last 100 of the training."""
+        """Docked episodes among the last 100 of training."""
         return int((self.episodes["outcome"].tail(RECENT) == "docked").sum())
 
     @property
     def greedy(self) -> pd.DataFrame | None:
-        """Greedy episodes of the training, without those that only select the best policy."""
+        """Greedy episodes during training, without those that only select the best policy."""
         table = self.run.evaluations
         return None if table is None else table[table["start_kind"] != "validation"]
 

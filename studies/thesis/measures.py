@@ -1,4 +1,4 @@
-"""What a figure shows, in numbers: of the training runs of several seeds, or of recorded maneuvers."""
+"""Numbers that a figure shows, from the training runs of several seeds or from recorded maneuvers."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ Row = dict[str, str]
 
 
 def training_rows(facts: Facts, name: str, runs: Sequence[ArchivedRun]) -> list[Row]:
-    """The figures of a training in the thesis, and the same measures of our runs."""
+    """The figures of a training run in the thesis, and the same measures of our runs."""
     return [
         {
             "Fig.": fact.figure,

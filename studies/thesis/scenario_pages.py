@@ -123,7 +123,7 @@ def scenario_page(scenario: ScenarioFact, facts: Facts, archive: Archive) -> Pag
 
 
 def _start_rows(runs: Sequence[ArchivedRun]) -> list[Row]:
-    """Outcomes of the test starts around each initial pose, by seed and in all."""
+    """Outcomes of the test starts around each initial pose, by seed and in total."""
     poses = [pose_names([pose]) for pose in runs[0].run.task.initial]
     found = [[count_outcomes(rows) for _, rows in run.test_starts_by_pose()] for run in runs]
     rows = [

@@ -121,4 +121,4 @@ def test_a_last_row_without_its_end_is_left_out(
     path.write_text(path.read_text().removesuffix(last) + last[: ends[left]])
     assert len(getattr(read_run(folder), name)) == len(rows)
     messages = [record.getMessage() for record in caplog.records]
-    assert messages == [f"{path}: the last row is incomplete, and is left out"]
+    assert messages == [f"{path}: the last row is incomplete and is ignored"]

@@ -28,7 +28,7 @@ DRAWN_BYTES = 2**25
 
 @pydantic.dataclasses.dataclass
 class _Counted:
-    """Numbers of a saved state: updates made, and the factor of the learning rate after rollbacks."""
+    """Counters of a saved state: updates so far, and the factor on the learning rate after rollbacks."""
 
     updates: NonNegativeInt
     slowdown: Annotated[float, Field(gt=0, le=1)]
@@ -63,7 +63,7 @@ class DQN:
 
     @property
     def policy(self) -> GreedyPolicy:
-        """The greedy policy of the evaluated networks as they are now."""
+        """The greedy policy of the current evaluated networks."""
         return GreedyPolicy(self.policy_tensors())
 
     @property
@@ -72,7 +72,7 @@ class DQN:
 
     @property
     def acts_while_learning(self) -> bool:
-        """Whether `act` uses copies, and `learn` draws all transitions when it is called; see `Overlapping`.
+        """Whether `act` uses copies and `learn` draws all transitions when called; see `Overlapping`.
 
         The `act` of a subclass may use the networks that learn.
         """
@@ -91,7 +91,7 @@ class DQN:
         self.replay.add(self.n_step.add(replace(step, reward=step.reward * self.training.reward_scale)))
 
     def learn(self, env_steps: int) -> Iterator[Metrics]:
-        """Draw the transitions for the updates due after `env_steps`; the iterator makes these updates."""
+        """Draw the transitions for the updates due after `env_steps`; the iterator performs the updates."""
         due = max(0, self.training.updates_due(env_steps) - self._scheduled) if len(self.replay) else 0
         slot, self._calls, self._scheduled = self._calls % 2, self._calls + 1, self._scheduled + due
         rate = self.slowdown * self.training.learning_rate_at(env_steps)
@@ -99,7 +99,7 @@ class DQN:
 
     @property
     def _drawn_updates(self) -> int:
-        """Updates for which transitions are drawn at once."""
+        """Number of updates whose transitions are drawn at once."""
         size = self.learner.online.observation_size
         return max(1, DRAWN_BYTES // Replay.bytes_needed(self.training.batch_size, size))
 
@@ -111,7 +111,7 @@ class DQN:
         return drawn
 
     def start_from(self, policy: Tensors, inputs: NDArray[np.int64]) -> None:
-        """Take over the parameters of the newest network, which may be narrower; see `FineTunable`."""
+        """Start from the parameters of the newest network, which may be narrower; see `FineTunable`."""
         (newest, *_), *_ = split(policy)
         first, known = newest[FIRST_LAYER], inputs >= 0
         weights = np.zeros((len(first), len(inputs)), first.dtype)
@@ -138,7 +138,7 @@ class DQN:
             transitions = transitions or self._draw(due)
             steps = len(transitions.action) // self.training.batch_size
             # The moments of unused units decay to denormal numbers, which are about ten times slower. The
-            # mode is the thread's, so it is set back for what the thread computes next.
+            # mode belongs to the thread, so it is reset afterwards.
             torch.set_flush_denormal(True)
             try:
                 metrics = self.learner.update(transitions, learning_rate, steps)

@@ -1,10 +1,10 @@
 """The gradient steps of double DQN, compiled for the CPU.
 
-The fast path of `update.AutogradSteps`, which computes the same in torch. Loss, gradient, clipping and
-optimizer of all steps that are due are one call that releases the GIL, so that learning does not delay the
+The fast path of `update.AutogradSteps`, which computes the same in torch. One call, which releases the GIL,
+does the loss, gradient, clipping and optimizer of all due steps, so that learning does not delay the
 simulation.
 
-Equation 2.56 is linear in the outputs of the hidden layers of both streams. With the mean over the actions
+Equation 2.56 is linear in the outputs of the hidden layers of the two streams. With the mean over the actions
 subtracted from the advantage's last layer, the value of one action is two dot products, and the values of the
 other actions are computed only where the largest is needed.
 """
@@ -32,8 +32,8 @@ Floats32 = NDArray[np.float32]
 DECAYS = {"adam": (0.9, 0.999, 1e-8), "rmsprop": (0.0, 0.9, 1e-7)}
 """Decays of the two moments, and epsilon; for RMSprop the defaults of Keras, which the thesis used."""
 
-# Sums may be taken in any order, so that one instruction adds several terms. No array is assigned to a slice:
-# for each, numba compiles the message of an error, which takes longer than the rest of the function.
+# Sums may be reordered, so that one instruction adds several terms. No array is assigned to a slice: for each
+# such assignment numba compiles an error message, which takes longer than the rest of the function.
 _compiled = compiled(error_model="numpy", fastmath={"arcp", "contract", "nsz", "reassoc"})
 
 
@@ -75,7 +75,7 @@ class Layers(NamedTuple):
 
 
 class Outputs(NamedTuple):
-    """Memory for the outputs of the hidden layers, (rows, outputs) each, or derivatives w.r.t. them."""
+    """Buffers for the outputs of the hidden layers, (rows, outputs) each, or for derivatives w.r.t. them."""
 
     shared: tuple[Floats32, ...]
     value: Floats32
@@ -92,7 +92,7 @@ class Outputs(NamedTuple):
 
 
 class Parameter(NamedTuple):
-    """The numbers of one tensor, its gradient, and the optimizer's moments, (k,) each.
+    """The values of one tensor, its gradient, and the optimizer's moments, (k,) each.
 
     Attributes:
         mean: first moment; the gradient itself for RMSprop.
@@ -120,7 +120,7 @@ class Loss(NamedTuple):
 
 
 class Work(NamedTuple):
-    """The memory that a gradient step needs: layer outputs for both observations, and derivatives."""
+    """Buffers of a gradient step: layer outputs for both observations, and derivatives."""
 
     outputs: Outputs
     next_outputs: Outputs
@@ -156,7 +156,7 @@ class CompiledSteps:
         self._rows = self._boats = 0
 
     def __call__(self, transitions: Batch, learning_rate: float, steps: int) -> list[Metrics]:
-        """Make steps with equal parts of the transitions; return the metrics of each, see `AutogradSteps`."""
+        """Take steps with equal parts of the transitions; return the metrics of each, see `AutogradSteps`."""
         if len(transitions.action) != steps * self._rows:
             self._rows = len(transitions.action) // steps
             self._work = Work.allocate(self._online, self._rows)
@@ -171,7 +171,7 @@ class CompiledSteps:
         ]
 
     def greedy(self, observation: Floats32, slot: int) -> NDArray[np.int64]:
-        """Return the actions of the highest values of an acting network, (n, observation_size) to (n,)."""
+        """Return the greedy actions of an acting network, (n, observation_size) to (n,)."""
         if len(observation) != self._boats:
             self._boats = len(observation)
             self._outputs = Outputs.allocate(self._online, self._boats)
@@ -181,14 +181,14 @@ class CompiledSteps:
         return actions
 
     def moments(self) -> dict[str, NDArray[Any]]:
-        """Return the moments and the count of steps, with the names of `tensors.optimizer_tensors`."""
+        """Return the moments and the step count, named as by `tensors.optimizer_tensors`."""
         return {name: array.copy() for name, array in self._moments.items()}
 
     def load_moments(self, tensors: Tensors) -> None:
-        """Continue with the moments that `moments` returned; an optimizer of torch has none before a step.
+        """Continue with the moments that `moments` returned; torch has none before the first step.
 
         Raises:
-            ValueError: they are those of another network or of another optimizer.
+            ValueError: they belong to a different network or optimizer.
         """
         tensors = tensors or {name: np.zeros_like(array) for name, array in self._moments.items()}
         given, expected = (
@@ -196,7 +196,7 @@ class CompiledSteps:
             for each in (tensors, self._moments)
         )
         if given != expected:
-            raise ValueError("the moments of the optimizer do not fit its parameters")
+            raise ValueError("the optimizer's moments do not match its parameters")
         for name, array in self._moments.items():
             array[...] = tensors[name]
 
@@ -234,7 +234,7 @@ def _steps(
     rates: Floats32,
     work: Work,
 ) -> Floats:
-    """Return loss, mean |TD error|, mean Q and the norm of the gradient of each step, (steps, 4)."""
+    """Return loss, mean |TD error|, mean Q and gradient norm of each step, (steps, 4)."""
     metrics, rows = np.empty((len(rates), 4)), len(transitions.action) // len(rates)
     for step in range(len(rates)):
         part = slice(step * rows, (step + 1) * rows)
@@ -272,8 +272,8 @@ def _optimize(parameter: Parameter, rates: Floats32) -> None:
 
     Args:
         parameter: changed in place.
-        rates: the learning rate, for Adam divided by the bias of the first moment; how much of the first and
-            of the second moment is kept; the factor on the root of the second moment, and what is added.
+        rates: learning rate, for Adam divided by the bias correction of the first moment; decay of the first
+            and of the second moment; factor on the root of the second moment; epsilon.
     """
     one, (value, gradient, mean, square) = np.float32(1), parameter
     learning_rate, keep, keep_square, unbias, epsilon = rates
@@ -333,7 +333,7 @@ def _forward(layers: Layers, observation: Floats32, outputs: Outputs) -> None:
 
 @_compiled
 def _greedy(layer: Layer, hidden: Floats32) -> NDArray[np.int64]:
-    """Return the action of the largest advantage, which has the largest value, (rows,)."""
+    """Return the action with the largest advantage, which has the largest value, (rows,)."""
     advantage = np.dot(hidden, layer.weight.T)
     best = np.zeros(len(hidden), np.int64)
     for row in range(len(hidden)):
@@ -415,7 +415,7 @@ def _backward_streams(
 
 @_compiled
 def _backward_layer(gradient: Layer, inputs: Floats32, outputs: Floats32, derivatives: Floats32) -> None:
-    """Turn derivatives w.r.t. the outputs into those before rectification, and write the gradient."""
+    """Backpropagate the derivatives through the ReLU, in place, and write the gradient."""
     for row in range(len(outputs)):
         for column in range(outputs.shape[1]):
             if outputs[row, column] <= 0:

@@ -13,14 +13,14 @@ from torch import Tensor, nn
 from dockctl.dueling import advantage_units
 
 FIRST_LAYER = "shared.0.weight"
-"""Name of the weights (width, observation_size) that observations are multiplied by."""
+"""Name of the weights of the first layer, (width, observation_size)."""
 
 
 class DuelingQNetwork(nn.Module):
     """Action values of a batch of observations, ``Q = V + A - mean A`` (eq. 2.56).
 
-    Shared ReLU layers feed two streams with one hidden layer each: for the value as wide as the last shared
-    layer, for the advantage as wide as the number of actions, or 32.
+    Shared ReLU layers feed two streams with one hidden layer each. Its width is that of the last shared layer
+    in the value stream, and `advantage_units` in the advantage stream.
 
     Args:
         observation_size: length of an observation.
@@ -60,11 +60,11 @@ class DuelingQNetwork(nn.Module):
 
 
 def widened(given: NDArray[np.float32], wide: NDArray[np.float32]) -> NDArray[np.float32]:
-    """Return `wide` with `given` as its first rows and columns, and zeros right of them.
+    """Return `wide` with `given` as its first rows and columns, and zeros to the right of them.
 
-    With all tensors of a network widened so, the network computes the same function: its units do not depend
-    on those that were added, which keep the weights that they have in `wide` (function-preserving widening,
-    after Net2Net, Chen et al. 2016).
+    With all tensors of a network widened like this, the network computes the same function: the old units do
+    not depend on the added ones, which keep their weights from `wide` (function-preserving widening, after
+    Net2Net, Chen et al. 2016).
 
     Args:
         given: weights (outputs, inputs) or biases (outputs,) of a layer.

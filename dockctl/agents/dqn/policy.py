@@ -12,7 +12,7 @@ from dockctl.dueling import Ensemble
 
 
 class GreedyPolicy(Policy):
-    """The action of the highest value, or the last one with a hysteresis.
+    """Chooses the action with the highest value; with hysteresis, it may keep the last action.
 
     Args:
         tensors: of the networks; see `dockctl.dueling`.

@@ -17,7 +17,7 @@ class Transitions(NamedTuple, Generic[Array]):
     """m n-step transitions, as arrays or as tensors.
 
     Attributes:
-        observation, next_observation: (m, observation_size) float32; the return is bootstrapped at the next.
+        observation, next_observation: (m, observation_size) float32; the value is bootstrapped from the next.
         action: (m,) index of the action taken in `observation`.
         reward: (m,) discounted sum of the k rewards between the two.
         discount: (m,) weight of the value of `next_observation`: gamma^k, or 0 where the episode terminated.
@@ -43,8 +43,8 @@ def mirror_every_second(batch: Batch, mirror: Mirror) -> None:
 class NStep:
     """Turns the steps of `boats` boats into n-step transitions.
 
-    A transition is ready when n rewards have followed it, or when its episode ends: then with fewer rewards,
-    and bootstrapped where the episode was truncated but not where it terminated.
+    A transition is ready after n rewards, or when its episode ends: then it has fewer rewards, and is
+    bootstrapped if the episode was truncated but not if it terminated.
     """
 
     def __init__(self, boats: int, n: int, gamma: float, observation_size: int) -> None:
@@ -57,7 +57,7 @@ class NStep:
         self._gamma = gamma
 
     def state(self) -> dict[str, NDArray[Any]]:
-        """Return the steps that wait for further rewards."""
+        """Return the steps that still need rewards."""
         return {
             "observation": self._observation,
             "action": self._action,
@@ -69,7 +69,7 @@ class NStep:
         """Continue with what `state` returned; there are `actions` actions.
 
         Raises:
-            ValueError: the state has other shapes, or an action that does not exist.
+            ValueError: the state has different shapes, or an action that does not exist.
         """
         _require_actions(state["action"], actions)
         for name, array in self.state().items():
@@ -99,7 +99,7 @@ class NStep:
 class Replay:
     """The latest `capacity` transitions, sampled uniformly with replacement.
 
-    A transition is one record, so that reading one needs one access to memory.
+    A transition is one contiguous record, so that reading it needs one memory access.
     """
 
     def __init__(self, capacity: int, observation_size: int, rng: np.random.Generator) -> None:
@@ -112,11 +112,11 @@ class Replay:
 
     @staticmethod
     def bytes_needed(capacity: int, observation_size: int) -> int:
-        """Return the memory of a replay of this capacity [bytes]."""
+        """Return the size of a replay buffer of this capacity [bytes]."""
         return capacity * record(observation_size).itemsize
 
     def add(self, transitions: Batch) -> None:
-        """Store a batch; in a full memory it overwrites the oldest transitions."""
+        """Store a batch; when full, it overwrites the oldest transitions."""
         slots = (self._added + np.arange(len(transitions.action))) % len(self._records)
         for name, values in transitions._asdict().items():
             self._records[name][slots] = values
@@ -142,7 +142,7 @@ class Replay:
         records, added = state["records"], int(state["added"][0])
         shape = (min(added, len(self._records)), self._records.itemsize)
         if records.dtype != np.uint8 or records.shape != shape:
-            raise ValueError(f"the replay is {records.dtype} of shape {records.shape}")
+            raise ValueError(f"the replay buffer has type {records.dtype} and shape {records.shape}")
         transitions = records.view(self._records.dtype)[:, 0]
         _require_actions(transitions["action"], actions)
         self._records[: len(records)] = transitions

@@ -47,7 +47,7 @@ def to_tensors(transitions: Batch, device: torch.device) -> Transitions[Tensor]:
 
 
 class AutogradSteps:
-    """Gradient steps by autograd and the optimizer of torch, on the device of the networks.
+    """Gradient steps with torch's autograd and optimizer, on the device of the networks.
 
     Args:
         online: trained in place.
@@ -71,9 +71,9 @@ class AutogradSteps:
             self.optimizer = torch.optim.RMSprop(online.parameters(), alpha=square, eps=epsilon, foreach=True)
 
     def __call__(self, transitions: Batch, learning_rate: float, steps: int) -> list[Metrics]:
-        """Make steps with equal parts of the transitions; return the metrics of each.
+        """Take steps with equal parts of the transitions; return the metrics of each.
 
-        They are the loss, the mean |TD error|, the mean Q, and the norm of the gradient before clipping.
+        They are the loss, the mean |TD error|, the mean Q, and the gradient norm before clipping.
         """
         tensors = to_tensors(transitions, self.device)
         parts = zip(*(tensor.tensor_split(steps) for tensor in tensors), strict=True)
@@ -94,7 +94,7 @@ class AutogradSteps:
 
     @torch.inference_mode()
     def greedy(self, observation: NDArray[Any], slot: int) -> NDArray[np.int64]:
-        """Return the actions of the highest values of an acting network, (n, observation_size) to (n,)."""
+        """Return the greedy actions of an acting network, (n, observation_size) to (n,)."""
         values = self.acting[slot](torch.as_tensor(observation, dtype=torch.float32, device=self.device))
         return np.asarray(values.argmax(dim=1).cpu())
 
@@ -110,12 +110,12 @@ class AutogradSteps:
 class DoubleDQN:
     """An online network, its optimizer, a target network, and the network that is evaluated.
 
-    The evaluated network is the exponential moving average of the copies to the target network: the greedy
-    policy of the online network changes with every update, and docks from more starts at one time than at the
-    next. Without averaging it is the online network itself.
+    The evaluated network is the exponential moving average of the copies to the target network, because the
+    greedy policy of the online network, and with it the success rate, fluctuates from update to update.
+    Without averaging it is the online network itself.
 
     Attributes:
-        acting: copies of the online network at two times, which act while it learns.
+        acting: two copies of the online network, from different times, which act while it learns.
         snapshots: parameters of the evaluated network at earlier times, newest first, for an ensemble.
 
     Args:
@@ -128,12 +128,12 @@ class DoubleDQN:
         self.evaluated = online if training.averaged_copies is None else copy.deepcopy(online)
         self.snapshots: list[Tensors] = []
         self.acting = copy.deepcopy(online), copy.deepcopy(online)
-        on_processor = next(online.parameters()).device.type == "cpu"
-        steps = CompiledSteps if on_processor else AutogradSteps
+        on_cpu = next(online.parameters()).device.type == "cpu"
+        steps = CompiledSteps if on_cpu else AutogradSteps
         self.steps = steps(online, self.target, self.acting, training)
 
     def greedy(self, observation: NDArray[Any], slot: int) -> NDArray[np.int64]:
-        """Return the actions of the highest values of a copy in `acting`, (n, observation_size) to (n,)."""
+        """Return the greedy actions of a copy in `acting`, (n, observation_size) to (n,)."""
         return self.steps.greedy(observation, slot)
 
     @torch.no_grad()
@@ -148,10 +148,10 @@ class DoubleDQN:
             self.publish(slot)
 
     def update(self, transitions: Batch, learning_rate: float, steps: int = 1) -> list[Metrics]:
-        """Make gradient steps, and copy to the target network whenever a copy is due.
+        """Take gradient steps, and copy to the target network whenever a copy is due.
 
         Args:
-            transitions: batches of equal sizes, one for each step, one after the other.
+            transitions: concatenated batches of equal size, one for each step.
             learning_rate: of all steps.
             steps: number of gradient steps.
 
@@ -171,7 +171,7 @@ class DoubleDQN:
 
     @torch.no_grad()
     def _copy(self) -> None:
-        """Copy the online network to the target network, and average the copies: the first ones equally."""
+        """Copy the online network to the target network, and average the copies, the first ones equally."""
         self.target.load_state_dict(self.online.state_dict())
         copies = self.updates // self.training.target_update_interval
         if self.training.averaged_copies is not None:

@@ -401,7 +401,7 @@ $("theme").addEventListener("click", () => {
 });
 theme(sessionStorage.getItem("theme") ?? (matchMedia("(prefers-color-scheme: dark)").matches ? "dark" : "light"));
 
-// A report that follows a training loads itself again, unless it is being read closely.
+// A report that follows a training run reloads itself, unless it is being read closely.
 if (data.reload_s) {
   let moved = 0;
   for (const kind of ["pointermove", "keydown", "touchmove"]) addEventListener(kind, () => { moved = performance.now(); }, { passive: true });

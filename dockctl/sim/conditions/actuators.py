@@ -18,14 +18,14 @@ from dockctl.sim.conditions.authority import ControlAuthority
 Steps = Annotated[int, Strict(), Field(ge=0, le=100)]
 Factor = Annotated[Positive, Field(le=10)]
 NOTED_ASTERN = 0.1
-"""Share of the thrust below which the propeller hardly acts astern."""
+"""Astern factor below which a note warns that the propeller has hardly any thrust astern."""
 
 
 @register(CONDITIONS, group="actuation", source="not in the thesis; Fossen 2021, sections 9.5 and 15.3")
 class Actuators(Condition):
-    """Delay in whole control steps, lag of the propeller, rate limit of the rudder, and weaker astern thrust.
+    """Delay in whole control steps, propeller lag, rudder rate limit, and weaker astern thrust.
 
-    The delay acts first. Without a key the actuator is ideal in that respect.
+    The delay acts first. If a key is missing, the actuators are ideal in that respect.
     """
 
     examples = ({"delay_steps": [0, 2], "propeller_lag_s": 0.1, "rudder_rate_degps": [20, 40]},)
@@ -43,7 +43,7 @@ class Actuators(Condition):
         top_mps, thrust_n = authority.top_speed_mps, vessel.max_propeller_n
         times_s = {
             "delay_steps": ("act", self.delay_steps[-1] * vessel.control_period_s),
-            "propeller_lag_s": ("reach 63 % of a change of the thrust", self.propeller_lag_s[-1]),
+            "propeller_lag_s": ("reach 63 % of a thrust change", self.propeller_lag_s[-1]),
         }
         if self.rudder_rate_degps is not None:
             turn_s = vessel.max_rudder_deg / self.rudder_rate_degps[0]
@@ -117,10 +117,10 @@ def _lagged(start: Floats, target: Floats, lag_s: Floats, period_s: float) -> tu
 
 
 def _limited(start: Floats, target: Floats, reach: Floats) -> tuple[Floats, Floats]:
-    """Return mean and final value (n,) of a value that moves by at most `reach` in the period."""
-    way = target - start
+    """Return mean and final value (n,) over a period of a value that changes by at most `reach`."""
+    change = target - start
     with np.errstate(invalid="ignore"):
-        arriving = target - way * np.abs(way) / (2 * reach)
-        moved = np.sign(way) * reach
-    arrives = np.abs(way) <= reach
+        arriving = target - change * np.abs(change) / (2 * reach)
+        moved = np.sign(change) * reach
+    arrives = np.abs(change) <= reach
     return np.where(arrives, arriving, start + moved / 2), np.where(arrives, target, start + moved)

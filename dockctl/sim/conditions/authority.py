@@ -41,7 +41,7 @@ class ControlAuthority:
         return _terminal_speed(self.vessel.X_u_kgps, self.vessel.X_uu_kgpm, force_n)
 
     def crab(self, drift_mps: float) -> str:
-        """Return in words the angle between heading and track at top speed, with a drift across the track."""
+        """Describe the crab angle between heading and track at top speed, with a drift across the track."""
         top_speed = f"at its top speed of {self.top_speed_mps:.2f} m/s"
         if drift_mps >= self.top_speed_mps:
             return f"cannot keep its track {top_speed}"

@@ -1,4 +1,4 @@
-"""A current that is the same everywhere: constant during an episode, or first-order Gauss-Markov."""
+"""A spatially uniform current: constant during an episode, or first-order Gauss-Markov."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ from dockctl.sim.conditions.draws import draw_seed, normals
 
 @register(CONDITIONS, group="water", source="not in the thesis; Fossen 2012, 2021 section 10.3")
 class Current(Condition):
-    """Mean speed of the water and the direction in which it flows, counterclockwise from +x; variation.
+    """Mean speed of the water, the direction in which it flows, counterclockwise from +x, and its variation.
 
     The variation, a standard deviation, is added to both components in the world frame.
     """

@@ -1,4 +1,4 @@
-"""Sectors of the range sensor that fail: blind, frozen, or covered by something close."""
+"""Sectors of the range sensor that fail: blind, frozen, or covered by a close object."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ from dockctl.scenarios.extensions import OFF, Condition, Disturbance, Drawn, dra
 
 
 class SectorError(DockctlError):
-    """A sector that the range sensor does not have is faulty."""
+    """A faulty sector does not exist in the range sensor."""
 
     code = "out_of_range"
     field = "conditions.lidar_faults.sectors"
@@ -30,10 +30,10 @@ class SectorError(DockctlError):
     CONDITIONS, group="sensing", source="not in the thesis; its section 5.2 asks for the LiDAR's influence"
 )
 class LidarFaults(Condition):
-    """Faulty sectors, numbered from 1, from the time `after_s` of the episode on.
+    """Sectors, numbered from 1, that are faulty from the time `after_s` of the episode onward.
 
-    A blind sector reads the range of the sensor, as without a return; a frozen one its first value after the
-    fault; an occluded one `occluded_m`.
+    A blind sector reads the maximum range of the sensor, as without a return; a frozen sector keeps its first
+    value after the fault; an occluded sector reads `occluded_m`.
     """
 
     examples = ({"sectors": [1, 4], "mode": "frozen", "after_s": [0, 3]},)

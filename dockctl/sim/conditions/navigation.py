@@ -1,4 +1,4 @@
-"""Errors of the measured pose and velocity, as of a satellite receiver with inertial sensors."""
+"""Errors of the measured pose and velocity, as from a satellite receiver with inertial sensors."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ from dockctl.sim.conditions.draws import draw_seed, normals
 
 @register(CONDITIONS, group="sensing", source="not in the thesis")
 class Navigation(Condition):
-    """Standard deviations of x and y, heading, surge and sway, and yaw rate; new errors in every step."""
+    """Standard deviations of x and y, heading, surge and sway, and yaw rate; drawn anew in every step."""
 
     examples = ({"position_m": 0.02, "heading_deg": [0, 0.5], "velocity_mps": 0.03},)
     kind: Literal["navigation"] = "navigation"

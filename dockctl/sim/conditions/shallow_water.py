@@ -1,7 +1,7 @@
-"""Shallow water: added mass and damping of sway and yaw as functions of depth and draft.
+"""Shallow water: added mass and damping in sway and yaw as functions of depth and draft.
 
-The factors are regressions for ships. A small boat is outside of their data: they show the direction and the
-order of the effect, not its measured size. Surge, squat, banks and quays are not modeled.
+The factors are regressions for ships. A small boat is outside their data: they give the sign and the order of
+magnitude of the effect, not a measured value. Surge, squat, banks and quays are not modeled.
 """
 
 from __future__ import annotations
@@ -19,14 +19,14 @@ from dockctl.scenarios.vessel import Vessel
 
 WATER_KGPM3 = 1000.0
 LEAST_DEPTH = 1.2
-"""In drafts; the regressions do not hold below."""
+"""Minimum depth, in drafts, at which the regressions are valid."""
 
 
 @register(CONDITIONS, group="water", source="not in the thesis; Taimuri et al. 2020")
 class ShallowWater(Condition):
     """Depth of the water; the vessel's own coefficients are those of deep water.
 
-    By default the dimensions are those of the hull, and the block coefficient that of the vessel's mass.
+    By default the dimensions are those of the hull, and the block coefficient follows from the vessel's mass.
     """
 
     examples = ({"depth_m": [0.4, 2]},)
@@ -81,9 +81,9 @@ def depth_factors(water: ShallowWater, depth_m: Floats) -> dict[str, Floats]:
     """Return the factors (n,) of the coefficients of sway and yaw at depths (n,) [m]; 1 in deep water.
 
     Added mass: K0 + 2/3 K1 b + 8/15 K2 b^2 in sway and K0 + 8/15 K1 b + 40/105 K2 b^2 in yaw. Damping, linear
-    and quadratic: 3/2 (K0 + 1/2 K1 b + 1/3 K2 b^2) - 1/2 in sway and as the added mass in yaw. K0, K1 and K2
-    are functions of h/T - 1, b = C_b B/T (1 + B/L)^2. From Taimuri et al. (2020, Ocean Engineering 218,
-    108103), as the open-source package mmgdynamics has them.
+    and quadratic: 3/2 (K0 + 1/2 K1 b + 1/3 K2 b^2) - 1/2 in sway, and the added-mass factor in yaw. K0, K1
+    and K2 are functions of h/T - 1; b = C_b B/T (1 + B/L)^2. From Taimuri et al. (2020, Ocean Engineering
+    218, 108103), as implemented in the open-source package mmgdynamics.
     """
     length, beam, draft, block = water.length_m, water.beam_m, water.draft_m, water.block_coefficient
     assert length is not None and beam is not None and draft is not None and block is not None  # by `fitted`

@@ -1,4 +1,4 @@
-"""Coefficients of the vessel that differ from the scenario's, by a factor drawn per episode for each."""
+"""Vessel coefficients that differ from the scenario's, each by a factor drawn per episode."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ DAMPING = ("X_u_kgps", "X_uu_kgpm", "Y_v_kgps", "Y_vv_kgpm", "N_r_kgm2ps", "N_rr
 class Uncertainty(Condition):
     """Maximum deviation of each mass and damping coefficient, as a fraction: 0.2 is a factor of 0.8 to 1.2.
 
-    The factors are drawn uniformly and independently of each other. Coupling terms (Y_rdot, Y_r, N_v) stay.
+    The factors are drawn uniformly and independently. Coupling terms (Y_rdot, Y_r, N_v) do not change.
     """
 
     examples = ({"masses": 0.2, "damping": 0.1},)

@@ -1,4 +1,4 @@
-"""Wind that is the same everywhere, with gusts, and its force on the boat after Blendermann (1994)."""
+"""Spatially uniform wind with gusts, and its force on the boat after Blendermann (1994)."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ TRANSVERSE, AHEAD, ASTERN, CROSS_FORCE = 0.90, 0.55, 0.60, 0.60
 
 @register(CONDITIONS, group="air", source="not in the thesis; Blendermann 1994, MSS blendermann94.m")
 class Wind(Condition):
-    """Mean speed of the air and the direction in which it flows, counterclockwise from +x; gusts; areas.
+    """Mean speed of the air, the direction in which it flows, counterclockwise from +x, gusts, and areas.
 
     Gusts are added to the speed: first-order Gauss-Markov with this standard deviation and time constant. A
     negative speed blows the other way. By default the areas are those of the hull above the water.

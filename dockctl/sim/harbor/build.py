@@ -62,14 +62,14 @@ def build_scene(harbor: Harbor, hull: Hull) -> Scene:
 
 
 def build_harbor(spec: HarborSpec, base_dir: Path) -> Harbor:
-    """Return the harbor of `spec`, from a cache unless a file has changed; of generated layouts, the first.
+    """Return the harbor of `spec`, from a cache unless a file has changed; for generated layouts, the first.
 
     Args:
         spec: the harbor.
         base_dir: folder that paths of mesh files are relative to.
 
     Raises:
-        InputError: everything that is wrong: mesh files, berths that no model of the fleet fits, the size.
+        InputError: lists all problems: mesh files, berths too narrow for the fleet, the size.
     """
     if isinstance(spec, Generated):
         spec = generate(spec, spec.seed)
@@ -81,7 +81,7 @@ def build_harbor(spec: HarborSpec, base_dir: Path) -> Harbor:
 
 
 def open_bodies(spec: HarborSpec, base_dir: Path) -> dict[str, int]:
-    """Return the number of bodies that are not closed, by the field of their mesh file; without zeros.
+    """Return the number of open bodies by the field of their mesh file, for the files that have some.
 
     Raises:
         DockctlError: a mesh file cannot be read.

@@ -37,7 +37,7 @@ PIER_POST_M = 0.45
 """Distance of the axis of a supply post from the edge of its pier."""
 PILE_SPACING_M = 8.0
 DEPTH_M = 1.0
-"""Depth of quays and piles below the water; greater than the draft of hulls."""
+"""Depth of quays and piles below the waterline; greater than the draft of hulls."""
 SIDE_CLEARANCE_M = 0.3
 """Minimum width of the water beside a moored vessel, both sides together."""
 
@@ -74,7 +74,7 @@ def marina_parts(spec: Marina, berths: Sequence[Berth], problems: list[Problem])
 
 
 def harbor_problem(spec: HarborSpec, field: str, message: str, code: Code) -> Problem:
-    """Return a problem of a field of a harbor."""
+    """Return a problem in a field of a harbor."""
     return Problem(f"harbor '{spec.name}'", 0, 0, field, message, code)
 
 
@@ -144,7 +144,7 @@ def _lights(spec: Marina) -> Iterator[Part]:
 
 
 def _land(spec: Marina) -> Iterator[Part]:
-    """Yield quays inside the basin, with a coping all around and furniture."""
+    """Yield quays inside the basin, with copings on all sides and furniture."""
     c, z = COPING_WIDTH_M, QUAY_HEIGHT_M
     for index, area in enumerate(spec.land):
         low, high = (area.x_min_m, area.y_min_m), (area.x_max_m, area.y_max_m)
@@ -182,7 +182,7 @@ def _furniture_on(spec: Marina, area: Rectangle, z: float) -> list[Solid]:
 
 
 def _furniture(spec: Marina, row: SideRow | EndRow, z: float) -> Iterator[Solid]:
-    """Yield a supply post at every finger and a bollard at every berth, on a deck of the height `z` [m]."""
+    """Yield a supply post at every finger and a bollard at every berth, on a deck at height `z` [m]."""
     inland = 1.0 if z == QUAY_HEIGHT_M else PIER_POST_M
     post = Solid("roof", box((-inland - 0.15, -0.14, z), (0.15 - inland, 0.14, z + 1.1)))
     path = [(-0.3, 0.0, z), (-0.3, 0.0, z + 0.3), (-0.3, 0.0, z + 0.42)]
@@ -218,7 +218,7 @@ def pile(x: float, y: float, height: float, radius: float = 0.13) -> Solid:
 def _moored(spec: Marina, berths: Sequence[Berth], problems: list[Problem]) -> Iterator[Part]:
     """Yield one vessel per occupied berth, and add the berths that are too narrow to `problems`.
 
-    A model is drawn for a free berth, too, so that freeing a berth does not change the other vessels.
+    A model is drawn for a free berth as well, so that freeing a berth does not change the other vessels.
     """
     rng = np.random.Generator(np.random.PCG64(spec.fleet.seed))
     slots = [(i, j, row, at) for i, row in enumerate(spec.rows) for j, at in enumerate(row.berths)]
@@ -244,7 +244,7 @@ def _moored(spec: Marina, berths: Sequence[Berth], problems: list[Problem]) -> I
 
 
 def _model_problems(fleet: Fleet) -> Iterator[Problem]:
-    """Yield the problems of the files of the fleet's models."""
+    """Yield the problems in the files of the fleet's models."""
     for index, name in enumerate(fleet.models):
         try:
             moored_model(name)
@@ -276,7 +276,7 @@ def _berth_width(row: SideRow | EndRow, at: float, spec: Marina) -> float:
 
 @dataclass(frozen=True)
 class QuayFrame:
-    """A frame at the edge of a quay or pier: x points to the water, y to port of a boat moored stern-to."""
+    """A frame at the edge of a quay or pier: x toward the water, y to port of a boat moored stern-to."""
 
     x: float
     y: float

@@ -1,4 +1,4 @@
-"""Mesh files: obstacles of the user, and the models of moored vessels in ``vessels/``.
+"""Mesh files: the user's obstacles, and the models of moored vessels in ``vessels/``.
 
 Obstacles are GLB, OBJ, STL or PLY files. A vessel model is an OBJ file; it can be edited or replaced (in
 Blender: import and export with Z up), and a new file is a new model. Its first line is a comment with the
@@ -32,9 +32,9 @@ logging.getLogger("trimesh").setLevel(logging.CRITICAL)  # its readers log trace
 
 SUFFIXES = (".glb", ".obj", ".stl", ".ply")
 MAX_BODIES = 100_000
-"""Connected bodies of a mesh file, at 5 kB each."""
+"""Maximum number of connected bodies in a mesh file; each takes 5 kB."""
 MAX_MODEL_BYTES = 10_000_000
-"""Size of the file of a vessel model; the packaged ones have up to 0.2 MB."""
+"""Maximum file size of a vessel model; the packaged ones have up to 0.2 MB."""
 
 
 def load_bodies(file: MeshFile, base_dir: Path, field: str) -> list[Mesh]:
@@ -50,9 +50,9 @@ def load_bodies(file: MeshFile, base_dir: Path, field: str) -> list[Mesh]:
     path = base_dir / file.path
     suffix = path.suffix.lower()
     if suffix not in SUFFIXES:
-        raise _error(path, field, f"unknown type of mesh file; known are {', '.join(SUFFIXES)}")
+        raise _error(path, field, f"unknown type of mesh file; expected {', '.join(SUFFIXES)}")
     data = _read(path, MAX_FILE_BYTES, field)
-    with np.errstate(all="ignore"):  # numbers that are too large are refused below
+    with np.errstate(all="ignore"):  # values that are too large are rejected below
         mesh = _mesh(data, suffix, path, field)
         _check_mesh(mesh, path, field)
         vertices = np.asarray(mesh.vertices, dtype=np.float64)
@@ -76,7 +76,7 @@ def _mesh(data: bytes, suffix: str, path: Path, field: str) -> trimesh.Trimesh:
     except InputError:
         raise
     except Exception as error:  # the readers of trimesh raise many types
-        reason = f" ({error})" if isinstance(error, ValueError) else ""  # others mean nothing to the user
+        reason = f" ({error})" if isinstance(error, ValueError) else ""  # other messages do not help the user
         raise _error(path, field, f"damaged, or not a {suffix[1:].upper()} file{reason}") from error
 
 
@@ -157,7 +157,7 @@ class MooredModel:
 
 
 def version(path: Path) -> tuple[int, int] | None:
-    """Return what changes when a file is rewritten, for caches of what was read from it."""
+    """Return a key that changes when a file is rewritten, for caches of its content; None without a file."""
     try:
         status = path.stat()
     except OSError:  # reported where it is read
@@ -227,7 +227,7 @@ def read_model(path: Path) -> MooredModel:
 
 
 def _solid(name: str, points: np.ndarray, faces: np.ndarray) -> Solid:
-    """Return one object of a file; Blender appends a number to names that occur twice: ``00-hull.001``."""
+    """Return one object of a file; Blender appends a number to duplicate names: ``00-hull.001``."""
     used, index = np.unique(faces, return_inverse=True)
     mesh = Mesh(points[used], index.reshape(-1, 3))
     return Solid(name.partition("-")[2].partition(".")[0], mesh)

@@ -1,6 +1,6 @@
-"""How many triangles a mesh file declares, found before a reader allocates them.
+"""How many triangles a mesh file declares, determined before a reader allocates them.
 
-A reader of meshes trusts the file: one of 1 kB may declare billions of values, or repeat a mesh in thousands
+Mesh readers trust the file: one of 1 kB may declare billions of values, or instance a mesh in thousands
 of places.
 """
 
@@ -20,15 +20,15 @@ MAX_TRIANGLES = 1_000_000
 """Measured: up to 1.6 GB for a harbor of connected surfaces and its collision checker."""
 MAX_GLB_HEADER_BYTES = 10_000_000
 MAX_GLB_BYTES = 4 * MAX_FILE_BYTES
-"""Size of all views and accessors of a GLB file together, at most; they may overlap."""
+"""Maximum total size of all views and accessors of a GLB file; they may overlap."""
 MAX_GLB_PRIMITIVES = 100_000
-"""In all places, at 12 kB each."""
+"""Maximum number of primitives in all instances; each takes 12 kB."""
 COMPONENTS = {"SCALAR": 1, "VEC2": 2, "VEC3": 3, "VEC4": 4, "MAT2": 4, "MAT3": 9, "MAT4": 16}
 TRIANGLES, STRIP = 4, 5
 
 
 def declared_triangles(data: bytes, suffix: str) -> int:
-    """Return an upper bound of the triangles that a reader makes of the content of a mesh file.
+    """Return an upper bound on the number of triangles that a reader creates from a mesh file's content.
 
     Raises:
         ValueError: its header is damaged, declares more than the file can hold, or refers to other files.
@@ -43,18 +43,18 @@ def _obj(data: bytes) -> int:
 
 
 def _stl(data: bytes) -> int:
-    """Count by the size of a binary file, or the coordinates of a text."""
+    """Count by the size of a binary file, or the coordinates of a text file."""
     if len(data) >= 84 and len(data) == 84 + 50 * struct.unpack_from("<I", data, 80)[0]:
         return (len(data) - 84) // 50
     return sum(len(line.split()) for line in re.findall(rb"vertex(.*)", data.lower())) // 9
 
 
 def _ply(data: bytes) -> int:
-    """Return the number of faces of the header; a text must have as few lines as the header declares."""
+    """Return the number of faces in the header; a text file must not have many more lines than declared."""
     header, end, content = data.partition(b"end_header")
     elements = re.findall(rb"^\s*element\s+(\S+)\s+(\d{1,18})\s*$", header, re.MULTILINE)
     if not end or not elements:
-        raise ValueError("it has no header of a PLY file")
+        raise ValueError("it has no PLY header")
     counts = [int(count) for _, count in elements]
     if sum(counts) > len(content):
         raise ValueError(f"its header declares {sum(counts):,} elements, more than the file can hold")
@@ -101,7 +101,7 @@ class _Scene(BaseModel):
 
 
 class _Header(BaseModel):
-    """The parts of a glTF file that decide its size."""
+    """The parts of a glTF file that determine its size."""
 
     buffers: list[dict[str, Any]] = []
     bufferViews: list[_View] = []
@@ -111,7 +111,7 @@ class _Header(BaseModel):
     scenes: list[_Scene] = []
 
     def triangles(self, mesh: _Mesh) -> int:
-        """Return the triangles of a mesh, or a third of its vertices if they are more."""
+        """Return the number of triangles of a mesh, or a third of its vertices if that is more."""
         total = 0
         for primitive in mesh.primitives:
             vertices = self.accessors[primitive.attributes["POSITION"]].count
@@ -119,23 +119,23 @@ class _Header(BaseModel):
             total += max(vertices // 3, corners if primitive.mode == STRIP else corners // 3)
         return total
 
-    def places(self) -> Iterator[int]:
-        """Yield the index of each mesh as often as the nodes repeat it."""
+    def instances(self) -> Iterator[int]:
+        """Yield the index of each mesh once for every node that places it."""
         lists = [*(node.children for node in self.nodes), *(scene.nodes for scene in self.scenes)]
         for child in chain.from_iterable(lists):
             if (mesh := self.nodes[child].mesh) is not None:
                 yield mesh
 
     def total(self, size: Callable[[_Mesh], int]) -> int:
-        """Return the sum of the sizes of all meshes, or of all places if that is more."""
+        """Return the sum of the sizes of all meshes, or of all instances if that is more."""
         sizes = [size(mesh) for mesh in self.meshes]
-        return max(sum(sizes), sum(sizes[mesh] for mesh in self.places()))
+        return max(sum(sizes), sum(sizes[mesh] for mesh in self.instances()))
 
 
 def _glb(data: bytes) -> int:
     """Count the triangles of all instances of all meshes."""
     if len(data) < 20 or data[:4] != b"glTF":
-        raise ValueError("it has no header of a GLB file")
+        raise ValueError("it has no GLB header")
     size = struct.unpack_from("<I", data, 12)[0]
     if size > MAX_GLB_HEADER_BYTES:
         raise ValueError(
@@ -150,7 +150,7 @@ def _glb(data: bytes) -> int:
         raise ValueError("its JSON header is not valid") from None
     for buffer in header.buffers:
         if not str(buffer.get("uri", "data:")).startswith("data:"):
-            raise ValueError(f"its data are in another file, {buffer['uri']!r}; embed them")
+            raise ValueError(f"its data is in another file, {buffer['uri']!r}; embed it")
     if primitives > MAX_GLB_PRIMITIVES:
         raise ValueError(f"it has {primitives:,} primitives in all instances, at most {MAX_GLB_PRIMITIVES:,}")
     own = chain.from_iterable(mesh.primitives for mesh in header.meshes)

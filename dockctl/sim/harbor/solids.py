@@ -1,4 +1,4 @@
-"""Closed solids, lofted from rings of points: basic shapes, our hull, and outlines from above."""
+"""Closed solids, lofted from rings of points: basic shapes, our boat's hull, and outlines from above."""
 
 from __future__ import annotations
 
@@ -30,7 +30,7 @@ MIN_OUTLINE_M2 = 0.002
 class Mesh:
     """A triangle mesh: vertices (k, 3) [m] and faces (m, 3)."""
 
-    # Not of trimesh, which takes most of a second to import: only reading mesh files needs it.
+    # Not trimesh's class: importing trimesh takes most of a second, and only reading mesh files needs it.
 
     vertices: Floats
     faces: NDArray[np.int64]

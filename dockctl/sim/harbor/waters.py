@@ -1,4 +1,4 @@
-"""Which places of a harbor are connected by water, on a grid in plan."""
+"""Which parts of a harbor's water are connected, on a grid in plan view."""
 
 from __future__ import annotations
 
@@ -18,13 +18,13 @@ MAX_CELLS = 20_000_000
 
 
 def cross_section(triangles: Floats, z: float) -> tuple[Floats, Ints]:
-    """Return where (m, 3, 3) triangles intersect the plane at `z`.
+    """Return where triangles (m, 3, 3) intersect the horizontal plane at `z` [m].
 
     A corner at `z` counts as above it, and both triangles of an edge interpolate from its lower to its upper
     end: the segments of a closed mesh form closed chains, exactly.
 
     Returns:
-        directed segments (k, 2, 2), and the triangle of each, (k,).
+        Directed segments (k, 2, 2) [m], and the triangle of each, (k,).
     """
     above = triangles[:, :, 2] >= z
     mixed = np.flatnonzero(above.any(axis=1) & ~above.all(axis=1))
@@ -41,19 +41,19 @@ def cross_section(triangles: Floats, z: float) -> tuple[Floats, Ints]:
 
 
 def connected_cells(cells: Bools) -> tuple[NDArray[np.int32], int]:
-    """Number the sets of true cells (rows, columns) that are connected by sides, from 1; the others are 0.
+    """Label the sets of true cells (rows, columns) that are connected by sides, from 1; other cells are 0.
 
     Returns:
-        the number of each cell's set, (rows, columns), and how many sets there are.
+        The number of each cell's set, (rows, columns), and the number of sets.
     """
     # `scipy.ndimage.label` gives the same numbers; importing it takes longer than everything else here.
-    # Runs of true cells in a row, as positions in rows that one false cell separates.
+    # Runs of true cells in a row, as positions in the flattened rows, which one false cell separates.
     width = cells.shape[1] + 1
     separated = np.zeros((len(cells), width), np.int8)
     separated[:, :-1] = cells
     steps = np.diff(separated.ravel(), prepend=0, append=0)
     begin, end = np.flatnonzero(steps > 0), np.flatnonzero(steps < 0)
-    sets = list(range(len(begin)))  # of each run an earlier one of its set, or itself
+    sets = list(range(len(begin)))  # for each run, an earlier run of its set, or itself (union-find)
 
     def first_of(run: int) -> int:
         while sets[run] != run:
@@ -72,9 +72,9 @@ def connected_cells(cells: Bools) -> tuple[NDArray[np.int32], int]:
 
 
 class Waters:
-    """Regions of water that are separated for a boat.
+    """Regions of water between which a boat cannot move.
 
-    It cannot move between poses in two regions. In one region a gap may still be too narrow for it.
+    Within one region, a gap may still be too narrow for it.
 
     Args:
         triangles: (m, 3, 3) surface of the harbor [m]; open surfaces separate as closed ones do.
@@ -88,7 +88,7 @@ class Waters:
         corners = segments.reshape(-1, 2) if len(segments) else np.zeros((1, 2))
         self._low = corners.min(axis=0) - 2 * self._cell
         shape = np.ceil((corners.max(axis=0) - self._low) / self._cell) + 2
-        if np.prod(shape) > MAX_CELLS:  # a harbor of square kilometers: nothing is known to be separated
+        if np.prod(shape) > MAX_CELLS:  # a harbor of square kilometers: treated as one region
             self._regions = np.ones((1, 1), np.int32)
             return
         open_water = np.ones(shape.astype(int), bool)

@@ -1,8 +1,8 @@
-"""A grid over the plan of the harbor: the heights of obstacles and the triangles in each cell.
+"""A grid over the harbor in plan view: the heights of obstacles and the triangles in each cell.
 
-The fast LiDAR scan uses it for conservative answers to three questions: at which heights are obstacles within
-a radius of a point, how far is the nearest one, and which triangles can a ray hit in a cell. Heights are sets
-of bands, one bit each, because a ray may pass between a deck and a boom, or under a stay.
+The fast LiDAR scan uses it for conservative answers to three questions: at which heights there are obstacles
+within a radius of a point, how far away the nearest one is, and which triangles a ray can hit in a cell.
+Heights are sets of bands, one bit each, because a ray may pass between a deck and a boom, or under a stay.
 """
 
 from __future__ import annotations
@@ -19,7 +19,7 @@ from dockctl.geometry import Floats
 from dockctl.sim.lidar.raycast import MISS, compiled_bare, corner_and_edges, hit_triangle
 
 Ints = NDArray[np.int32]
-Indices = NDArray[np.uint32]  # unsigned: compiled code does not check whether they count from the end
+Indices = NDArray[np.uint32]  # unsigned: compiled code skips the handling of negative indices
 Bands = NDArray[np.int64]
 Members = NDArray[np.void]
 Line = tuple[float, float, float, float, float, float]
@@ -27,8 +27,8 @@ Line = tuple[float, float, float, float, float, float]
 FINEST_CELL_M = 0.1
 MAX_CELLS = 4_000_000
 MAX_MEMBERS = 100_000_000
-"""Triangles of all cells, at 6 bytes each."""
-# Radii of the levels, in cells: these, then 3, 4, 5 times 2, 4, 8 ... on cells as much larger.
+"""Maximum number of triangles in all cells together; each takes 6 bytes."""
+# Radii of the levels, in cells: these, then 3, 4, 5 times 2, 4, 8 ... on cells enlarged by the same factor.
 FINE_REACHES = (1, 2, 3, 4)
 COARSE_REACHES = (3, 4, 5)
 DISTANCE_STRIDE = 2
@@ -59,7 +59,7 @@ class HeightGrid(NamedTuple):
     """Bands of height on a grid of square cells; rows run along y.
 
     Most of a harbor is open water or land, and few sets of bands occur. The cells are therefore stored in
-    tiles of `TILE` by `TILE`, equal tiles once, with indices into `palette` instead of sets of bands.
+    tiles of `TILE` by `TILE`, identical tiles only once, as indices into `palette` instead of sets of bands.
 
     Attributes:
         frame: (3,) x and y of the lower corner, and the cell size [m].
@@ -69,12 +69,12 @@ class HeightGrid(NamedTuple):
         tiles: (k, TILE * TILE) for each cell of a level, the bands within the radius of the level of any
             point of the cell; indices into `palette`.
         palette: (sets,) sets of bands with obstacles; the first is 0.
-        list_directory, list_tiles: in the same way, the list of triangles of each cell.
+        list_directory, list_tiles: likewise, the triangle list of each cell.
         starts, members: the triangles of a list are ``members[starts[list]:starts[list + 1]]``, with their
             lowest and highest band in the cell; list 0 is empty.
         triangles: (m, 9) in the form of `hit_triangle`, neighbors together.
-        distances: lower bound of the distance from any point of a block of cells to a cell that is not empty,
-            in multiples of `DISTANCE_STEP_M`.
+        distances: lower bound on the distance from any point of a block of cells to a nonempty cell, in
+            multiples of `DISTANCE_STEP_M`.
     """
 
     frame: Floats
@@ -126,7 +126,7 @@ class HeightGrid(NamedTuple):
         )
         lists, starts, members = _unique_lists(counts[:-1], starts, members)
         list_tiles, list_directory = _unique_rows(lists.reshape(-1, TILE**2))
-        # Neighboring triangles together: the cells that a ray passes are then in the same lines of a cache.
+        # Neighboring triangles together: the cells along a ray then share cache lines.
         used, first = np.unique(members["triangle"], return_index=True)
         order = used[np.argsort(first)]
         place = np.zeros(len(above), np.int32)
@@ -183,7 +183,7 @@ def _unique_lists(counts: Ints, starts: Indices, members: Members) -> tuple[Indi
 
 @compiled(inline="always")
 def in_tiles(ix: int, iy: int, nx: int) -> int:
-    """Return the place of a cell in the order of the tiles of a level with nx cells in a row."""
+    """Return the index of a cell in the tile order of a level with nx cells per row."""
     tile, row, column = (iy >> 3) * ((nx + 7) >> 3) + (ix >> 3), iy & 7, ix & 7
     return (tile << 6) + (row << 3) + column
 
@@ -192,9 +192,8 @@ def in_tiles(ix: int, iy: int, nx: int) -> int:
 def _rasterize(triangles: Floats, frame: Floats, bands: Bands, places: Ints, members: Members) -> None:
     """Add each triangle, with its bands, to the cells that it touches in plan view.
 
-    If `members` is empty, triangles are counted in `places`; otherwise they are written from `places` on. The
-    cells of `places` are in the order of the tiles. Triangles under water are skipped: rays end at the water
-    surface.
+    If `members` is empty, triangles are counted in `places`; otherwise they are written starting at `places`,
+    whose cells are in tile order. Triangles under water are skipped, because rays end at the water surface.
     """
     ny, nx = bands.shape
     x0, y0, cell = frame
@@ -302,7 +301,7 @@ def _dilated(bands: Bands, reach: int) -> Bands:
 
 
 def _distances(bands: Bands, cell: float) -> NDArray[np.uint16]:
-    """Return a lower bound of the distance to the nearest cell that is not empty [DISTANCE_STEP_M].
+    """Return a lower bound on the distance to the nearest nonempty cell [DISTANCE_STEP_M].
 
     It is the distance between the centers of the cells, minus the diagonal of a cell.
     """
@@ -343,7 +342,7 @@ def bands_in(grid: HeightGrid, x: float, y: float, reach_x: float, reach_y: floa
 
 @compiled(inline="always")
 def distance_at(grid: HeightGrid, x: float, y: float) -> float:
-    """Return a lower bound of the distance from (x, y) to an obstacle [m]."""
+    """Return a lower bound on the distance from (x, y) to an obstacle [m]."""
     ny, nx = grid.distances.shape
     left, lower, cell = grid.frame[0], grid.frame[1], grid.frame[2] * DISTANCE_STRIDE
     ix, iy = math.floor((x - left) / cell), math.floor((y - lower) / cell)
@@ -365,7 +364,7 @@ def first_hit(grid: HeightGrid, line: Line, begin: float, end: float, bands: int
         grid: the harbor.
         line: x, y, z of the ray's origin [m] and of its direction, in the world frame.
         begin, end: ray parameters.
-        bands: contains the bands of the ray between them; -1: any.
+        bands: a set that contains the bands of the ray between them; -1 for all bands.
     """
     ox, oy, oz, dx, dy, dz = line
     directory, tiles, palette = grid.directory, grid.tiles, grid.palette
@@ -421,7 +420,7 @@ def _inside(p: float, cells: int) -> bool:
 
 @compiled_bare
 def _within(p: float, v: float, cells: int, begin: float, end: float) -> tuple[float, float]:
-    """Return the part of ``begin .. end`` with ``p + t v`` in the grid without its outermost, empty cells.
+    """Return the part of ``begin .. end`` where ``p + t v`` is in the grid but not in its outermost cells.
 
     Return begin > end if there is none.
     """

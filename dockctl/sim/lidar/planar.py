@@ -76,20 +76,20 @@ class PlanarSensor:
 
     @cached_property
     def _sectors(self) -> NDArray[np.int64]:
-        """Sector of each ray, (rays,): all returns of a ray through the body's origin are in one sector."""
+        """Sector of each ray, (rays,): all points of a ray from the body's origin are in one sector."""
         x, y, _ = self._rays[1].T
         sectors: NDArray[np.int64] = sector_index(np.arctan2(y, x), self.spec.sectors)
         return sectors
 
     def sector_ranges(self, eta: Floats) -> Floats:
-        """Return the nearest return of each sector, (n, sectors) [m], from the poses (n, 3)."""
+        """Return the range of each sector's nearest return, (n, sectors) [m], from poses (n, 3)."""
         nearest = np.full((len(eta), self.spec.sectors), self.spec.range_m)
         for row, pose in zip(nearest, eta, strict=True):
             np.minimum.at(row, self._sectors, self._volumes.trace(pose, *self._rays))
         return nearest
 
     def noisy_sector_ranges(self, eta: Floats, noise: RangeNoise) -> Floats:
-        """Return the nearest noisy return of each sector, (n, sectors) [m], from the poses (n, 3)."""
+        """Return the range of each sector's nearest noisy return, (n, sectors) [m], from poses (n, 3)."""
         from dockctl.sim.lidar.return_noise import noisy_hits
 
         nearest = np.full((len(eta), self.spec.sectors), self.spec.range_m)

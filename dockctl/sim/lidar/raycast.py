@@ -21,7 +21,7 @@ LEAF_TRIANGLES = 4
 MISS = np.inf
 
 
-# For functions that allocate nothing: without reference counting of the arrays in their tuples, which takes a
+# For functions that allocate nothing: skips reference counting of the arrays in their tuples, which takes a
 # third of the time in the inner loops of a scan.
 compiled_bare = compiled(_nrt=False)
 

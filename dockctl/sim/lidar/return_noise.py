@@ -1,7 +1,7 @@
-"""Noise of the LiDAR's returns: errors of their ranges, and losses.
+"""Noise of the LiDAR returns: range errors, and lost returns.
 
-The noise of a ray depends only on the seed of the scan and the number of the ray, so that it is the same
-whether all rays are traced or few.
+The noise of a ray depends only on the scan's seed and the ray's index, so that it is the same
+whether all rays are traced or only some.
 """
 
 from __future__ import annotations
@@ -18,7 +18,7 @@ from dockctl.sim.lidar.height_grid import SLACK_M
 from dockctl.sim.lidar.raycast import MISS
 
 MOST_SIGMAS = 5.0
-"""Larger errors, 6e-7 of all, are cut off here."""
+"""Larger errors, 6e-7 of all, are clipped."""
 
 
 class ReturnNoise(NamedTuple):
@@ -31,7 +31,7 @@ class ReturnNoise(NamedTuple):
 
 @compiled(inline="always")
 def largest_error(noise: ReturnNoise | None) -> float:
-    """Return the size that no error of a range exceeds [m], with a margin for rounding errors."""
+    """Return an upper bound on the size of a range error [m], with a margin for rounding errors."""
     return 0.0 if noise is None else MOST_SIGMAS * noise.sigma_m + SLACK_M
 
 

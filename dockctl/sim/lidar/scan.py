@@ -4,17 +4,17 @@ Only the nearest return of each sector is needed. The scan therefore proceeds ou
 shell (rings of growing radius, divided into narrow bins of azimuth), and stops in a sector once its nearest
 return is nearer than the shell. A table in the body frame, built once per set of sensors, lists the rays that
 cross each cell of a shell and their bands of height. Rays that pass above or below everything in the harbor
-near a cell are skipped there, as is open water; near is first a circle around the cell, from a table, and
-where something is in it, the cell itself. The other rays are traversed through the fine grid of the harbor. A
-ray that hits something nearer than the nearest return so far is traversed again from its origin, because
-something else may be hit first.
+near a cell are skipped there, as is open water. A table gives the heights of obstacles in a circle around the
+cell; where there are some, the cell itself is checked. The other rays are traced through the fine grid of the
+harbor. A ray that hits something nearer than the nearest return so far is traced again from its origin,
+because something else may be hit first.
 
-Noise moves the return of a ray along it. A hit at the radius r can then still be nearest where the nearest
-return is beyond r minus the error, in every sector that the ray can be moved to. The error of a ray is drawn
-before it is traversed: farther out than the nearest return, few errors are large enough. Without noise, the
-compiler leaves all of this out.
+Noise moves the return of a ray along the ray. A hit at radius r can then still become the nearest return if
+the nearest one so far is beyond r minus the error, in every sector that the return may move to. The error of
+a ray is drawn before it is traced: beyond the nearest return, few errors are large enough. Without noise, the
+compiler removes all of this.
 
-Hits are computed by the same `hit_triangle` as in the ray tracer: the ranges are equal to the last bit.
+Hits are computed by the same `hit_triangle` as in the ray tracer, so the ranges are equal to the last bit.
 """
 
 from __future__ import annotations
@@ -76,11 +76,11 @@ def sector_ranges(
 ) -> None:
     """Write the range of the nearest return in each sector [m] from the poses (n, 3) to `out` (n, sectors).
 
-    The noise consists of the seeds of the scans, standard deviations [m] and shares of lost returns, (n,)
-    each. Work arrays: `first` (shells,) and `following` (bins,) are lists of the bins to look up in each
-    shell, ended by -1; `traced` (rays,) marks rays that have been traversed through the core.
+    The noise consists of the seeds of the scans, standard deviations [m] and fractions of lost returns, (n,)
+    each. Work arrays: `first` (shells,) and `following` (bins,) are linked lists of the bins to look up in
+    each shell, terminated by -1; `traced` (rays,) marks rays that have been traced through the core.
     """
-    # Local names: the compiler does not read them from the tuple again in the inner loops.
+    # Local names, so that the inner loops do not read them from the tuple again.
     radii, middles = table.radii, table.bins
     sectors, shells = out.shape[1], len(radii) - 1
     bins = len(middles) // sectors
@@ -152,7 +152,7 @@ def half_sides(inner: float, outer: float, half_width: float) -> tuple[float, fl
 
 @compiled(inline="always")
 def _angle(error: float, radius: float) -> float:
-    """Return the largest change of azimuth of a point outside of a radius that is moved by an error."""
+    """Return the largest azimuth change [rad] of a point outside a radius [m] that moves by an error [m]."""
     return math.asin(error / radius) if error < radius else math.pi
 
 
@@ -175,7 +175,7 @@ def _search_core(
     traced: Bools,
     best: Floats,
 ) -> None:
-    """Traverse the rays of the core cells with obstacles nearby, from their origins through the core."""
+    """Trace the rays of the core cells with obstacles nearby, from their origins through the core."""
     x, y, c, s = pose
     shell_cells = len(table.bins) * (len(table.radii) - 1)
     most = largest_error(noise)
@@ -210,7 +210,7 @@ def _search_core(
                 traced[number] = True
                 ray = table.rays[number]
                 leaves = exit_parameter(origin, ray, farthest)
-                if not leaves >= 0.0:  # a ray from outside of `farthest` that does not enter it
+                if not leaves >= 0.0:  # a ray that starts outside `farthest` and does not enter it
                     continue
                 end = min(leaves - min(error, 0.0) + 1e-7, ray[3])
                 z, z_end = origin[2], origin[2] + end * ray[2]
@@ -235,7 +235,7 @@ def _visit(
     noise: ReturnNoise | None,
     best: Floats,
 ) -> None:
-    """Traverse the rays of a cell in the bands `near` between two radii, and update the nearest returns.
+    """Trace the rays of a cell in the bands `near` between two radii, and update the nearest returns.
 
     Their returns are in the sectors `reached`, from the first to the last.
     """
@@ -266,7 +266,7 @@ def _visit(
             t = first_hit(grid, _in_world(origin, ray, pose), begin, end, bands)
             if t > end:
                 continue
-            if not bounded:  # not drawn before, because it could not shorten the way
+            if not bounded:  # not drawn before, because it could not have shortened the traversal
                 error = error_above(noise, index, 1.0)
                 if error == MISS:
                     continue

@@ -1,4 +1,4 @@
-"""The rays of all LiDARs by the cells around the boat that they cross, in the body frame.
+"""The rays of all LiDARs, by the cells around the boat that they cross, in the body frame.
 
 A table is built once per set of sensors. It also gives the level of the harbor grid that covers each cell.
 """
@@ -23,8 +23,8 @@ BINS_PER_SECTOR = 32
 SHELL_GROWTH = 1.025
 SHELL_STEP_M = 0.02
 CORE_CELL_M = 0.08
-CORE_STEP_M = 0.04  # the reach is then the radius of the finest level of the grid, 0.1 m
-# From the center of a core cell to the rays that are added to it by a point every step.
+CORE_STEP_M = 0.04  # so that the reach is the radius of the finest level of the grid, 0.1 m
+# Maximum distance from the center of a core cell to the rays that are added to it, one point per step.
 CORE_REACH_M = CORE_CELL_M / math.sqrt(2) + CORE_STEP_M
 RUN = np.dtype([("first", np.uint32), ("length", np.uint16), ("low", np.uint8), ("high", np.uint8)])
 
@@ -36,9 +36,9 @@ class ShellTable(NamedTuple):
     """The rays that cross each cell of the shells, in the body frame.
 
     Shell k is between ``radii[k]`` and ``radii[k + 1]``. Inside ``radii[0]`` is the core, which contains all
-    sensors and where rays may also run inward. Cell ``k * bins + bin`` has the runs
-    ``starts[cell]:starts[cell + 1]``, the lowest first; a run is a sequence of neighboring rays with their
-    bands of height in the cell. The cells of the core are squares and follow those of the shells.
+    sensors and in which rays may also run inward. Cell ``k * bins + bin`` has the runs
+    ``starts[cell]:starts[cell + 1]``, lowest first; a run is a sequence of neighboring rays with their
+    height bands in the cell. The cells of the core are squares and follow those of the shells.
 
     Attributes:
         origins: (sensors, 3) origins of the rays [m].
@@ -50,7 +50,7 @@ class ShellTable(NamedTuple):
         starts, runs: the runs: first ray, number of rays, lowest and highest band.
         core: (cells, 2) centers of the core cells [m], the innermost first.
         core_edges: (cells, 2) minimum and maximum azimuth of the rays in a core cell [rad].
-        shell_at: (k,) the first shell that is not entirely within each multiple of `SHELL_STEP_M`.
+        shell_at: (k,) for each multiple of `SHELL_STEP_M`, the first shell not entirely within that radius.
     """
 
     origins: Floats
@@ -148,7 +148,7 @@ def _gather(
 ) -> None:
     """Add every ray to the cells that it crosses, extending runs of neighboring rays.
 
-    If `runs` is empty, runs are counted in `places`; otherwise they are written from `places` on.
+    If `runs` is empty, runs are counted in `places`; otherwise they are written starting at `places`.
     """
     shells = len(radii) - 1
     last = np.full(len(places), -2, np.int32)  # last ray added to each cell
@@ -181,7 +181,7 @@ def _gather(
 
 @compiled(inline="always")
 def sectors_between(low: float, high: float, sectors: int) -> tuple[int, int]:
-    """Return the first and last sector between two azimuths, which may be beyond ±pi; modulo `sectors`."""
+    """Return the first and last sector, modulo `sectors`, between two azimuths, which may be beyond ±pi."""
     return _unwrapped_sector(low, sectors), _unwrapped_sector(high, sectors)
 
 
@@ -193,7 +193,7 @@ def _unwrapped_sector(azimuth: float, sectors: int) -> int:
 
 @compiled()
 def turn(begin: float, end: float) -> tuple[float, float]:
-    """Return the lower and upper azimuth of the smaller angle between two azimuths, with a margin."""
+    """Return the lower and upper end of the smaller angle between two azimuths [rad], with a margin."""
     turn = end - begin
     turn -= 2 * math.pi * math.floor(turn / (2 * math.pi) + 0.5)
     return min(begin, begin + turn) - 1e-7, max(begin, begin + turn) + 1e-7
@@ -205,7 +205,7 @@ def _add(
 ) -> None:
     """Add one ray, which passes the cell between the heights `z` and `z_out` [m], to the cell.
 
-    It extends the last run of the cell if it is `joined` to the last ray of that run.
+    The ray extends the last run of the cell if it is `joined` to the last ray of that run.
     """
     same, extends_run = last[cell] == ray, joined and last[cell] == ray - 1
     last[cell] = ray
@@ -228,7 +228,7 @@ def exit_parameter(origin: Floats, ray: Floats, radius: float) -> float:
 
     Args:
         origin: x and y of a point of the ray [m]; further components are ignored.
-        ray: its direction, the same components.
+        ray: direction, with the same components.
         radius: of the circle around the origin of the frame [m].
     """
     h2 = ray[0] * ray[0] + ray[1] * ray[1]

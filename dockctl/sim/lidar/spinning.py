@@ -1,4 +1,4 @@
-"""Spinning LiDARs as data (thesis Tables 3.2 and 3.3)."""
+"""Configuration of spinning LiDARs (thesis Tables 3.2 and 3.3)."""
 
 from __future__ import annotations
 
@@ -12,9 +12,9 @@ from dockctl.scenarios.base import Count, FieldError, Model, NonNegative, Number
 from dockctl.scenarios.extensions import RangeSensor, RangeSensorSpec, register
 
 MAX_ARM_M = 20.0
-"""A LiDAR is on the boat; the tables of a scan grow with the square of its distance from the origin."""
+"""Maximum lever arm of a LiDAR; the scan tables grow with the square of its distance from the origin."""
 MAX_RAYS = 2_000_000
-"""Rays of a scan: 0.6 GB while their tables are built."""
+"""Maximum number of rays of a scan; building their tables takes up to 0.6 GB."""
 Arm = Annotated[Number, Field(ge=-MAX_ARM_M, le=MAX_ARM_M)]
 
 
@@ -42,7 +42,7 @@ THESIS_MOUNTS = (
 
 @register(RANGE_SENSORS, source="Tables 3.2, 3.3")
 class SpinningLidars(RangeSensorSpec):
-    """Equal spinning LiDARs, by default four VLP-16, whose points are reduced to sectors (eqs. 3.7, 3.8)."""
+    """Identical spinning LiDARs, by default four VLP-16, with points reduced to sectors (eqs. 3.7, 3.8)."""
 
     examples = ({"azimuth_steps": 90},)
     kind: Literal["spinning"] = "spinning"
@@ -71,7 +71,7 @@ class SpinningLidars(RangeSensorSpec):
 
     @property
     def rays(self) -> int:
-        """Rays of a scan."""
+        """Number of rays of a scan."""
         return len(self.mounts) * self.channels * self.azimuth_steps
 
     def build(self, triangles: Floats) -> RangeSensor:
@@ -83,7 +83,7 @@ class SpinningLidars(RangeSensorSpec):
 
 
 def _key(mount: LidarMount, side: int) -> tuple[float, ...]:
-    """Return the numbers of a mount, or with `side` -1 those of its mirror image."""
+    """Return the values of a mount, or with `side` -1 those of its mirror image."""
     roll, pitch, yaw = (
         angle % 360 for angle in (side * mount.roll_deg, mount.pitch_deg, side * mount.yaw_deg)
     )

@@ -55,8 +55,8 @@ class Rays:
 
     Attributes:
         origins, directions: (k, 3) [m] and unit vectors.
-        reach: (k,) length of a ray [m]: to the range of the sensor, or to the water surface, which has no
-            return.
+        reach: (k,) length of a ray [m]: to the sensor's maximum range, or to the water surface, which gives
+            no return.
         channel: (k,) index of the laser over all LiDARs.
     """
 
@@ -116,9 +116,9 @@ class SpinningSensor:
 
     @property
     def _tables(self) -> Tables:
-        """Tables of the compiled scan: rays by shells, the grid of the harbor, and its level for each cell.
+        """Tables of the compiled scan: rays by shells, the harbor grid, and its level for each cell.
 
-        Not a `cached_property`: in Python 3.11 its lock would serialize the building of several tables.
+        Not a `cached_property`: in Python 3.11 its lock would prevent building several tables in parallel.
         """
         built: Tables | None = vars(self).get("_built")
         if built is None:
@@ -142,8 +142,8 @@ class SpinningSensor:
             eta: (n, 3) x, y [m] and heading [rad].
 
         Returns:
-            (n, sectors) horizontal distance from the body origin [m]; the range of the sensor if there is no
-            return.
+            (n, sectors) horizontal distance from the body origin [m]; the sensor's maximum range if there is
+            no return.
         """
         return self._scan(eta, None)
 
@@ -217,7 +217,7 @@ def _shells(spec: SpinningLidars) -> ShellTable:
 
 
 def _source(*modules: ModuleType) -> bytes:
-    """Return the source code of modules; cached tables depend on it."""
+    """Return the source code of modules, which is part of the key of cached tables."""
     return b"".join(Path(str(module.__file__)).read_bytes() for module in modules)
 
 

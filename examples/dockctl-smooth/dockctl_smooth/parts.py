@@ -1,4 +1,4 @@
-"""One more number in the observation."""
+"""An observation part with one column."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""How much the controls move from one step to the next."""
+"""Reward terms for the change of the controls from one step to the next."""
 
 from __future__ import annotations
 
