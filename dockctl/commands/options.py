@@ -186,7 +186,7 @@ def latest_run_or_recording() -> tuple[Path, LoadedPolicy | None]:
     chosen = _default_policy()
     if isinstance(chosen, Path):
         return chosen, None
-    from dockctl.evaluation.policies import load_policy
+    from dockctl.evaluation.loading import load_policy
     from dockctl.experiments.outputs import record
 
     policy = load_policy(chosen)
@@ -211,7 +211,7 @@ def select_policy(
             loaded.
     """
     from dockctl import plugins
-    from dockctl.evaluation.policies import load_policy
+    from dockctl.evaluation.loading import load_policy
     from dockctl.scenarios import catalog
 
     for path in plugin or ():

@@ -54,7 +54,7 @@ def view(
     Example: dockctl view s3 --pose 25,0.5,175
     """
     from dockctl.errors import DockctlError
-    from dockctl.evaluation.policies import is_scenario
+    from dockctl.evaluation.loading import is_scenario
     from dockctl.evaluation.replay import page_data, preview, replay
     from dockctl.reports import animation
     from dockctl.reports.replay import page

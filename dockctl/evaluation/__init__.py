@@ -7,7 +7,7 @@ print(evaluate("s1", episodes=20).table)
 from dockctl.evaluation.compare import compare
 from dockctl.evaluation.envelope import envelope
 from dockctl.evaluation.evaluate import evaluate
-from dockctl.evaluation.policies import load_policy
+from dockctl.evaluation.loading import load_policy
 from dockctl.evaluation.rollout import Rollout
 from dockctl.evaluation.success_map import Grid, success_map
 

@@ -11,7 +11,8 @@ from typing import TYPE_CHECKING, Any
 from dockctl.analysis.contrast import Contrast, contrasts
 from dockctl.errors import DockctlError
 from dockctl.evaluation.evaluate import Evaluation, evaluate
-from dockctl.evaluation.policies import LoadedPolicy, distinct_names, load_policy
+from dockctl.evaluation.loading import load_policy
+from dockctl.evaluation.policies import LoadedPolicy, distinct_names
 from dockctl.runs.tables import Value
 
 if TYPE_CHECKING:
@@ -97,7 +98,7 @@ def compare(
     """Run policies from the same starts.
 
     Args:
-        policies: two or more, or one with `vary`; see `dockctl.evaluation.policies.load_policy`.
+        policies: two or more, or one with `vary`; see `dockctl.evaluation.loading.load_policy`.
         scenario: file or name; by default the scenario of the first policy.
         episodes: number of random starts; see `evaluate`.
         seed: of the random starts.

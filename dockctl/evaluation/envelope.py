@@ -13,7 +13,8 @@ from typing import TYPE_CHECKING, Any
 
 from dockctl.errors import DockctlError, nearest
 from dockctl.evaluation.evaluate import running
-from dockctl.evaluation.policies import LoadedPolicy, load_policy
+from dockctl.evaluation.loading import load_policy
+from dockctl.evaluation.policies import LoadedPolicy
 from dockctl.evaluation.rollout import Rollout
 from dockctl.evaluation.starts import testing_starts
 from dockctl.runs.tables import Value
@@ -124,7 +125,7 @@ def envelope(
     are compared from the same starts.
 
     Args:
-        policy: see `dockctl.evaluation.policies.load_policy`; the latest run by default.
+        policy: see `dockctl.evaluation.loading.load_policy`; the latest run by default.
         scenario: file or name; the policy's own by default.
         factors: names in `FACTORS`.
         episodes: random starts for each value, at the held-out berths if the task has any.

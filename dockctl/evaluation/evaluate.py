@@ -11,7 +11,8 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from dockctl.analysis.episodes import summarize
-from dockctl.evaluation.policies import LoadedPolicy, load_policy
+from dockctl.evaluation.loading import load_policy
+from dockctl.evaluation.policies import LoadedPolicy
 from dockctl.evaluation.record import Recording
 from dockctl.evaluation.rollout import Episode, Rollout
 from dockctl.evaluation.starts import checked_starts, evaluation_starts, testing_starts, trajectory_starts
@@ -157,7 +158,7 @@ def evaluate(
     """Run a policy from a scenario's evaluation poses and from random starts.
 
     Args:
-        policy: see `dockctl.evaluation.policies.load_policy`; the latest run by default.
+        policy: see `dockctl.evaluation.loading.load_policy`; the latest run by default.
         scenario: file or name; the policy's own by default.
         episodes: number of random starts; by default the scenario's, and none with `poses`.
         seed: of the random starts; the scenario's by default.

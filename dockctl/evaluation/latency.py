@@ -15,7 +15,8 @@ from dockctl.agents.interface import Policy
 from dockctl.analysis.latency import PARTS, summarize
 from dockctl.envs.observation import ObservationEncoder, View
 from dockctl.envs.vector import DockingVectorEnv
-from dockctl.evaluation.policies import LoadedPolicy, load_policy
+from dockctl.evaluation.loading import load_policy
+from dockctl.evaluation.policies import LoadedPolicy
 from dockctl.evaluation.rollout import Rollout
 from dockctl.evaluation.starts import evaluation_starts
 from dockctl.runs.provenance import hardware
@@ -73,7 +74,7 @@ def latency(
     """Time at least `decisions` decisions of one boat.
 
     Args:
-        policy: see `dockctl.evaluation.policies.load_policy`; the latest run by default.
+        policy: see `dockctl.evaluation.loading.load_policy`; the latest run by default.
         scenario: file or name; the policy's own by default.
         overrides: changed values of the scenario, ``key=value``.
 

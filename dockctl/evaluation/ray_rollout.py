@@ -20,7 +20,8 @@ from dockctl import __version__
 from dockctl.agents.interface import Policy
 from dockctl.cluster import require_version, write_files
 from dockctl.errors import DockctlError
-from dockctl.evaluation.policies import LoadedPolicy, load_policy
+from dockctl.evaluation.loading import load_policy
+from dockctl.evaluation.policies import LoadedPolicy
 from dockctl.evaluation.rollout import Episode, Rollout, seeded
 from dockctl.run_files import SCENARIO
 from dockctl.scenarios.content import self_contained

@@ -17,7 +17,8 @@ from dockctl.analysis.episodes import describe_outcome
 from dockctl.compute import workers
 from dockctl.drawing import palette
 from dockctl.drawing.scene import Scene
-from dockctl.evaluation.policies import LoadedPolicy, distinct_names, load_policy
+from dockctl.evaluation.loading import load_policy
+from dockctl.evaluation.policies import LoadedPolicy, distinct_names
 from dockctl.evaluation.rollout import Episode, Rollout
 from dockctl.evaluation.starts import checked_starts, trajectory_starts
 from dockctl.geometry import Floats, pose_label, sector_edges_deg
@@ -87,7 +88,7 @@ def replay(
     """Run each policy from each pose; by default from the trajectory starts of the scenario.
 
     Args:
-        policies: one or more; see `dockctl.evaluation.policies.load_policy`.
+        policies: one or more; see `dockctl.evaluation.loading.load_policy`.
         scenario: file or name; by default the scenario of the first policy.
         overrides: changed values of the scenario, ``key=value``.
 

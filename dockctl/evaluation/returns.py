@@ -12,7 +12,8 @@ import numpy as np
 import pandas as pd
 
 from dockctl.analysis.returns import AT_START, BEFORE_INTERMEDIATE, DOCKING, FAILING
-from dockctl.evaluation.policies import LoadedPolicy, load_policy
+from dockctl.evaluation.loading import load_policy
+from dockctl.evaluation.policies import LoadedPolicy
 from dockctl.evaluation.rollout import Rollout
 from dockctl.geometry import Floats
 from dockctl.plugins import REWARD_TERMS
@@ -102,7 +103,7 @@ def returns(
 
     Args:
         policy: its greedy episode gives the return of docking, if it docks; see
-            `dockctl.evaluation.policies.load_policy`.
+            `dockctl.evaluation.loading.load_policy`.
         scenario: file or name; the policy's own by default.
         units_m: units of the distance in the reward [m].
         overrides: changed values of the scenario, ``key=value``.

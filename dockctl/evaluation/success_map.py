@@ -14,7 +14,8 @@ import numpy as np
 from dockctl.drawing.scene import Scene
 from dockctl.errors import DockctlError
 from dockctl.evaluation.evaluate import Run, running
-from dockctl.evaluation.policies import LoadedPolicy, load_policy
+from dockctl.evaluation.loading import load_policy
+from dockctl.evaluation.policies import LoadedPolicy
 from dockctl.evaluation.rollout import Rollout
 from dockctl.evaluation.starts import pose_check
 from dockctl.geometry import Floats
@@ -112,7 +113,7 @@ def success_map(
     """Run a policy from every free start of a grid around the first initial pose of the task.
 
     Args:
-        policy: see `dockctl.evaluation.policies.load_policy`; the latest run by default.
+        policy: see `dockctl.evaluation.loading.load_policy`; the latest run by default.
         scenario: file or name; the policy's own by default.
         grid: ±10 m in steps of 2 m with eight headings by default.
         overrides: changed values of the scenario, ``key=value``.

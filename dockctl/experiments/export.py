@@ -17,7 +17,8 @@ from dockctl.agents.checkpoint import save_policy
 from dockctl.analysis.episodes import describe_outcome
 from dockctl.console import command_line, print_text
 from dockctl.errors import DockctlError
-from dockctl.evaluation.policies import CheckpointPolicy, load_checkpoint
+from dockctl.evaluation.loading import load_checkpoint
+from dockctl.evaluation.policies import CheckpointPolicy
 from dockctl.evaluation.rollout import Episode, Rollout
 from dockctl.evaluation.starts import TRAINING, training_starts
 from dockctl.experiments.model_card import card_text, envelope_image, is_of_policy, read_evaluations

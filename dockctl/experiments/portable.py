@@ -21,7 +21,8 @@ from dockctl.console import print_text
 from dockctl.dueling import SAME_COMMAND, Ensemble, Layers
 from dockctl.envs.observation import HISTORY, ObservationEncoder, blank_view
 from dockctl.errors import DockctlError
-from dockctl.evaluation.policies import CheckpointPolicy, load_checkpoint
+from dockctl.evaluation.loading import load_checkpoint
+from dockctl.evaluation.policies import CheckpointPolicy
 from dockctl.geometry import pose_array
 from dockctl.onnx_networks import ACTION, DESCRIPTION, Q_VALUES
 from dockctl.pilot import PARTS

@@ -9,7 +9,8 @@ from pathlib import Path
 
 from dockctl.agents.progress import REASONS
 from dockctl.errors import DockctlError
-from dockctl.evaluation.policies import LoadedPolicy, load_checkpoint
+from dockctl.evaluation.loading import load_checkpoint
+from dockctl.evaluation.policies import LoadedPolicy
 from dockctl.evaluation.replay import page_data, replay
 from dockctl.experiments.study import Experiment, Study, archived_study, load_study
 from dockctl.reading import read_json

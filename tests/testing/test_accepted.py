@@ -10,7 +10,7 @@ from gymnasium.spaces import Box, Discrete, Space
 
 from dockctl import testing
 from dockctl.envs.vector import DockingVectorEnv
-from dockctl.evaluation.policies import load_policy
+from dockctl.evaluation.loading import load_policy
 from dockctl.plugins import (
     ACTIONS,
     ALGORITHMS,
