@@ -50,8 +50,8 @@ class Disturbances:
         if not self._all:
             return
         drawn = [
-            rng if start.seed is None else np.random.default_rng(start.seed)
-            for start, rng in zip(starts, rngs or [None] * len(starts), strict=True)
+            rngs[i] if start.seed is None else np.random.default_rng(start.seed)
+            for i, start in enumerate(starts)
         ]
         for guard, disturbance in self._all.values():
             with guard:
