@@ -293,12 +293,7 @@ class DockingVectorEnv(VectorEnv[Observations, NDArray[Any], NDArray[Any]]):
         return [self._next_start(row, self._rngs[row]) for row in rows]
 
     def _next_start(self, row: int, rng: np.random.Generator) -> Start:
-        if start := self._failed.take(row, rng):
-            return start
-        start = self._sampler.draw(rng)
-        if self._failed.fraction and self.scenario.conditions:
-            start = replace(start, seed=int(rng.integers(2**63)))  # a retry meets the same conditions
-        return start
+        return self._failed.take(row, rng) or self._sampler.draw(rng)
 
     def _given(self, rows: Ints, options: dict[str, Any]) -> list[Start | None]:
         """Return the starts of these rows (k,) from the options."""

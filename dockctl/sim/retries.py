@@ -30,7 +30,7 @@ class FailedStarts:
     """
 
     def __init__(self, boats: int, fraction: float) -> None:
-        self.fraction = fraction
+        self._fraction = fraction
         self._current: list[Start | None] = [None] * boats
         self._queues = [deque[Start](maxlen=KEPT) for _ in range(boats)]
 
@@ -43,17 +43,17 @@ class FailedStarts:
         """Keep the starts of the boats (n,) whose episode failed."""
         for boat in np.flatnonzero(failed):
             start = self._current[boat]
-            if self.fraction and start is not None and start.kind != "exploring":
+            if self._fraction and start is not None and start.kind != "exploring":
                 self._queues[boat].append(replace(start, kind="retried"))
 
     def take(self, boat: int, rng: np.random.Generator) -> Start | None:
         """Remove and return the oldest failed start; None if the next one is to be drawn."""
         queue = self._queues[boat]
-        return queue.popleft() if queue and rng.random() < self.fraction else None
+        return queue.popleft() if queue and rng.random() < self._fraction else None
 
     def state(self) -> dict[str, Any] | None:
         """Return all starts as dictionaries; None if the fraction is 0."""
-        if not self.fraction:
+        if not self._fraction:
             return None
         return {
             "current": [start and asdict(start) for start in self._current],
@@ -66,7 +66,7 @@ class FailedStarts:
         Raises:
             KeyError, TypeError, ValueError: it is not the state of this number of boats.
         """
-        if not self.fraction:
+        if not self._fraction:
             return
         if state is None:
             raise ValueError("a state without failed starts")

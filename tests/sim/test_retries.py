@@ -83,23 +83,6 @@ def test_an_environment_retries_the_starts_of_failed_episodes_only_in_training()
         assert kinds == [{"retried" if exploring else "pose"}] * 2
 
 
-def test_a_retried_episode_has_the_conditions_of_the_failed_one() -> None:
-    overrides = (
-        "training.retried_starts={fraction: 1}", "training.exploring_starts=null", "task.max_steps=3",
-        "conditions.current={speed_mps: [0, 0.1], direction_deg: [0, 360], variation_mps: 0.01}",
-    )  # fmt: skip
-    env = DockingVectorEnv(load_checked("s1", overrides=overrides), 2, exploring=True)
-    _, info = env.reset(seed=0)
-    drawn, currents = dict(info["conditions"]), np.zeros((3, 3, 2, 2))
-    for episode in range(3):
-        for step in range(3):  # all episodes time out
-            currents[episode, step] = info["current"]
-            _, _, _, _, info = env.step(np.array([38, 38]))
-        assert all(np.array_equal(drawn[name], info["conditions"][name]) for name in drawn)
-    assert (currents == currents[0]).all()
-    assert drawn["current_speed_mps"][0] != drawn["current_speed_mps"][1]
-
-
 def test_the_state_of_another_number_of_boats_is_refused() -> None:
     with pytest.raises(ValueError, match="boats"):
         FailedStarts(2, 0.3).restore(FailedStarts(3, 0.3).state())
