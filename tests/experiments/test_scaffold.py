@@ -110,7 +110,7 @@ def test_a_plugin_is_a_package_that_installs(folder: Path) -> None:
     install = [sys.executable, "-m", "pip", "install", *quiet, "--target", str(site), pip[-1]]
     subprocess.run(install, check=True, timeout=120)
     (site / "run.py").write_text(
-        "from dockctl.sim.world import load_checked\nfrom dockctl.envs.vector import DockingVectorEnv\n"
+        "from dockctl.sim.checks import load_checked\nfrom dockctl.envs.vector import DockingVectorEnv\n"
         "env = DockingVectorEnv(load_checked('s1-dockctl-mine'), 2)\nenv.reset(seed=1)\n"
         f"for _ in range({STEPS}):\n    info = env.step(env.action_space.sample())[4]\n"
         "assert 'dockctl_mine_turning' in info['reward_terms']\n"
