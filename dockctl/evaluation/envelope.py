@@ -17,7 +17,7 @@ from dockctl.evaluation.loading import load_policy
 from dockctl.evaluation.policies import LoadedPolicy
 from dockctl.evaluation.rollout import Rollout
 from dockctl.evaluation.starts import testing_starts
-from dockctl.runs.tables import Value
+from dockctl.runs.tables import OUTCOMES, Value
 from dockctl.scenarios.schema import Scenario
 from dockctl.sim.world import build_worlds
 
@@ -157,4 +157,4 @@ def _outcomes(policy: LoadedPolicy, rollout: Rollout, episodes: int, on: str | N
     starts = testing_starts(scenario, rollout.worlds, episodes, scenario.evaluation.random_starts.seed)
     with running(policy, rollout, on) as run:
         outcomes = Counter(episode.outcome for episode in run(starts))
-    return {name: outcomes[name] for name in ("docked", "collision", "timeout")}
+    return {name: outcomes[name] for name in OUTCOMES}

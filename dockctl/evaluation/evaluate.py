@@ -17,7 +17,7 @@ from dockctl.evaluation.record import Recording
 from dockctl.evaluation.rollout import Episode, Rollout
 from dockctl.evaluation.starts import checked_starts, evaluation_starts, testing_starts, trajectory_starts
 from dockctl.run_files import EVALUATION
-from dockctl.runs.results import setting_names
+from dockctl.runs.results import result_stem
 from dockctl.runs.tables import EVALUATION as EVALUATION_COLUMNS
 from dockctl.runs.tables import START_KEYS, Value, all_columns, to_csv
 from dockctl.scenarios.base import Pose
@@ -27,7 +27,6 @@ from dockctl.sim.starts import Start, own_site
 if TYPE_CHECKING:
     import pandas as pd
 
-MAX_STEM = 150
 Run = Callable[[Sequence[Start]], list[Episode]]
 
 
@@ -60,9 +59,8 @@ class Evaluation:
     @property
     def stem(self) -> str:
         """Common stem of the result files' names."""
-        changes = setting_names(self.overrides)
-        place = [self.scenario.name] if self.is_transfer or changes else []
-        return "-".join([EVALUATION, *place, *changes])[:MAX_STEM]
+        is_own = not self.is_transfer and not self.overrides
+        return result_stem(EVALUATION, "" if is_own else self.scenario.name, self.overrides)
 
     @property
     def lowest_success(self) -> float:

@@ -20,7 +20,7 @@ from dockctl.runs.files import (
     write_atomically,
     writing,
 )
-from dockctl.runs.results import require_same_policy, setting_names, write_measurement
+from dockctl.runs.results import require_same_policy, result_stem, setting_names, write_measurement
 
 
 @dataclass(frozen=True)
@@ -67,13 +67,12 @@ class Outputs:
             require_writable(folder)
         if csv:
             require_writable_file(csv, ".csv")
-        resolved, changes = policy.scenario(scenario, overrides).scenario, setting_names(overrides)
-        is_own = not changes and (scenario is None or not policy.is_transfer(resolved))
-        names = [what, *([] if run and is_own else [resolved.name]), *changes]
+        resolved = policy.scenario(scenario, overrides).scenario
+        is_own = not overrides and (scenario is None or not policy.is_transfer(resolved))
+        stem = result_stem(what, "" if run and not out and is_own else resolved.name, overrides)
         if out or run is None:
-            names = [what, resolved.name, *changes, policy.file_name]
-            require_same_policy(tables / f"{'-'.join(names)}.json", policy.facts())
-        stem = "-".join(names)
+            stem = f"{stem}-{policy.file_name}"
+            require_same_policy(tables / f"{stem}.json", policy.facts())
         return cls(tables, figures, stem, csv, policy)
 
     def write(self, table: str) -> list[Path]:

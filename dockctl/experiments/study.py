@@ -35,7 +35,7 @@ from dockctl.run_files import (
     runs_of_seed,
 )
 from dockctl.runs.directory import RunDirectory
-from dockctl.runs.results import measured_policy, policy_hash, read_results
+from dockctl.runs.results import measured_policy, policy_hash, read_results, result_stem
 from dockctl.scenarios.base import NAME, Count, FieldError, Model, Name
 from dockctl.scenarios.catalog import SUFFIXES, display_path, packaged_folder
 from dockctl.scenarios.content import first_difference
@@ -301,7 +301,7 @@ class Job:
         yield Stage("evaluate", ("evaluate", policy), (run / f"{EVALUATION}.json",))
         for source, name in self.transfer:
             recorded = ("evaluate", policy, "--scenario", source, "--record")
-            outputs = (run / f"{EVALUATION}-{name}.json", recordings / name / RECORDING)
+            outputs = (run / f"{result_stem(EVALUATION, name)}.json", recordings / name / RECORDING)
             yield Stage(f"evaluate on {name}", recorded, outputs)
         yield Stage("plot", ("plot", policy), (run / DRAWN,))
         for probe in self.experiment.probes:

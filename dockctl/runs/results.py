@@ -18,6 +18,7 @@ from dockctl.run_files import BEST, LAST, POLICY_JSON
 from dockctl.runs.directory import RunDirectory
 from dockctl.runs.files import write_atomically, write_json
 
+MAX_STEM = 150
 FILES = "files"
 """Key of the hashes: SHA-256 by path relative to the JSON file."""
 
@@ -82,6 +83,18 @@ def read_results(path: Path) -> dict[str, Any]:
 def setting_names(overrides: Sequence[str]) -> list[str]:
     """Return changed values of a scenario, ``key=value``, as parts of a file name."""
     return [re.sub(r"[^\w.=-]+", "_", override) for override in overrides]
+
+
+def result_stem(measurement: str, scenario: str = "", overrides: Sequence[str] = ()) -> str:
+    """Return the file name, without suffix, of a measurement of a policy.
+
+    Args:
+        measurement: a name in `dockctl.run_files`.
+        scenario: its name, unless it is the policy's own and unchanged.
+        overrides: changed values of the scenario, ``key=value``.
+    """
+    place = [scenario] if scenario else []
+    return "-".join([measurement, *place, *setting_names(overrides)])[:MAX_STEM]
 
 
 def require_same_policy(path: Path, policy: Mapping[str, Any]) -> None:

@@ -66,11 +66,14 @@ START_KEYS = {
 }
 """Keys of their summaries in ``evaluation.json``."""
 
+OUTCOMES = ("docked", "collision", "timeout")
+"""Values of `outcome` (`dockctl.sim.goal.StepStatus.outcome`)."""
+
 MAP_START = ("dx_m", "dy_m", "dheading_deg", "x_m", "y_m", "heading_deg", "blocked")
 MAP = (*MAP_START, *EPISODE_RESULT, *MANEUVER, "time_s")
 """Starts of ``dockctl map``, by their offset from the center pose; a blocked start has no result."""
 
-ENVELOPE = ("factor", "value", "episodes", "docked", "collision", "timeout")
+ENVELOPE = ("factor", "value", "episodes", *OUTCOMES)
 """Outcomes by value of one factor, of ``dockctl envelope``."""
 
 RETURNS = ("behavior", "outcome", "steps", "time_s", "distance_unit_m", "return", "intermediate_discount")

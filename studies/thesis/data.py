@@ -41,10 +41,10 @@ from dockctl.run_files import (
     archived_name,
 )
 from dockctl.runs.reader import Run, read_run, read_table
-from dockctl.runs.tables import RECENT
+from dockctl.runs.results import result_stem
+from dockctl.runs.tables import OUTCOMES, RECENT
 from dockctl.scenarios.schema import Task
 
-OUTCOMES = ("docked", "collision", "timeout")
 SELECTION, TEST = ("pose", "trained"), ("random", "held_out")
 """Kinds of starts of ``dockctl evaluate`` on the training scenario.
 
@@ -228,8 +228,9 @@ class ArchivedRun:
 
     def evaluation(self, scenario: str = "") -> pd.DataFrame:
         """Episodes of ``dockctl evaluate`` on its own scenario or another."""
-        stem = f"{EVALUATION}-{scenario}" if scenario else EVALUATION
-        return self._table(f"{stem}.csv", ("start_kind", "outcome", "time_s", "clearance_m"))
+        return self._table(
+            f"{result_stem(EVALUATION, scenario)}.csv", ("start_kind", "outcome", "time_s", "clearance_m")
+        )
 
     @property
     def recording(self) -> Recording:
