@@ -189,7 +189,7 @@ def onnx_model(policy: CheckpointPolicy, scenario: Scenario) -> bytes:
 
 
 def description(policy: CheckpointPolicy, scenario: Scenario) -> dict[str, Any]:
-    """Return the description that is needed to use the policy elsewhere, as plain data for JSON.
+    """Return the description that is needed to use the policy in other software, as plain data for JSON.
 
     Raises:
         DockctlError: its actions are not discrete.

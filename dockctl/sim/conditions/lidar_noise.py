@@ -18,7 +18,7 @@ from dockctl.sim.conditions.draws import derived_seeds, draw_seed
 class LidarNoise(Condition):
     """Standard deviation of each return, share of returns that are lost, and share of sectors that are lost.
 
-    All are drawn anew for every scan. A lost sector reads the sensor's maximum range, as without a return.
+    Each scan draws its own. A lost sector reads the sensor's maximum range, as without a return.
     """
 
     examples = ({"sigma_m": [0, 0.03], "lost_returns": 0.05, "lost_sectors": 0.2},)

@@ -16,7 +16,7 @@ from dockctl.sim.conditions.draws import draw_seed, normals
 
 @register(CONDITIONS, group="sensing", source="not in the thesis")
 class Navigation(Condition):
-    """Standard deviations of x and y, heading, surge and sway, and yaw rate; drawn anew in every step."""
+    """Standard deviations of x and y, heading, surge and sway, and yaw rate; each step draws its own."""
 
     examples = ({"position_m": 0.02, "heading_deg": [0, 0.5], "velocity_mps": 0.03},)
     kind: Literal["navigation"] = "navigation"
