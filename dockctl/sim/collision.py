@@ -6,7 +6,7 @@ import math
 from collections.abc import Callable, Iterator, Sequence
 from functools import cache, cached_property, lru_cache
 from threading import Lock
-from typing import Any, ClassVar
+from typing import Any, ClassVar, Protocol
 from weakref import WeakSet
 
 import fcl
@@ -29,6 +29,34 @@ MAX_BOXES = 128
 """Maximum number of cached bounding boxes of hulls with a margin."""
 SLACK_M = 1e-3
 """Greater than the rounding errors of fcl's distance between convex shapes."""
+
+
+class Obstacles(Protocol):
+    """What a boat can collide with. Poses `eta` are (n, 3) x, y [m] and heading [rad]."""
+
+    def near(self, eta: Floats, within_m: float) -> Bools:
+        """Return whether the hull can touch something if its points move at most this far, (n,)."""
+        ...
+
+    def blocked(self, eta: Floats) -> Bools:
+        """Return whether the hull touches or is inside something, (n,)."""
+        ...
+
+    def unreachable(self, eta: Floats, goal: Floats) -> Bools:
+        """Return whether poses are blocked or not connected to the goal (3,) by water, (n,)."""
+        ...
+
+    def collided_part(self, eta: Floats) -> str | None:
+        """Return the name of what the hull touches at one pose (3,)."""
+        ...
+
+    def clearance(self, eta: Floats) -> Floats:
+        """Return the distance (n,) [m] between the hull and the nearest obstacle."""
+        ...
+
+    def clearance_below(self, eta: Floats, limit_m: float) -> Floats:
+        """Return `clearance` where it is less than `limit_m`, else `limit_m`, (n,) [m]."""
+        ...
 
 
 class CollisionChecker:
@@ -238,18 +266,16 @@ def collision_checker(harbor: Harbor, hull: Hull) -> CollisionChecker:
     return CollisionChecker(harbor, hull)
 
 
-def first_contact(
-    path: Floats, near: Callable[[Floats, float], Bools], blocked: Callable[[Floats], Bools], hull: Hull
-) -> Floats | None:
+def first_contact(path: Floats, obstacles: Obstacles, hull: Hull) -> Floats | None:
     """Return where the hull first touches something on its way along a path, or None.
 
-    A section of the path is skipped if nothing is near the hull at its middle; others are halved, down to
-    `CONTACT_RESOLUTION_M` or, for small hulls, a tenth of the beam or length. A hull therefore cannot cross a
-    surface, and only contact on a shorter path is missed.
+    A section of the path is skipped if nothing is near the hull at its middle, by its bounding box or else by
+    the clearance; others are halved, down to `CONTACT_RESOLUTION_M` or, for small hulls, a tenth of the beam
+    or length. A hull therefore cannot cross a surface, and only contact on a shorter path is missed.
 
     Args:
         path: (k, 3 + m) successive poses and any m other columns, linear in between; k >= 1.
-        near, blocked: as in `CollisionChecker`.
+        obstacles: what it can touch.
         hull: the hull.
 
     Returns:
@@ -262,10 +288,14 @@ def first_contact(
         begin, end = sections.pop()
         middle = (begin + end) / 2
         pose = np.array([[np.interp(middle, moved, column) for column in path.T[:3]]])
+        reached = end - middle + SLACK_M
         if end - begin <= resolution:
-            if blocked(pose)[0]:
+            if obstacles.blocked(pose)[0]:
                 return np.array([np.interp(middle, moved, column) for column in path.T])
-        elif near(pose, rounded_up(end - middle))[0]:
+        elif (
+            obstacles.near(pose, rounded_up(end - middle))[0]
+            and obstacles.clearance_below(pose, reached)[0] < reached
+        ):
             sections += [(middle, end), (begin, middle)]
     return None
 

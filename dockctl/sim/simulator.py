@@ -304,7 +304,7 @@ class Simulator:
             flow = np.tile(current[row], (len(path), 1))
             path[:, :2] += flow * np.linspace(0, period, len(path))[:, None]
             path[:, 3:] += _in_body_frame(flow, path[:, 2])
-            contact = first_contact(path, obstacles.near, obstacles.blocked, self.vessel.vessel.hull)
+            contact = first_contact(path, obstacles, self.vessel.vessel.hull)
             if contact is None:
                 collided[row] = False
             else:

@@ -6,7 +6,7 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import cache, partial
 from pathlib import Path
-from typing import Any, Protocol, SupportsIndex, overload
+from typing import Any, SupportsIndex, overload
 
 import numpy as np
 
@@ -19,41 +19,12 @@ from dockctl.scenarios.harbor import HarborSpec
 from dockctl.scenarios.layouts import layouts
 from dockctl.scenarios.schema import Scenario
 from dockctl.scenarios.vessel import Hull
-from dockctl.sim.collision import collision_checker
+from dockctl.sim.collision import Obstacles, collision_checker
 from dockctl.sim.harbor.build import Harbor, build_harbor, build_scene
 from dockctl.sim.starts import (
     Near,
     Unreachable,
 )
-
-
-class Obstacles(Protocol):
-    """What a boat can collide with. Poses `eta` are (n, 3) x, y [m] and heading [rad]."""
-
-    def near(self, eta: Floats, within_m: float) -> Bools:
-        """Return whether the hull can touch something if its points move at most this far, (n,)."""
-        ...
-
-    def blocked(self, eta: Floats) -> Bools:
-        """Return whether the hull touches or is inside something, (n,)."""
-        ...
-
-    def unreachable(self, eta: Floats, goal: Floats) -> Bools:
-        """Return whether poses are blocked or not connected to the goal (3,) by water, (n,)."""
-        ...
-
-    def collided_part(self, eta: Floats) -> str | None:
-        """Return the name of what the hull touches at one pose (3,)."""
-        ...
-
-    def clearance(self, eta: Floats) -> Floats:
-        """Return the distance (n,) [m] between the hull and the nearest obstacle."""
-        ...
-
-    def clearance_below(self, eta: Floats, limit_m: float) -> Floats:
-        """Return `clearance` where it is less than `limit_m`, else `limit_m`, (n,) [m]."""
-        ...
-
 
 Source = tuple[HarborSpec, Path, Hull, RangeSensorSpec]
 

@@ -97,7 +97,7 @@ def test_a_turning_stern_touches_between_the_ends() -> None:
     """The boat turns by half a turn, to where its outline is the same but for the bow."""
     pile = checker(box((-0.01, 1.2, -1), (0.01, 1.3, 1)))
     path = np.array([[0.0, 0.0, 0.0], [0.0, 0.0, math.pi]])
-    contact = first_contact(path, pile.near, pile.blocked, Hull())
+    contact = first_contact(path, pile, Hull())
     assert contact is not None
     assert not pile.blocked(path).any()
     corner = math.atan2(1.3, 0.01) - math.atan2(0.5, 1.5)  # the stem comes first, and is farther out
@@ -134,7 +134,7 @@ def test_checks_leave_no_memory_behind() -> None:
 
     def check(times: int) -> None:
         for _ in range(times):
-            assert first_contact(path, block.near, block.blocked, THESIS.hull) is not None
+            assert first_contact(path, block, THESIS.hull) is not None
 
     check(10)
     before = psutil.heap_info().heap_used
@@ -197,7 +197,7 @@ def deepest_contact(path: Floats, body: Floats, outline: Floats) -> float:
 def test_a_contact_on_the_way_is_found_as_by_brute_force(path: Floats, outline: Floats, hull: Hull) -> None:
     boat, body = checker(prism(outline, -1.0, 1.0), hull=hull), hull_outline(hull)
     deepest = deepest_contact(path, body, outline)
-    contact = first_contact(path, boat.near, boat.blocked, hull)
+    contact = first_contact(path, boat, hull)
     if contact is None:
         assert deepest < 0.002  # the hull moves this far between two tests
     else:
@@ -246,10 +246,7 @@ def test_contacts_are_the_same_elsewhere_turned_and_mirrored(
     assume(min(map(abs, gaps)) > 1e-6)
     assert here.blocked(path).tolist() == there.blocked(moved(path)).tolist()
     assert there.clearance(moved(path)) == pytest.approx(here.clearance(path), abs=1e-6)
-    found, same = (
-        first_contact(way, boat.near, boat.blocked, Hull())
-        for way, boat in ((path, here), (moved(path), there))
-    )
+    found, same = (first_contact(way, boat, Hull()) for way, boat in ((path, here), (moved(path), there)))
     deepest = deepest_contact(path, hull_outline(Hull()), outline)
     assert (found is None) == (same is None) or deepest < 0.01
     if found is not None and same is not None and deepest > 0.01:
