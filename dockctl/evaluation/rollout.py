@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 
 from dockctl.agents.interface import Info, Policy
 from dockctl.envs.vector import DockingVectorEnv
+from dockctl.evaluation.supervisor import supervised
 from dockctl.geometry import Floats
 from dockctl.runs.tables import CONDITION_COLUMNS, TRAJECTORIES, Value, all_columns, to_csv
 from dockctl.scenarios.loader import LoadedScenario
@@ -153,13 +154,17 @@ class Rollout:
     def run(self, policy: Policy, starts: Sequence[Start], *, clearance: bool = True) -> list[Episode]:
         """Run one episode from each start, in order; by default with its clearance.
 
+        With `evaluation.supervisor`, a `Supervisor` may replace actions of the policy.
+
         The conditions of episode i are drawn from seed i, unless the start has a seed: they depend neither on
         the policy nor on the number of boats.
         """
         if not starts:
             return []
-        measure = self._clearance if clearance else None
-        return run_episodes(self.env(min(PARALLEL_BOATS, len(starts))), policy, seeded(starts), measure)
+        env, measure = self.env(min(PARALLEL_BOATS, len(starts))), self._clearance if clearance else None
+        if self.scenario.evaluation.supervisor:
+            policy = supervised(policy, env)
+        return run_episodes(env, policy, seeded(starts), measure)
 
     def at_start(self, start: Start) -> Episode:
         """Return the episode from a start before its first step."""

@@ -229,6 +229,11 @@ class Evaluation(Model):
     """The greedy episodes that test a policy."""
 
     poses: tuple[Pose, ...] = Field(default=(), description="evaluation poses; if empty, the initial poses")
+    supervisor: Flag | None = Field(
+        default=None,
+        description="replace actions that lead to contact, and make waiting boats move, with a map of the"
+        " harbor; null to do as in the scenario that the policy was trained in",
+    )
     random_starts: RandomStarts = RandomStarts()
     trained_berths: Count = Field(
         default=64, le=100_000, description="random starts at trained berths, for a task with berths"
