@@ -10,9 +10,10 @@ from functools import cached_property, partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from dockctl.agents.interface import QPolicy
 from dockctl.analysis.episodes import summarize
 from dockctl.evaluation.loading import load_policy
-from dockctl.evaluation.policies import LoadedPolicy
+from dockctl.evaluation.policies import CheckpointPolicy, LoadedPolicy
 from dockctl.evaluation.record import Recording
 from dockctl.evaluation.rollout import Episode, Rollout
 from dockctl.evaluation.starts import checked_starts, evaluation_starts, testing_starts, trajectory_starts
@@ -55,6 +56,12 @@ class Evaluation:
     @property
     def control_period_s(self) -> float:
         return self.scenario.vessel.control_period_s
+
+    @property
+    def supervised(self) -> bool:
+        """Whether a `Supervisor` could replace actions of the policy."""
+        policy = self.policy.policy if isinstance(self.policy, CheckpointPolicy) else None
+        return bool(self.scenario.evaluation.supervisor) and isinstance(policy, QPolicy)
 
     @property
     def stem(self) -> str:
@@ -113,6 +120,7 @@ class Evaluation:
             "policy": self.policy.facts(),
             "scenario": self.scenario.name,
             "set": list(self.overrides),
+            "supervised": self.supervised,
             "random_seed": self.seed,
             "rejected_draws": self.rejected_draws,
             **{START_KEYS[kind]: summary for kind, summary in self.summaries.items()},

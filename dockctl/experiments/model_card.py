@@ -141,6 +141,11 @@ def _facts(
     if hysteresis := scenario.training.hysteresis:
         layers += f"; it keeps its last action until another one is better by {hysteresis:g}"
     yield "network", layers
+    if scenario.evaluation.supervisor:
+        yield (
+            "supervisor",
+            "replaces actions that lead to contact, makes a waiting boat move, and knows the map",
+        )
     sectors = scenario.sensors.lidar.sectors
     parts = ", ".join(map(_part, scenario.observation))
     yield "observation", f"{card.observation_size} numbers: {parts}; {sectors} LiDAR sectors"
