@@ -19,7 +19,7 @@ from dockctl.sim.collision import first_contact
 STOPPED_MPS = 0.005
 """A boat has stopped when all points of its hull are slower."""
 LONGEST_STOP_S = 30.0
-"""The prediction ends after this time without thrust."""
+"""Maximum time without thrust of a prediction, for vessels that take longer to stop."""
 WAITING_S, WAITING_M = 15.0, 1.5
 """A boat is waiting if it stayed in a square of this size for this long."""
 RECOVERY_S = 10.0
@@ -27,10 +27,9 @@ RECOVERY_S = 10.0
 
 
 def supervised(policy: Policy, env: DockingVectorEnv) -> Policy:
-    """Return the policy, with a supervisor if it chooses among discrete actions by their values."""
-    if isinstance(policy, QPolicy) and isinstance(env.single_action_space, Discrete):
-        return Supervisor(policy, env)
-    return policy
+    """Return the policy, with a supervisor if it chooses among commands by their values."""
+    discrete = isinstance(env.single_action_space, Discrete) and not env.scenario.actions.has_memory
+    return Supervisor(policy, env) if discrete and isinstance(policy, QPolicy) else policy
 
 
 class Supervisor(Policy):
@@ -46,22 +45,22 @@ class Supervisor(Policy):
     same in every episode, so that an episode does not depend on those beside it.
 
     Args:
-        policy: chooses among discrete actions by their values.
-        env: where it runs.
+        policy: a `QPolicy`.
+        env: where it runs, with discrete actions that are commands.
     """
 
     def __init__(self, policy: Policy, env: DockingVectorEnv) -> None:
         assert isinstance(policy, QPolicy) and isinstance(env.single_action_space, Discrete)
         self._policy, self._q_values = policy, policy.q_values
-        self._simulator, self._scenario = env.simulator, env.scenario
-        self._all_actions = np.arange(env.single_action_space.n)
+        self._simulator, self._hull = env.simulator, env.scenario.vessel.hull
+        actions = np.arange(env.single_action_space.n)
+        self._commands = env.scenario.actions.commands(actions, env.scenario.vessel)
         period, boats = env.scenario.vessel.control_period_s, env.num_envs
-        self._longest_stop, self._waiting, self._recovery = (
-            max(1, round(time / period)) for time in (LONGEST_STOP_S, WAITING_S, RECOVERY_S)
-        )
-        self._positions = np.full((boats, self._waiting + 1, 2), np.nan)
+        waiting, self._recovery = (max(1, round(time / period)) for time in (WAITING_S, RECOVERY_S))
+        self._periods_to_stop = self._count_periods_to_stop(round(LONGEST_STOP_S / period))
+        self._positions = np.full((boats, waiting + 1, 2), np.nan)
         self._recovering = np.zeros(boats, np.int64)  # remaining steps of a recovery
-        self._random_order = np.zeros((boats, len(self._all_actions)), np.int64)
+        self._random_order = np.zeros((boats, len(actions)), np.int64)
         self._rngs = [np.random.default_rng(0)] * boats
 
     def reset(self, rows: Ints, info: Info) -> None:
@@ -75,57 +74,62 @@ class Supervisor(Policy):
     def act(self, observation: NDArray[Any], info: Info) -> NDArray[np.int64]:
         """Return an action for each boat; see `Policy`."""
         eta, nu = (info.get(f"measured_{key}", info[key]) for key in ("pose", "velocity"))
-        previous = info["command"]
         actions = np.array(self._policy.act(observation, info))
-        self._begin_recoveries(eta[:, :2], previous)
+        self._begin_recoveries(eta[:, :2])
         recovering = self._recovering > 0
         self._recovering[recovering] -= 1
         actions[recovering] = self._random_order[recovering, 0]
-        values = self._q_values(observation)
-        paths = self._paths(eta, nu, self._commands(actions, previous))
-        for row in np.flatnonzero(~self._simulator.resting).tolist():
-            if self._is_free(row, paths[row]):
-                continue
-            order = self._random_order[row] if recovering[row] else (-values[row]).argsort(kind="stable")
-            alternatives = self._commands(order, previous[[row] * len(order)])
-            candidates = self._paths(eta[[row]], nu[[row]], alternatives)
+        paths = self._paths(eta, nu, self._commands[actions])
+        active = np.flatnonzero(~self._simulator.resting).tolist()
+        for row in [row for row in active if not self._is_free(row, paths[row])]:
+            ranked = (-self._q_values(observation[[row]])[0]).argsort(kind="stable")
+            order = self._random_order[row] if recovering[row] else ranked
+            same = [row] * len(order)
+            candidates = self._paths(eta[same], nu[same], self._commands[order])
             safe = (
                 action for action, path in zip(order, candidates, strict=True) if self._is_free(row, path)
             )
             actions[row] = next(safe, actions[row])
         return actions
 
-    def _begin_recoveries(self, position: Floats, previous: Floats) -> None:
+    def _begin_recoveries(self, position: Floats) -> None:
         """Record the positions (n, 2), and begin a recovery of each boat that is waiting."""
         self._positions[:, :-1] = self._positions[:, 1:]
         self._positions[:, -1] = position
         waiting = np.ptp(self._positions, axis=1).max(axis=1) < WAITING_M  # NaN is not
         for row in np.flatnonzero(waiting & (self._recovering == 0)).tolist():
-            order = self._rngs[row].permutation(self._all_actions)
-            thrust = self._commands(order, previous[[row] * len(order)])[:, 0]
+            order = self._rngs[row].permutation(len(self._commands))
+            thrust = self._commands[order, 0]
             self._random_order[row] = np.concatenate([order[thrust != 0], order[thrust == 0]])
             self._recovering[row] = self._recovery
             self._positions[row] = np.nan
 
-    def _commands(self, actions: Ints, previous: Floats) -> Floats:
-        return self._scenario.actions.next_commands(actions, self._scenario.vessel, previous)
+    def _count_periods_to_stop(self, most: int) -> int:
+        """Return after how many control periods without thrust a boat has stopped, from steady speeds."""
+        vessel = self._simulator.vessel
+        eta = nu = np.zeros((len(self._commands), 3))
+        for _ in range(most):
+            eta, nu = vessel.step(eta, nu, self._commands)
+        for periods in range(1, most):
+            eta, nu = vessel.step(eta, nu, np.zeros_like(self._commands))
+            if (np.hypot(nu[:, 0], nu[:, 1]) + self._hull.reach_m * np.abs(nu[:, 2])).max() < STOPPED_MPS:
+                return periods
+        return most
 
     def _paths(self, eta: Floats, nu: Floats, commands: Floats) -> Floats:
-        """Predict the poses (n, k, 3) while commands (n, 2) are held for a period, then until a stop."""
-        vessel, reach = self._simulator.vessel, self._scenario.vessel.hull.reach_m
+        """Predict poses (n, k, 3) while commands (n, 2) are held for a control period, then without thrust.
+
+        k is the same for all boats and steps, so that a prediction does not depend on the boats beside it.
+        """
+        vessel = self._simulator.vessel
         tau = vessel.tau(commands)[:, None]
-        eta, nu = (np.broadcast_to(given, (len(commands), 3)) for given in (eta, nu))
         parts = [vessel.path(eta, nu, tau)]
-        for _ in range(self._longest_stop):
-            last = parts[-1][:, -1]
-            if (np.hypot(last[:, 3], last[:, 4]) + reach * np.abs(last[:, 5])).max() < STOPPED_MPS:
-                break
-            coasting = vessel.path(last[:, :3].copy(), last[:, 3:].copy(), np.zeros_like(tau))
-            parts.append(coasting[:, 1:])
+        for _ in range(self._periods_to_stop):
+            eta, nu = parts[-1][:, -1, :3].copy(), parts[-1][:, -1, 3:].copy()
+            parts.append(vessel.path(eta, nu, np.zeros_like(tau))[:, 1:])
         return np.concatenate(parts, axis=1)[:, :, :3]
 
     def _is_free(self, row: int, path: Floats) -> bool:
         """Return whether the hull of a boat touches nothing on a path (k, 3)."""
         obstacles = self._simulator.worlds[int(self._simulator.harbor[row])].obstacles
-        hull = self._scenario.vessel.hull
-        return first_contact(path, obstacles, hull) is None
+        return first_contact(path, obstacles, self._hull) is None

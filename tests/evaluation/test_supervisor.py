@@ -73,7 +73,7 @@ def free_poses(count: int, seed: int, within_m: float) -> list[tuple[float, floa
 @pytest.mark.parametrize("seed", range(2))
 def test_a_supervised_boat_that_starts_at_rest_never_collides(seed: int) -> None:
     """The policy drives at full thrust in random directions; the simulator says whether it collides."""
-    rng, poses = default_rng(seed), free_poses(6, seed, within_m=2)
+    rng, poses = default_rng(seed), free_poses(5, seed, within_m=1)
     strong = np.r_[0:14, 63:77]
     values = np.array([only(action) for action in np.repeat(rng.choice(strong, 8), 5).tolist()])
     values += 0.1 * rng.random(values.shape)
