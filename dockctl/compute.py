@@ -181,6 +181,8 @@ def _digest(folder: Path) -> str:
     return hashlib.sha256(b"".join([*called, *shared])).hexdigest()[:12]
 
 
+_announced: set[str] = set()
+"""Tables of which this process has said that it builds them."""
 _recent: dict[tuple[object, ...], tuple[object, int]] = {}
 """Results of `shared` functions that are kept, with their sizes, least recently used first."""
 
@@ -243,7 +245,9 @@ def cached(name: str, inputs: Iterable[bytes], build: Callable[[], Arrays]) -> A
         os.utime(path)
         return arrays
     except (OSError, ValueError, EOFError, zipfile.BadZipFile):
-        log.warning("building the %s table (once, a few seconds)", name)
+        if name not in _announced:  # one harbor of many
+            log.warning("building the %s table (once, a few seconds)", name)
+        _announced.add(name)
     arrays = build()
     try:
         _write(path, arrays)

@@ -56,9 +56,9 @@ def test_the_second_call_builds_nothing() -> None:
     np.testing.assert_array_equal(cached("squares", [b"10"], never)["squares"], np.arange(10) ** 2)
 
 
-def test_building_is_shown_by_default(caplog: pytest.LogCaptureFixture) -> None:
-    for _ in range(2):
-        cached("squares", [b"10"], lambda: table(10))
+def test_building_tables_of_one_kind_is_shown_once(caplog: pytest.LogCaptureFixture) -> None:
+    for harbor in (b"one", b"another", b"one"):
+        cached("shown squares", [harbor], lambda: table(10))
     (record,) = caplog.records
     assert record.levelname == "WARNING"
 

@@ -301,7 +301,7 @@ def find_policy(path: Path) -> Path:
         path = names[str(path)]
     if not os.path.exists(path):
         listed = ", ".join(names) or "none"
-        message = f"{path}: no such run folder or checkpoint (known: {listed})"
+        message = f"{path}: no such run folder or checkpoint of a trained policy (known: {listed})"
         raise CheckpointError(message, code="not_found", suggestion=nearest(str(path), names))
     if os.path.isfile(path):
         if path.suffix not in (".json", ".safetensors"):
