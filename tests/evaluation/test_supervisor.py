@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from dataclasses import replace
 from functools import cache
 
@@ -44,6 +45,13 @@ def only(action: int) -> np.ndarray:
 @cache
 def in_marina(*, supervisor: bool) -> Rollout:
     return Rollout(load("s3", overrides=[f"evaluation.supervisor={supervisor}", "task.max_steps=40"]))
+
+
+@pytest.fixture(scope="module", autouse=True)
+def _released() -> Iterator[None]:
+    """Another test counts the environments that are alive."""
+    yield
+    in_marina.cache_clear()
 
 
 def starts(task: Rollout, *poses: tuple[float, float, float]) -> list[Start]:
