@@ -10,13 +10,13 @@ from functools import cached_property, partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from dockctl.agents.interface import QPolicy
 from dockctl.analysis.episodes import summarize
 from dockctl.evaluation.loading import load_policy
 from dockctl.evaluation.policies import CheckpointPolicy, LoadedPolicy
 from dockctl.evaluation.record import Recording
 from dockctl.evaluation.rollout import Episode, Rollout
 from dockctl.evaluation.starts import checked_starts, evaluation_starts, testing_starts, trajectory_starts
+from dockctl.evaluation.supervisor import has_supervisor
 from dockctl.run_files import EVALUATION
 from dockctl.runs.results import result_stem
 from dockctl.runs.tables import EVALUATION as EVALUATION_COLUMNS
@@ -59,9 +59,9 @@ class Evaluation:
 
     @property
     def supervised(self) -> bool:
-        """Whether a `Supervisor` could replace actions of the policy."""
+        """Whether a `Supervisor` ran the policy."""
         policy = self.policy.policy if isinstance(self.policy, CheckpointPolicy) else None
-        return bool(self.scenario.evaluation.supervisor) and isinstance(policy, QPolicy)
+        return has_supervisor(policy, self.scenario)
 
     @property
     def stem(self) -> str:

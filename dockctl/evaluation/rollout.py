@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 from dockctl.agents.interface import Info, Policy
 from dockctl.envs.vector import DockingVectorEnv
-from dockctl.evaluation.supervisor import supervised
+from dockctl.evaluation.supervisor import Supervisor, has_supervisor
 from dockctl.geometry import Floats
 from dockctl.runs.tables import CONDITION_COLUMNS, TRAJECTORIES, Value, all_columns, to_csv
 from dockctl.scenarios.loader import LoadedScenario
@@ -162,8 +162,8 @@ class Rollout:
         if not starts:
             return []
         env, measure = self.env(min(PARALLEL_BOATS, len(starts))), self._clearance if clearance else None
-        if self.scenario.evaluation.supervisor:
-            policy = supervised(policy, env)
+        if has_supervisor(policy, self.scenario):
+            policy = Supervisor(policy, env)
         return run_episodes(env, policy, seeded(starts), measure)
 
     def at_start(self, start: Start) -> Episode:

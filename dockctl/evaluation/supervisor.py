@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 from dockctl.agents.interface import Info, Policy, QPolicy
 from dockctl.envs.vector import DockingVectorEnv
 from dockctl.geometry import Floats, Ints
+from dockctl.scenarios.schema import Scenario
 from dockctl.sim.collision import first_contact
 
 STOPPED_MPS = 0.005
@@ -26,10 +27,11 @@ RECOVERY_S = 10.0
 """How long a waiting boat keeps a random command."""
 
 
-def supervised(policy: Policy, env: DockingVectorEnv) -> Policy:
-    """Return the policy, with a supervisor if it chooses among commands by their values."""
-    discrete = isinstance(env.single_action_space, Discrete) and not env.scenario.actions.has_memory
-    return Supervisor(policy, env) if discrete and isinstance(policy, QPolicy) else policy
+def has_supervisor(policy: object, scenario: Scenario) -> bool:
+    """Return whether a supervisor runs the policy: the scenario says so, and it values single commands."""
+    space, has_memory = scenario.actions.space(scenario.vessel), scenario.actions.has_memory
+    values_commands = isinstance(policy, QPolicy) and isinstance(space, Discrete) and not has_memory
+    return bool(scenario.evaluation.supervisor) and values_commands
 
 
 class Supervisor(Policy):
