@@ -41,9 +41,13 @@ def on_interrupt(stop: Callable[[], None]) -> Iterator[None]:
 
 
 @contextmanager
-def interruptible() -> Iterator[Callable[[], bool]]:
-    """Yield a function that reports whether Ctrl-C was pressed; a second one raises KeyboardInterrupt."""
-    pressed = False
+def interruptible(announce: Callable[[], None] = lambda: None) -> Iterator[Callable[[], bool]]:
+    """Yield a function that reports whether Ctrl-C was pressed; a second one raises KeyboardInterrupt.
+
+    Args:
+        announce: called when the function first reports it: a signal handler must not print.
+    """
+    pressed = announced = False
 
     def stop() -> None:
         nonlocal pressed
@@ -51,5 +55,12 @@ def interruptible() -> Iterator[Callable[[], bool]]:
             raise KeyboardInterrupt
         pressed = True
 
+    def interrupted() -> bool:
+        nonlocal announced
+        if pressed and not announced:
+            announced = True
+            announce()
+        return pressed
+
     with on_interrupt(stop):
-        yield lambda: pressed
+        yield interrupted

@@ -7,6 +7,7 @@ import sys
 from collections.abc import Mapping, Sequence
 from contextlib import ExitStack
 from dataclasses import dataclass, replace
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -317,7 +318,7 @@ def _run(
     def validate(policy: Policy) -> list[dict[str, Value]]:
         return evaluation_rows(rollout.validate(policy, starts))
 
-    with interruptible() as interrupted:
+    with interruptible(partial(print_text, console, "stopping: saving the run")) as interrupted:
 
         def warn(text: str) -> None:
             print_text(console, f"warning: {text}", "yellow")

@@ -30,6 +30,16 @@ def test_a_second_ctrl_c_ends_at_once_and_a_second_hangup_does_not() -> None:
             signal.raise_signal(signal.SIGINT)
 
 
+def test_an_interruption_is_announced_once_and_not_by_the_signal_handler() -> None:
+    said: list[str] = []
+    with interruptible(lambda: said.append("saving")) as interrupted:
+        interrupted()
+        signal.raise_signal(signal.SIGINT)
+        assert not said
+        assert interrupted() and interrupted()
+    assert said == ["saving"]
+
+
 def test_a_hangup_that_nohup_ignores_stays_ignored() -> None:
     before = signal.signal(signal.SIGHUP, signal.SIG_IGN)
     try:
