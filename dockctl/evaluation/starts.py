@@ -45,7 +45,7 @@ def evaluation_poses(scenario: Scenario) -> list[Start]:
 
     A task with berths has none.
     """
-    task = scenario.task
+    task = scenario.evaluated_task
     if task.berths is not None:
         return []
     site, poses = own_site(scenario), scenario.evaluation.poses or task.initial
@@ -83,7 +83,7 @@ def checked_starts(loaded: LoadedScenario, poses: Sequence[Pose]) -> list[Start]
     check = pose_check(loaded)
     if problems := [problem for pose in poses if (problem := check.problem(pose))]:
         raise DockctlError("\n".join(f"--pose: {problem}" for problem in problems))
-    site, task = own_site(loaded.scenario), loaded.scenario.task
+    site, task = own_site(loaded.scenario), loaded.scenario.evaluated_task
     return [given_start(site, task, pose_array(pose), index) for index, pose in enumerate(poses)]
 
 
@@ -138,7 +138,7 @@ def trajectory_starts(scenario: Scenario, worlds: Sequence[World]) -> list[Start
         return evaluation_poses(scenario)
     drawn = own_site(scenario).harbor
     return [
-        given_start(site, scenario.task, pose, index, site.kind)
+        given_start(site, scenario.evaluated_task, pose, index, site.kind)
         for site in free_sites(scenario, unreachable_in(worlds), among=lambda site: site.harbor == drawn)
         for index, pose in enumerate(site.initial)
     ]
@@ -151,7 +151,7 @@ def training_starts(scenario: Scenario, worlds: Sequence[World]) -> list[Start]:
         DockctlError: no berth is free.
     """
     return [
-        given_start(site, scenario.task, pose, index, TRAINING)
+        given_start(site, scenario.evaluated_task, pose, index, TRAINING)
         for site in _trained(scenario, worlds)
         for index, pose in enumerate(site.initial)
     ]
@@ -194,7 +194,7 @@ def random_starts(
     Raises:
         DockctlError: no pose around an initial pose is reachable.
     """
-    around, task = scenario.evaluation.random_starts, scenario.task
+    around, task = scenario.evaluation.random_starts, scenario.evaluated_task
     offsets = offset_limits(around.position_m, around.heading_deg)
     starts = []
     for child in np.random.SeedSequence(seed).spawn(episodes):

@@ -147,7 +147,7 @@ def _rows(rollout: Rollout, run: Run, offsets: Floats) -> Iterator[dict[str, Val
     site, check = own_site(scenario), pose_check(rollout.loaded)
     poses = site.initial[0] + np.column_stack([offsets[:, :2], np.radians(offsets[:, 2])])
     free = [check.free(pose) for pose in poses]
-    starts = [given_start(site, scenario.task, poses[i], i) for i in range(len(poses)) if free[i]]
+    starts = [given_start(site, scenario.evaluated_task, poses[i], i) for i in range(len(poses)) if free[i]]
     episodes = iter(run(starts))
     for (dx, dy, turn), (x, y, heading), is_free in zip(offsets, poses, free, strict=True):
         place: dict[str, Value] = {

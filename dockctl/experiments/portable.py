@@ -211,7 +211,7 @@ def description(policy: CheckpointPolicy, scenario: Scenario) -> dict[str, Any]:
         "env_steps": card.env_steps,
         "checkpoint_sha256": card.sha256,
         "control_period_s": vessel.control_period_s,
-        "max_steps": task.max_steps,
+        "max_steps": scenario.evaluated_task.max_steps,
         "limits": {"propeller_n": vessel.max_propeller_n, "rudder_rad": math.radians(vessel.max_rudder_deg)},
         "lidar": {"sectors": lidar.sectors, "range_m": lidar.range_m},
         "observation": _columns(scenario),

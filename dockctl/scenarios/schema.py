@@ -200,6 +200,12 @@ class Scenario(Model):
         require_berths(self.harbor, self.task.berths)
         return self
 
+    @property
+    def evaluated_task(self) -> Task:
+        """The task with the step limit of evaluations."""
+        steps = self.evaluation.max_steps
+        return self.task if steps is None else self.task.model_copy(update={"max_steps": steps})
+
     def in_training(self) -> Self:
         """Return the scenario with a control period that is longer by a factor of `training.action_repeat`.
 

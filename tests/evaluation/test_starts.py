@@ -9,11 +9,13 @@ import pytest
 
 from dockctl.errors import DockctlError
 from dockctl.evaluation import starts as drawn
+from dockctl.evaluation.rollout import Rollout
 from dockctl.evaluation.starts import random_starts
 from dockctl.geometry import Floats
 from dockctl.scenarios.loader import load
 from dockctl.scenarios.schema import Scenario
 from dockctl.sim.starts import own_site, sites
+from tests.evaluation.test_rollout import Rest
 from tests.sim.worlds import walled
 
 S1, MARINA = load("s1").scenario, load("marina").scenario
@@ -62,6 +64,26 @@ def test_validation_starts_differ_from_those_of_an_evaluation(scenario: Scenario
     training = scenario.training.model_copy(update={"seed": 7})
     again = drawn.validation_starts(scenario.model_copy(update={"training": training}), OPEN)
     assert all(np.array_equal(a.eta, b.eta) for a, b in zip(selecting, again, strict=True))
+
+
+@pytest.mark.parametrize("steps", [3, 700])
+def test_evaluations_have_their_own_step_limit(steps: int) -> None:
+    for name in ("s1", "marina"):
+        loaded = load(name, overrides=[f"evaluation.max_steps={steps}"])
+        scenario, pose = loaded.scenario, loaded.scenario.task.initial[0]
+        chosen = (
+            drawn.evaluation_starts,
+            drawn.validation_starts,
+            drawn.trajectory_starts,
+            drawn.training_starts,
+        )
+        starts = [*drawn.testing_starts(scenario, OPEN, 2, 0), *drawn.checked_starts(loaded, [pose])]
+        starts += [start for choose in chosen for start in choose(scenario, OPEN)]
+        assert {start.max_steps for start in starts} == {steps}
+        assert scenario.in_training().task.max_steps == load(name).scenario.in_training().task.max_steps
+    loaded = load("s1", overrides=[f"evaluation.max_steps={steps}"])
+    episode = Rollout(loaded, [walled()]).run(Rest(), drawn.evaluation_starts(loaded.scenario, OPEN))[0]
+    assert (episode.outcome, episode.steps) == ("timeout", steps)
 
 
 def test_they_are_around_their_own_site() -> None:
