@@ -20,6 +20,7 @@ from planning import CLEARANCE_M, Docking, Optimum, Plan, followed, optimum, str
 
 from dockctl.evaluation import Rollout, load_policy
 from dockctl.evaluation.rollout import Episode
+from dockctl.evaluation.starts import testing_starts
 from dockctl.geometry import Floats
 from dockctl.sim.starts import given_start, own_site
 
@@ -37,6 +38,7 @@ STORMS = ((5.0, 0.1), (8.0, 0.15))
 """Wind and current at once [m/s, m/s], each constant and from random directions."""
 STORM_SPEEDS_MPS = (*SPEEDS_MPS, 0.08)
 DRAWS = 30
+VARIATION = {"wind": "gust_mps", "current": "variation_mps"}
 SLACK = 1.8
 """Periods of a guess in stronger weather, relative to those needed in weaker."""
 KNOWN_S = 38.7
@@ -157,6 +159,39 @@ def storms() -> Iterator[dict[str, Any]]:
             yield {"wind_mps": wind, "current_mps": current, "toward_deg": toward, **row}
 
 
+def missed() -> Iterator[dict[str, Any]]:
+    """Yield a row for each test start from which the policy for weather fails.
+
+    Plan and policy get the mean wind and current of the failed episode, without any other condition.
+    """
+    policy = load_policy("marinas-weather")
+    given = policy.scenario()
+    rollout, tests = Rollout(given), given.scenario.evaluation.random_starts
+    starts = testing_starts(given.scenario, rollout.worlds, tests.episodes, tests.seed)
+    episodes = rollout.run(policy.make(rollout.env(len(starts))), starts, clearance=False)
+    null = {name: f"conditions.{name}=null" for name in given.scenario.conditions}
+    for episode in [episode for episode in episodes if not episode.docked]:
+        flows = {kind: episode.trajectory[kind].mean(axis=0) for kind in ("wind", "current")}
+        steady = null | {kind: constant(kind, *flow) for kind, flow in flows.items()}
+        loaded, still = (policy.scenario(overrides=[*each.values()]) for each in (steady, null))
+        docking, runs = Docking(loaded, rollout.worlds, episode.start), list[Episode]()
+        for weather in (loaded, still):
+            own = Rollout(weather, rollout.worlds)
+            runs += own.run(policy.make(own.env()), [episode.start], clearance=False)
+        guesses = [followed(docking, each) for each in runs if each.docked]
+        guesses += [straight(docking, mps) for mps in STORM_SPEEDS_MPS]
+        tried = (optimum(docking, guess) for guess in guesses)
+        found = next((one for one in tried if one), None)
+        facts = {f"{kind}_mps": flow.round(3).tolist() for kind, flow in flows.items()}
+        yield {"outcome": episode.outcome, **facts, **result(docking, found, runs[0])}
+
+
+def constant(kind: str, along_x: float, along_y: float) -> str:
+    """Return the override that makes wind or current constant, with a velocity in the world frame [m/s]."""
+    speed, direction = math.hypot(along_x, along_y), math.degrees(math.atan2(along_y, along_x)) % 360
+    return f"conditions.{kind}={{speed_mps: {speed}, direction_deg: {direction}, {VARIATION[kind]}: 0}}"
+
+
 def shown(rows: Iterator[dict[str, Any]]) -> Iterator[dict[str, Any]]:
     """Print each row as soon as it is known: all of them together take minutes."""
     for row in rows:
@@ -168,11 +203,13 @@ def main() -> None:
     argparse.ArgumentParser(description=__doc__.splitlines()[0]).parse_args()
     report = bench.Report("optimal_control", "Docking in minimum time, planned with full knowledge")
     paths: dict[str, Any] = {}
-    rows, strengths, drawn = (list(shown(each)) for each in (calm(paths), weather(), storms()))
+    tables = calm(paths), weather(), storms(), missed()
+    rows, strengths, drawn, failed = (list(shown(each)) for each in tables)
     report.facts = {
-        "calm": rows, "weather": strengths, "storms": drawn, "paths": paths, "clearance_m": CLEARANCE_M
+        "calm": rows, "weather": strengths, "storms": drawn, "missed": failed,
+        "paths": paths, "clearance_m": CLEARANCE_M
     }  # fmt: skip
-    found = [row for row in rows + strengths + drawn if "optimum_s" in row]
+    found = [row for row in rows + strengths + drawn + failed if "optimum_s" in row]
     first = next(row for row in found if row["scenario"] == "s1")
     report.targets = [
         bench.Target(

@@ -334,6 +334,9 @@ def optimal_control_section(optimal: Json) -> str:
     strengths = dict.fromkeys((row["wind_mps"], row["current_mps"]) for row in facts["storms"])
     storm_head = ("wind, current", "solved", "policy docks")
     kinds = dict.fromkeys((row["what"], row["direction_deg"]) for row in facts["weather"])
+    missed = facts["missed"]
+    steady = sum(row["policy_outcome"] == "docked" for row in missed)
+    planned = sum("optimum_s" in row for row in missed if row["policy_outcome"] != "docked")
     calm_head = ("start", "optimum [s]", "executed [s]", "policy [s]", "ratio")
     weather_head = ("s1 in", "strongest solved", "time [s]", "weakest unsolved", "policy docks up to")
     return f"""## Optimal control
@@ -362,7 +365,11 @@ minimum, and a failed search does not prove that no trajectory exists.
 
 Both at once, each constant and from a random direction, from the same start; the policy is `marinas-weather`.
 
-{table(storm_head, [storm_row(*strength) for strength in strengths])}"""
+{table(storm_head, [storm_row(*strength) for strength in strengths])}
+
+In weather, `marinas-weather` does not dock from {len(missed)} of its 300 test starts. In the mean wind and
+current of the failed episode, constant and without any other condition, it docks from {steady} of them. From
+{planned} of the others a trajectory was found, with the weather known."""
 
 
 FIGURES: dict[str, tuple[str, Callable[[Json], Figure]]] = {

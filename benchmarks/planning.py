@@ -23,6 +23,7 @@ from scipy.spatial import ConvexHull
 
 from dockctl.evaluation.rollout import Episode
 from dockctl.geometry import Floats, rotate, wrap
+from dockctl.scenarios.layouts import layouts
 from dockctl.scenarios.loader import LoadedScenario
 from dockctl.sim import integration
 from dockctl.sim.conditions.wind import UniformWind, wind_force
@@ -40,7 +41,7 @@ CLEARANCE_M = 0.05
 """Between the hull and the outlines in the way, at the end of every period."""
 WITHIN = 0.999
 """Fraction of the tolerances that a plan uses: they are strict, and the simulator rounds differently."""
-LIMIT_S = 6.0
+LIMIT_S = 20.0
 """CPU time of the solver for one plan; most of those that are found take about one second."""
 SMOOTH_S = 1e-4
 """Weight of the squared changes of the commands relative to time: idle commands stay constant."""
@@ -130,7 +131,8 @@ class Docking:
     def footprint(self, name: str) -> Floats:
         """Return the convex outline (k, 2) of a part of the harbor between keel and deck [m]."""
         scenario = self.loaded.scenario
-        harbor = build_harbor(scenario.harbor, self.loaded.base_dir)
+        layout = layouts(scenario.harbor, scenario.task.berths)[self.start.harbor]
+        harbor = build_harbor(layout.harbor, self.loaded.base_dir)
         part = next(i for i, part in enumerate(harbor.parts) if part.name == name)
         triangles = harbor.triangles[harbor.part_of_triangle == part]
         low, high = triangles[:, :, 2].min(axis=1), triangles[:, :, 2].max(axis=1)

@@ -20,7 +20,7 @@ from collections.abc import Callable, Collection, Iterator, Mapping
 from contextlib import AbstractContextManager, contextmanager
 from contextvars import ContextVar
 from dataclasses import dataclass
-from functools import cache, partial
+from functools import cache, cached_property, partial
 from importlib.metadata import EntryPoint, entry_points
 from importlib.resources import files
 from pathlib import Path
@@ -101,7 +101,7 @@ class Entry(Generic[T]):
         same_file = self.file and other.file and Path(self.file).resolve() == Path(other.file).resolve()
         return bool(first) and first == second and bool(same_module or same_file)
 
-    @property
+    @cached_property  # reading a signature takes longer than most observation parts
     def parameters(self) -> dict[str, Any]:
         """Keyword-only parameters of a function and their defaults, `inspect.Parameter.empty` if required."""
         if not callable(self.value):
