@@ -141,12 +141,11 @@ def storms() -> Iterator[dict[str, Any]]:
     period = [f"vessel.{key}={value}" for key, value in (("control_period_s", 1.0), ("substeps", 10))]
     for wind, current in STORMS:
         for toward in rng.uniform(0, 360, (DRAWS, 2)).round().tolist():
-            flows = [
-                f"{kind}: {{speed_mps: {speed}, direction_deg: {direction}}}"
-                for kind, speed, direction in zip(("wind", "current"), (wind, current), toward, strict=True)
+            weather = [
+                constant(kind, speed, direction)
+                for kind, speed, direction in zip(VARIATION, (wind, current), toward, strict=True)
             ]
-            weather = f"conditions={{{', '.join(flows)}}}"
-            loaded, given = base.scenario("s1", [weather]), policy.scenario("s1", [weather, *period])
+            loaded, given = base.scenario("s1", weather), policy.scenario("s1", [*weather, *period])
             site, task = own_site(loaded.scenario), loaded.scenario.task
             start, rollout = given_start(site, task, site.initial[0], 0), Rollout(given)
             (episode,) = rollout.run(policy.make(rollout.env()), [start], clearance=False)
@@ -171,8 +170,10 @@ def missed() -> Iterator[dict[str, Any]]:
     episodes = rollout.run(policy.make(rollout.env(len(starts))), starts, clearance=False)
     null = {name: f"conditions.{name}=null" for name in given.scenario.conditions}
     for episode in [episode for episode in episodes if not episode.docked]:
-        flows = {kind: episode.trajectory[kind].mean(axis=0) for kind in ("wind", "current")}
-        steady = null | {kind: constant(kind, *flow) for kind, flow in flows.items()}
+        flows = {kind: episode.trajectory[kind].mean(axis=0) for kind in VARIATION}
+        steady = dict(null)
+        for kind, (x, y) in flows.items():
+            steady[kind] = constant(kind, math.hypot(x, y), math.degrees(math.atan2(y, x)) % 360)
         loaded, still = (policy.scenario(overrides=[*each.values()]) for each in (steady, null))
         docking, runs = Docking(loaded, rollout.worlds, episode.start), list[Episode]()
         for weather in (loaded, still):
@@ -186,10 +187,10 @@ def missed() -> Iterator[dict[str, Any]]:
         yield {"outcome": episode.outcome, **facts, **result(docking, found, runs[0])}
 
 
-def constant(kind: str, along_x: float, along_y: float) -> str:
-    """Return the override that makes wind or current constant, with a velocity in the world frame [m/s]."""
-    speed, direction = math.hypot(along_x, along_y), math.degrees(math.atan2(along_y, along_x)) % 360
-    return f"conditions.{kind}={{speed_mps: {speed}, direction_deg: {direction}, {VARIATION[kind]}: 0}}"
+def constant(kind: str, speed_mps: float, direction_deg: float) -> str:
+    """Return the override that makes wind or current constant; the direction is that of the flow."""
+    flow = f"speed_mps: {speed_mps}, direction_deg: {direction_deg}, {VARIATION[kind]}: 0"
+    return f"conditions.{kind}={{{flow}}}"
 
 
 def shown(rows: Iterator[dict[str, Any]]) -> Iterator[dict[str, Any]]:
