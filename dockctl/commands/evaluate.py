@@ -118,7 +118,7 @@ def evaluate(
         print_text(Console(stderr=True), note)
     console = Console()
     changes = "".join(f", {change}" for change in result.overrides)
-    changes += ", with a supervisor" * result.supervised
+    changes += ", with a supervisor" * result.supervised + ", with a planner" * result.planned
     print_text(console, f"Policy {given.description} on scenario '{result.scenario.name}'{changes}")
     if "pose" in result.groups:
         print_table(console, _episode_table(result))

@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING, Any
 
 from dockctl.analysis.episodes import summarize
 from dockctl.evaluation.loading import load_policy
+from dockctl.evaluation.planner import has_planner
 from dockctl.evaluation.policies import CheckpointPolicy, LoadedPolicy
 from dockctl.evaluation.record import Recording
 from dockctl.evaluation.rollout import Episode, Rollout
@@ -62,6 +63,11 @@ class Evaluation:
         """Whether a `Supervisor` ran the policy."""
         policy = self.policy.policy if isinstance(self.policy, CheckpointPolicy) else None
         return has_supervisor(policy, self.scenario)
+
+    @property
+    def planned(self) -> bool:
+        """Whether a `Planner` ran the policy."""
+        return has_planner(self.scenario)
 
     @property
     def stem(self) -> str:
@@ -121,6 +127,7 @@ class Evaluation:
             "scenario": self.scenario.name,
             "set": list(self.overrides),
             "supervised": self.supervised,
+            "planned": self.planned,
             "random_seed": self.seed,
             "rejected_draws": self.rejected_draws,
             **{START_KEYS[kind]: summary for kind, summary in self.summaries.items()},

@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 
 from dockctl.agents.interface import Info, Policy
 from dockctl.envs.vector import DockingVectorEnv
+from dockctl.evaluation.planner import Planner, has_planner
 from dockctl.evaluation.supervisor import Supervisor, has_supervisor
 from dockctl.geometry import Floats
 from dockctl.runs.tables import CONDITION_COLUMNS, TRAJECTORIES, Value, all_columns, to_csv
@@ -154,7 +155,8 @@ class Rollout:
     def run(self, policy: Policy, starts: Sequence[Start], *, clearance: bool = True) -> list[Episode]:
         """Run one episode from each start, in order; by default with its clearance.
 
-        With `evaluation.supervisor`, a `Supervisor` may replace actions of the policy.
+        With `evaluation.supervisor`, a `Supervisor` may replace actions of the policy, and with
+        `evaluation.planner`, a `Planner`.
 
         The conditions of episode i are drawn from seed i, unless the start has a seed: they depend neither on
         the policy nor on the number of boats.
@@ -164,6 +166,8 @@ class Rollout:
         env, measure = self.env(min(PARALLEL_BOATS, len(starts))), self._clearance if clearance else None
         if has_supervisor(policy, self.scenario):
             policy = Supervisor(policy, env)
+        if has_planner(self.scenario):
+            policy = Planner(policy, env)
         return run_episodes(env, policy, seeded(starts), measure)
 
     def at_start(self, start: Start) -> Episode:

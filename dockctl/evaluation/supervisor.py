@@ -29,9 +29,13 @@ RECOVERY_S = 10.0
 
 def has_supervisor(policy: object, scenario: Scenario) -> bool:
     """Return whether a supervisor runs the policy: the scenario says so, and it values single commands."""
-    space, has_memory = scenario.actions.space(scenario.vessel), scenario.actions.has_memory
-    values_commands = isinstance(policy, QPolicy) and isinstance(space, Discrete) and not has_memory
-    return bool(scenario.evaluation.supervisor) and values_commands
+    return bool(scenario.evaluation.supervisor) and isinstance(policy, QPolicy) and chooses_commands(scenario)
+
+
+def chooses_commands(scenario: Scenario) -> bool:
+    """Return whether actions are numbers of commands that do not depend on the one before."""
+    space = scenario.actions.space(scenario.vessel)
+    return isinstance(space, Discrete) and not scenario.actions.has_memory
 
 
 class Supervisor(Policy):

@@ -261,11 +261,15 @@ def _fitted(part: Part, registry: Registry[type[Any]], vessel: Vessel) -> Part:
         raise Guard(registry, part.kind).locate(error) from error
 
 
+HELPERS = ("supervisor", "planner")
+"""Keys of the evaluation that a policy keeps."""
+
+
 class PolicyInterface(Model):
     """The parts of a scenario that a policy keeps in every scenario: observation, range sensor and actions.
 
-    Whether it has a supervisor is also kept, where a scenario does not say it. Cards of older policies have
-    only the number of sectors; the scenario defines the rest of the sensor.
+    Whether it has a supervisor and plans landings is also kept, where a scenario does not say it. Cards of
+    older policies have only the number of sectors; the scenario defines the rest of the sensor.
     """
 
     observation: tuple[ObservationPart, ...] = Field(min_length=1)
@@ -273,6 +277,7 @@ class PolicyInterface(Model):
     actions: Annotated[ActionType, ACTION_KINDS]
     lidar: Annotated[RangeSensorSpec, SENSOR_KINDS] | None = None
     supervisor: bool | None = None
+    planner: bool | None = None
 
     @classmethod
     def of(cls, scenario: Scenario) -> Self:
@@ -282,13 +287,13 @@ class PolicyInterface(Model):
             lidar_sectors=scenario.sensors.lidar.sectors,
             actions=scenario.actions,
             lidar=scenario.sensors.lidar,
-            supervisor=scenario.evaluation.supervisor,
+            **{name: getattr(scenario.evaluation, name) for name in HELPERS},
         )
 
     def agrees(self, scenario: Scenario, other: Scenario) -> bool:
         """Return whether the scenarios are equal in observation, range sensor and actions."""
         one, two = self.of(scenario), self.of(other)
-        given = [name for name, value in self if value is not None and name != "supervisor"]
+        given = [name for name, value in self if value is not None and name not in HELPERS]
         return all(getattr(one, name) == getattr(two, name) for name in given)
 
     def on(self, scenario: Scenario) -> Scenario:
@@ -298,13 +303,13 @@ class PolicyInterface(Model):
             DockctlError: the policy's actions exceed the limits of the vessel.
         """
         lidar = self.lidar or scenario.sensors.lidar.model_copy(update={"sectors": self.lidar_sectors})
-        supervisor = scenario.evaluation.supervisor
-        supervisor = self.supervisor if supervisor is None else supervisor
+        evaluation = scenario.evaluation
+        own = {name: getattr(self, name) for name in HELPERS if getattr(evaluation, name) is None}
         changed = {
             "observation": self.observation,
             "actions": self.actions.model_copy(update=dict(self.actions)),  # all keys count as given
             "sensors": scenario.sensors.model_copy(update={"lidar": lidar}),
-            "evaluation": scenario.evaluation.model_copy(update={"supervisor": supervisor}),
+            "evaluation": evaluation.model_copy(update=own),
         }
         try:
             return Scenario.model_validate({**dict(scenario), **changed})

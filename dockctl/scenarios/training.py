@@ -234,6 +234,11 @@ class Evaluation(Model):
         description="replace actions that lead to contact, and make waiting boats move, with a map of the"
         " harbor; null to do as in the scenario that the policy was trained in",
     )
+    planner: Flag | None = Field(
+        default=None,
+        description="follow plans for the last meters, with a map of the harbor; null to do as in the"
+        " scenario that the policy was trained in",
+    )
     max_steps: Count | None = Field(
         default=None,
         description="control steps before an episode is truncated, also in validations; null for"

@@ -16,6 +16,7 @@ from dockctl.compute import shared
 from dockctl.geometry import Bools, Floats, Ints
 from dockctl.scenarios.vessel import Hull
 from dockctl.sim.harbor.build import Harbor
+from dockctl.sim.harbor.distances import DistanceField
 from dockctl.sim.harbor.solids import Mesh, hull_mesh
 from dockctl.sim.harbor.waters import Waters, cross_section
 
@@ -56,6 +57,10 @@ class Obstacles(Protocol):
 
     def clearance_below(self, eta: Floats, limit_m: float) -> Floats:
         """Return `clearance` where it is less than `limit_m`, else `limit_m`, (n,) [m]."""
+        ...
+
+    def approximate_clearance(self, eta: Floats) -> Floats:
+        """Return about `clearance`, of many poses, fast, (..., 3) to (...) [m]; see `DistanceField`."""
         ...
 
 
@@ -129,6 +134,14 @@ class CollisionChecker:
     def clearance(self, eta: Floats) -> Floats:
         """Return the distance between the hull and the harbor, 0 if it is blocked, (n, 3) to (n,) [m]."""
         return self.clearance_below(eta, np.inf)
+
+    def approximate_clearance(self, eta: Floats) -> Floats:
+        """Return about `clearance`, of many poses, fast, (..., 3) to (...) [m]; see `DistanceField`."""
+        return self._distances.clearance(eta)
+
+    @cached_property
+    def _distances(self) -> DistanceField:
+        return DistanceField(self.harbor.triangles, self.hull)
 
     def clearance_below(self, eta: Floats, limit_m: float) -> Floats:
         """Return `clearance` where it is less than `limit_m`, else `limit_m`, (n, 3) to (n,) [m].

@@ -180,7 +180,10 @@ class _NoObstacles:
         return None
 
     def clearance(self, eta: Floats) -> Floats:
-        return np.full(len(eta), 100.0)
+        return self.approximate_clearance(eta)
+
+    def approximate_clearance(self, eta: Floats) -> Floats:
+        return np.full(eta.shape[:-1], 100.0)
 
     def clearance_below(self, eta: Floats, limit_m: float) -> Floats:
         return np.minimum(self.clearance(eta), limit_m)

@@ -13,6 +13,7 @@ from dockctl.evaluation.rollout import TRIED_FIRST, Rollout, evaluation_rows, ru
 from dockctl.scenarios.loader import load
 from dockctl.sim.starts import given_start, own_site
 from tests.agents.toy import ToyDocking, starts_at
+from tests.evaluation.fixed_policies import Rest
 from tests.sim.worlds import walled
 
 
@@ -98,13 +99,6 @@ def test_a_validation_ends_early_where_few_dock(docks: int, played: int) -> None
     episodes = task.validate(Rest(), starts)
     assert [episode.start.index for episode in episodes] == list(range(played))
     assert sum(episode.docked for episode in episodes) == docks
-
-
-class Rest(Policy):
-    """No thrust, rudder amidships: the middle one of the 77 actions."""
-
-    def act(self, observation: np.ndarray, info: Info) -> np.ndarray:
-        return np.full(len(observation), 38)
 
 
 class FullAhead(Policy):

@@ -15,7 +15,7 @@ from dockctl.geometry import Floats
 from dockctl.scenarios.loader import load
 from dockctl.scenarios.schema import Scenario
 from dockctl.sim.starts import own_site, sites
-from tests.evaluation.test_rollout import Rest
+from tests.evaluation.fixed_policies import Rest
 from tests.sim.worlds import walled
 
 S1, MARINA = load("s1").scenario, load("marina").scenario

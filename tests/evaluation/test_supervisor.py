@@ -18,28 +18,8 @@ from dockctl.scenarios.loader import load
 from dockctl.scenarios.schema import PolicyInterface
 from dockctl.sim.simulator import Simulator
 from dockctl.sim.starts import Start, given_start, own_site
+from tests.evaluation.fixed_policies import AHEAD, REST, Values, only
 from tests.sim.worlds import walled
-
-REST, AHEAD, ASTERN = 38, 73, 3
-"""No thrust, full ahead and full astern, rudder amidships."""
-
-
-class Values(Policy):
-    """Greedy with fixed values; in each step, those of one row of a table (k, 77), again and again."""
-
-    def __init__(self, *values: np.ndarray) -> None:
-        self.values, self.step = np.array(values, np.float32), 0
-
-    def q_values(self, observation: np.ndarray) -> np.ndarray:
-        return np.tile(self.values[(self.step - 1) % len(self.values)], (len(observation), 1))
-
-    def act(self, observation: np.ndarray, info: Info) -> np.ndarray:
-        self.step += 1
-        return self.q_values(observation).argmax(axis=1)
-
-
-def only(action: int) -> np.ndarray:
-    return np.eye(77)[action]
 
 
 @cache

@@ -29,7 +29,10 @@ class Wall:
         return "wall" if eta[0] > self.x_m else None
 
     def clearance(self, eta: Floats) -> Floats:
-        return np.maximum(self.x_m - eta[:, 0], 0.0)
+        return self.approximate_clearance(eta)
+
+    def approximate_clearance(self, eta: Floats) -> Floats:
+        return np.maximum(self.x_m - eta[..., 0], 0.0)
 
     def clearance_below(self, eta: Floats, limit_m: float) -> Floats:
         return np.minimum(self.clearance(eta), limit_m)

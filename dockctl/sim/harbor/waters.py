@@ -40,6 +40,12 @@ def cross_section(triangles: Floats, z: float) -> tuple[Floats, Ints]:
     return np.stack(ends, axis=1), mixed
 
 
+def outline_at_hull(triangles: Floats, hull: Hull) -> Floats:
+    """Return the edges (k, 2, 2) [m] of what triangles (m, 3, 3) enclose at heights between keel and deck."""
+    heights = np.linspace(-hull.draft_m, hull.freeboard_m, SECTIONS)
+    return np.concatenate([cross_section(triangles, z)[0] for z in heights])
+
+
 def connected_cells(cells: Bools) -> tuple[NDArray[np.int32], int]:
     """Label the sets of true cells (rows, columns) that are connected by sides, from 1; other cells are 0.
 
@@ -82,8 +88,7 @@ class Waters:
     """
 
     def __init__(self, triangles: Floats, hull: Hull) -> None:
-        heights = np.linspace(-hull.draft_m, hull.freeboard_m, SECTIONS)
-        segments = np.concatenate([cross_section(triangles, z)[0] for z in heights])
+        segments = outline_at_hull(triangles, hull)
         self._cell = _inner_radius(hull_outline(hull)) / CELLS_PER_RADIUS
         corners = segments.reshape(-1, 2) if len(segments) else np.zeros((1, 2))
         self._low = corners.min(axis=0) - 2 * self._cell
@@ -92,7 +97,7 @@ class Waters:
             self._regions = np.ones((1, 1), np.int32)
             return
         open_water = np.ones(shape.astype(int), bool)
-        cells = (_points_along(segments, self._cell / 2) - self._low) / self._cell
+        cells = (points_along(segments, self._cell / 2) - self._low) / self._cell
         open_water[tuple(cells.astype(int).T)] = False
         regions, count = connected_cells(open_water)
         self._regions = regions.astype(np.min_scalar_type(count))
@@ -104,7 +109,7 @@ class Waters:
         return np.asarray(self._regions[x, y], np.int64)
 
 
-def _points_along(segments: Floats, spacing: float) -> Floats:
+def points_along(segments: Floats, spacing: float) -> Floats:
     """Return points (k, 2) on segments (m, 2, 2), both ends and at most `spacing` apart."""
     begin, along = segments[:, 0], segments[:, 1] - segments[:, 0]
     counts = np.ceil(np.hypot(*along.T) / spacing).astype(int) + 1
