@@ -27,8 +27,7 @@ class Forecast:
     vessel's own.
 
     Args:
-        simulator: of the boats; it measures.
-        boats: n.
+        simulator: of the n boats; its sensors measure.
 
     Attributes:
         delayed: (n,) whether commands take effect one control step later.
