@@ -142,7 +142,7 @@ def compiled(**options: Any) -> Callable[[Function], Function]:
     _announce_compilation()
 
     def decorate(function: Function) -> Function:
-        function.__qualname__ += f"_{_digest(Path(function.__code__.co_filename).parent)}"
+        function.__qualname__ += f"_{digest_of(Path(function.__code__.co_filename).parent)}"
         try:
             return cast("Function", njit(cache=True, nogil=True, **options)(function))
         except RuntimeError:  # no cache folder
@@ -172,7 +172,7 @@ def _announce_compilation() -> None:
 
 
 @cache
-def _digest(folder: Path) -> str:
+def digest_of(folder: Path) -> str:
     """Hash the sources that compiled functions in a folder may call: the folder, geometry and noise."""
     sources = [path.read_bytes() for path in sorted(folder.glob("*.py"))]
     called = [source for source in sources if b"@compiled" in source]

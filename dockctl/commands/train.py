@@ -79,6 +79,14 @@ def train(
         ),
     ] = None,
     device: Annotated[str, typer.Option(help="Torch device of the networks: cpu, cuda, ...")] = "cpu",
+    sim_device: Annotated[
+        str,
+        typer.Option(
+            metavar="cpu|cuda",
+            help="Device of the simulation: cpu, or cuda for an NVIDIA GPU with dockctl[gpu], which is faster"
+            " with hundreds of boats.",
+        ),
+    ] = "cpu",
     plugin: Plugins = None,
     trust: Trust = False,
     json_: Json = None,
@@ -109,14 +117,20 @@ def train(
             raise DockctlError(f"--resume continues the run with its own settings: omit {', '.join(extra)}")
         path = Path(resume) if resume else RunDirectory.latest_interrupted(RUNS).path
         ending = experiments.resume(
-            path, steps=steps, on_divergence=on_divergence, device=device, trust=trust, log=log or ()
+            path,
+            steps=steps,
+            on_divergence=on_divergence,
+            device=device,
+            sim_device=sim_device,
+            trust=trust,
+            log=log or (),
         ).reason
     else:
         source, settings = DEFAULT_SCENARIO if scenario is None else scenario, set_ or []
         options: dict[str, Any] = {
             "seed": seed, "steps": steps, "start_from": from_, "on_divergence": on_divergence,
-            "plugin_files": plugin or (), "device": device, "trust": trust, "name": name, "tags": tag or (),
-            "log": log or (),
+            "plugin_files": plugin or (), "device": device, "sim_device": sim_device, "trust": trust,
+            "name": name, "tags": tag or (), "log": log or (),
         }  # fmt: skip
         if several:
             ending, rows = sweep(source, settings, seeds or 1, out or SWEEPS, jobs, **options)

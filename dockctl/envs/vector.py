@@ -58,9 +58,10 @@ class DockingVectorEnv(VectorEnv[Observations, NDArray[Any], NDArray[Any]]):
         render_mode: "rgb_array" or None.
         autoreset_mode: `SAME_STEP`, `NEXT_STEP` or `DISABLED`.
         worlds: harbors to use instead of building those of the scenario.
+        device: "cpu", or "cuda" to simulate on an NVIDIA GPU.
 
     Raises:
-        DockctlError: the scenario or an argument is invalid.
+        DockctlError: the scenario or an argument is invalid, or the device is not available.
     """
 
     metadata: dict[str, Any] = {
@@ -79,6 +80,7 @@ class DockingVectorEnv(VectorEnv[Observations, NDArray[Any], NDArray[Any]]):
         render_mode: str | None = None,
         autoreset_mode: AutoresetMode | str = AutoresetMode.SAME_STEP,
         worlds: Sequence[World] | None = None,
+        device: str = "cpu",
     ) -> None:
         if render_mode not in (None, *self.metadata["render_modes"]):
             message = f"unknown render_mode '{render_mode}' (known: rgb_array, None)"
@@ -92,7 +94,7 @@ class DockingVectorEnv(VectorEnv[Observations, NDArray[Any], NDArray[Any]]):
         self.num_envs = num_envs
         self.scenario, directory = _resolve(scenario, base_dir)
         self.worlds = worlds or build_worlds(self.scenario, directory)
-        self.simulator = Simulator(self.scenario, self.worlds, num_envs)
+        self.simulator = Simulator(self.scenario, self.worlds, num_envs, device)
         self.reward = RewardFunction(self.scenario.reward)
         self._own = own_site(self.scenario)
         self._exploring = exploring

@@ -101,6 +101,7 @@ def sweep(
     on_divergence: str | None = None,
     plugin_files: Sequence[Path] = (),
     device: str = "cpu",
+    sim_device: str = "cpu",
     trust: bool = False,
     name: str | None = None,
     tags: Sequence[str] = (),
@@ -117,7 +118,7 @@ def sweep(
         settings: ``key=value`` or ``key=value,value,...``.
         out: folder of the runs, ``<scenario>/<combination>/<scenario>/<time>-seed<N>/``.
         workers: number of parallel runs; one per core by default.
-        steps, on_divergence, plugin_files, device, trust, name, tags, log: see
+        steps, on_divergence, plugin_files, device, sim_device, trust, name, tags, log: see
             `dockctl.experiments.training.train`.
         seed, start_from: not allowed in a sweep.
 
@@ -135,7 +136,7 @@ def sweep(
     first = load(scenario, overrides=chosen[0].overrides(0), plugin_files=plugin_files, trust=trust)
     folder = out / first.scenario.name
     require_writable(folder)
-    options = ["--device", device, *_repeated("--log", log)]
+    options = ["--device", device, "--sim-device", sim_device, *_repeated("--log", log)]
     labels = [*_repeated("--name", [] if name is None else [name]), *_repeated("--tag", tags)]
     console, jobs = Console(), make_jobs(chosen, folder, options, labels, plugin_files, trust)
     print_text(console, f"{count(len(chosen), 'combination')}, {count(seeds, 'seed')}; runs in {folder}")

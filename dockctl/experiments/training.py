@@ -42,6 +42,7 @@ from dockctl.scenarios.content import mesh_files, with_paths
 from dockctl.scenarios.loader import LoadedScenario, dump
 from dockctl.scenarios.schema import PolicyInterface, Scenario
 from dockctl.sim.checks import load_checked, notes
+from dockctl.sim.devices import CPU, require_device
 from dockctl.sim.starts import is_trained, own_site, sites
 from dockctl.sim.world import World, build_worlds
 
@@ -72,6 +73,7 @@ def train(
     plugin_files: Sequence[str | Path] = (),
     out: str | Path = RUNS,
     device: str = "cpu",
+    sim_device: str = "cpu",
     trust: bool = False,
     name: str | None = None,
     tags: Sequence[str] = (),
@@ -90,6 +92,7 @@ def train(
         plugin_files: local ``.py`` files to load.
         out: parent of ``<scenario>/<time>-seed<N>/``.
         device: torch device of the networks.
+        sim_device: "cpu", or "cuda" to simulate on an NVIDIA GPU.
         trust: run the plugins of a received scenario, see `dockctl.scenarios.loader.load`.
         name: name of the run, for its provenance.
         tags: tags of the run, for its provenance.
@@ -101,6 +104,7 @@ def train(
             then nothing is written.
     """
     torch_device(device)
+    require_device(sim_device)
     require_logs(log)
     out, plugins = Path(out), [Path(file) for file in plugin_files]
     changes = {
@@ -114,7 +118,7 @@ def train(
         require_imports(algorithm_of(loaded.scenario.training), trust=trust)
     initial = None if start_from is None else InitialPolicy.load(start_from, trust=trust)
     require_writable(out)
-    session = _prepare(loaded, device, initial)
+    session = _prepare(loaded, device, sim_device, initial)
     scenario_name, own_seed = loaded.scenario.name, loaded.scenario.training.seed
     with ExitStack() as locked:
         with all_or_nothing(out / scenario_name) as new:
@@ -144,6 +148,7 @@ def resume(
     steps: int | None = None,
     on_divergence: str | None = None,
     device: str = "cpu",
+    sim_device: str = "cpu",
     trust: bool = False,
     log: Sequence[str] = (),
     console: Console | None = None,
@@ -164,6 +169,7 @@ def resume(
             or is in use, or device or memory are not available; then nothing is written.
     """
     torch_device(device)
+    require_device(sim_device)
     run = RunDirectory.open(Path(path))
     with exclusive_lock(run.path):
         facts = _facts(run)
@@ -176,7 +182,7 @@ def resume(
             overrides.append(f"training.on_divergence={on_divergence}")
         loaded = load_checked(run.path / SCENARIO, overrides=overrides, received=True, trust=trust)
         require_imports(algorithm_of(loaded.scenario.training), trust=trust)
-        session = _prepare(loaded, device)
+        session = _prepare(loaded, device, sim_device)
         if overrides:
             plugins = map(run.inside, loaded.scenario.plugins)
             meshes = [run.inside(str(path)) for path in mesh_files(loaded.scenario)]
@@ -206,7 +212,7 @@ def replay(
         run.path / SCENARIO, overrides=overrides, plugin_files=plugin_files, received=True, trust=trust
     )
     require_imports(algorithm_of(loaded.scenario.training), trust=trust)
-    session = _prepare(loaded, "cpu", InitialPolicy.of_run(run))
+    session = _prepare(loaded, CPU, CPU, InitialPolicy.of_run(run))
     repeated = RunDirectory.create(out, loaded.scenario.name, loaded.scenario.training.seed)
     repeated.write_json(PROVENANCE, provenance.collect(loaded.scenario.training.seed, sys.argv))
     _run(session, repeated, Console(quiet=True), resumed=False, until=steps)
@@ -264,7 +270,9 @@ class _Session:
     algorithm: Algorithm
 
 
-def _prepare(loaded: LoadedScenario, device: str, initial: InitialPolicy | None = None) -> _Session:
+def _prepare(
+    loaded: LoadedScenario, device: str, sim_device: str, initial: InitialPolicy | None = None
+) -> _Session:
     """Build worlds, environment and algorithm, after a dry run.
 
     Raises:
@@ -279,7 +287,7 @@ def _prepare(loaded: LoadedScenario, device: str, initial: InitialPolicy | None 
     used = sorted({site.harbor for site in sites(loaded.scenario) if is_trained(site)})
     memory = require_memory(loaded.scenario, [worlds[number] for number in used])
     stepped = replace(loaded, scenario=loaded.scenario.in_training())
-    environment = DockingVectorEnv(stepped, training.boats, exploring=True, worlds=worlds)
+    environment = DockingVectorEnv(stepped, training.boats, exploring=True, worlds=worlds, device=sim_device)
     environment.simulator.prepare(used)
     algorithm = build_algorithm(loaded, Spaces.from_env(environment), training.boats, device)
     if initial is not None:

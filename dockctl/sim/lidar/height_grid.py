@@ -42,6 +42,12 @@ SMALL_MEMBER = np.dtype([("triangle", np.uint16), ("low", np.uint8), ("high", np
 
 
 @compiled(inline="always")
+def floor(x: float) -> int:
+    """Return the largest integer up to x; compiled for a GPU, `math.floor` returns a float."""
+    return int(math.floor(x))  # noqa: RUF046
+
+
+@compiled(inline="always")
 def band_at(z: float) -> int:
     """Return the band of a height [m]: 40 of 0.1 m, 21 of 0.5 m, one above; the lowest if negative."""
     if z < 4.0:
@@ -318,8 +324,8 @@ def _distances(bands: Bands, cell: float) -> NDArray[np.uint16]:
 def bands_near(grid: HeightGrid, level: int, x: float, y: float) -> int:
     """Return the bands of height with obstacles within the radius of the level of (x, y)."""
     offset, nx, ny, stride = grid.level_shape[level]
-    ix = math.floor((x - grid.frame[0]) / (grid.frame[2] * stride))
-    iy = math.floor((y - grid.frame[1]) / (grid.frame[2] * stride))
+    ix = floor((x - grid.frame[0]) / (grid.frame[2] * stride))
+    iy = floor((y - grid.frame[1]) / (grid.frame[2] * stride))
     if ix < 0 or iy < 0 or ix >= nx or iy >= ny:
         return 0  # the margin of the grid is wider than every radius
     place = in_tiles(ix, iy, nx)
@@ -333,8 +339,8 @@ def bands_in(grid: HeightGrid, x: float, y: float, reach_x: float, reach_y: floa
     px, py = (x - grid.frame[0]) / grid.frame[2], (y - grid.frame[1]) / grid.frame[2]  # in cells
     reach_x, reach_y = reach_x / grid.frame[2], reach_y / grid.frame[2]
     bands = 0
-    for iy in range(max(0, math.floor(py - reach_y)), min(ny, math.floor(py + reach_y) + 1)):
-        for ix in range(max(0, math.floor(px - reach_x)), min(nx, math.floor(px + reach_x) + 1)):
+    for iy in range(max(0, floor(py - reach_y)), min(ny, floor(py + reach_y) + 1)):
+        for ix in range(max(0, floor(px - reach_x)), min(nx, floor(px + reach_x) + 1)):
             place = in_tiles(ix, iy, nx)
             bands |= grid.palette[grid.tiles[grid.directory[place >> 6], place & 63]]
     return int(bands)
@@ -345,7 +351,7 @@ def distance_at(grid: HeightGrid, x: float, y: float) -> float:
     """Return a lower bound on the distance from (x, y) to an obstacle [m]."""
     ny, nx = grid.distances.shape
     left, lower, cell = grid.frame[0], grid.frame[1], grid.frame[2] * DISTANCE_STRIDE
-    ix, iy = math.floor((x - left) / cell), math.floor((y - lower) / cell)
+    ix, iy = floor((x - left) / cell), floor((y - lower) / cell)
     if ix < 0 or iy < 0 or ix >= nx or iy >= ny:
         beyond_x = max(left - x, x - left - nx * cell, 0.0)
         beyond_y = max(lower - y, y - lower - ny * cell, 0.0)
@@ -379,7 +385,7 @@ def first_hit(grid: HeightGrid, line: Line, begin: float, end: float, bands: int
         begin, end = _within(py, vy, ny, begin, end)
     best = MISS
     if begin <= end:
-        ix, iy = math.floor(px + begin * vx), math.floor(py + begin * vy)
+        ix, iy = floor(px + begin * vx), floor(py + begin * vy)
         step_x, step_y = (1 if vx > 0.0 else -1), (1 if vy > 0.0 else -1)
         per_x, per_y = (1.0 / vx if vx != 0.0 else MISS), (1.0 / vy if vy != 0.0 else MISS)
         across_x, across_y = abs(per_x), abs(per_y)

@@ -105,12 +105,12 @@ def sector_ranges(
             inner, outer = radii[shell], radii[shell + 1]
             middle = (inner + outer) / 2
             depth, width = half_sides(inner, outer, half_width)
-            margin = 0 if noise is None else math.ceil(_angle(error, inner) * len(middles) / (2 * math.pi))
+            margin = 0 if noise is None else math.ceil(angle_of(error, inner) * len(middles) / (2 * math.pi))
             index = first[shell]
             while index >= 0:
                 after = following[index]
                 reached = (index - margin) // bins, (index + margin) // bins
-                if _farthest(best, reached) + error > inner:
+                if farthest_of(best, reached) + error > inner:
                     across, along = middle * middles[index, 0], middle * middles[index, 1]
                     wx, wy = x + (c * across - s * along), y + (s * across + c * along)
                     near = bands_near(grid, levels.shell_cells[shell], wx, wy)
@@ -151,13 +151,13 @@ def half_sides(inner: float, outer: float, half_width: float) -> tuple[float, fl
 
 
 @compiled(inline="always")
-def _angle(error: float, radius: float) -> float:
+def angle_of(error: float, radius: float) -> float:
     """Return the largest azimuth change [rad] of a point outside a radius [m] that moves by an error [m]."""
     return math.asin(error / radius) if error < radius else math.pi
 
 
 @compiled(inline="always")
-def _farthest(best: Floats, reached: tuple[int, int]) -> float:
+def farthest_of(best: Floats, reached: tuple[int, int]) -> float:
     """Return the farthest of the nearest returns [m] from the first to the last sector, modulo sectors."""
     farthest = 0.0
     for sector in range(reached[0], reached[1] + 1):
@@ -183,10 +183,10 @@ def _search_core(
     for index in range(len(table.core)):
         ahead, lateral = table.core[index, 0], table.core[index, 1]
         distance = math.sqrt(ahead * ahead + lateral * lateral) - CORE_REACH_M
-        margin = 0.0 if noise is None else _angle(most, distance)
+        margin = 0.0 if noise is None else angle_of(most, distance)
         low, high = table.core_edges[index]
         reached = sectors_between(low - margin, high + margin, len(best))
-        if distance - most > _farthest(best, reached):
+        if distance - most > farthest_of(best, reached):
             continue
         near = bands_near(grid, level, x + (c * ahead - s * lateral), y + (s * ahead + c * lateral))
         if near == 0:
@@ -198,8 +198,8 @@ def _search_core(
                 break
             if bits(run.low, run.high) & near == 0:
                 continue
-            farthest = min(_farthest(best, (0, len(best) - 1)), table.radii[0])
-            share = 1.0 if noise is None else share_above(noise, distance - _farthest(best, reached))
+            farthest = min(farthest_of(best, (0, len(best) - 1)), table.radii[0])
+            share = 1.0 if noise is None else share_above(noise, distance - farthest_of(best, reached))
             origin = table.origins[table.sensor[run.first]]
             for number in range(run.first, run.first + run.length):
                 if traced[number]:
@@ -215,9 +215,9 @@ def _search_core(
                 end = min(leaves - min(error, 0.0) + 1e-7, ray[3])
                 z, z_end = origin[2], origin[2] + end * ray[2]
                 bands = bits(band_at(min(z, z_end)), band_at(max(z, z_end)))
-                t = first_hit(grid, _in_world(origin, ray, pose), 0.0, end, bands)
+                t = first_hit(grid, in_world(origin, ray, pose), 0.0, end, bands)
                 if t <= end:
-                    rho, sector = _polar(origin, ray, max(t + error, 0.0), len(best))
+                    rho, sector = polar(origin, ray, max(t + error, 0.0), len(best))
                     best[sector] = min(best[sector], rho)
 
 
@@ -248,7 +248,7 @@ def _visit(
         if bands & near == 0:
             continue
         origin = table.origins[table.sensor[run.first]]
-        farthest = _farthest(best, reached)
+        farthest = farthest_of(best, reached)
         if farthest + largest_error(noise) <= inner:
             return
         bounded = farthest < outer
@@ -263,20 +263,20 @@ def _visit(
             end = min(exit_parameter(origin, ray, within) + 1e-7, ray[3])
             if begin > end:
                 continue
-            t = first_hit(grid, _in_world(origin, ray, pose), begin, end, bands)
+            t = first_hit(grid, in_world(origin, ray, pose), begin, end, bands)
             if t > end:
                 continue
             if not bounded:  # not drawn before, because it could not have shortened the traversal
                 error = error_above(noise, index, 1.0)
                 if error == MISS:
                     continue
-            rho, sector = _polar(origin, ray, max(t + error, 0.0), len(best))
+            rho, sector = polar(origin, ray, max(t + error, 0.0), len(best))
             if rho >= best[sector]:
                 continue
             clear = _clear_up_to(origin, ray, core, t, largest_error(noise), best)
             if clear < inner:  # something else may be hit first
                 t = _trace(grid, origin, ray, clear, t, pose)
-                rho, sector = _polar(origin, ray, max(t + error, 0.0), len(best))
+                rho, sector = polar(origin, ray, max(t + error, 0.0), len(best))
             best[sector] = min(best[sector], rho)
 
 
@@ -284,7 +284,7 @@ def _visit(
 def _trace(grid: HeightGrid, origin: Floats, ray: Floats, clear: float, t: float, pose: Pose) -> float:
     """Return the first hit of a ray between a radius [m] and its parameter t."""
     begin = exit_parameter(origin, ray, clear) - 1e-7 if clear > 0.0 else 0.0
-    return min(t, first_hit(grid, _in_world(origin, ray, pose), begin, t, -1))
+    return min(t, first_hit(grid, in_world(origin, ray, pose), begin, t, -1))
 
 
 @compiled_bare
@@ -294,14 +294,9 @@ def _clear_up_to(origin: Floats, ray: Floats, core: float, t: float, error: floa
     In the previous shells it was traversed through each sector up to the nearest return of that sector, and a
     hit would have become such a return, moved by at most `error`. In the core it may pass through any sector.
     """
-    for sector in range(len(best)):
-        if best[sector] - error <= core:
-            return 0.0
-    t_core = exit_parameter(origin, ray, core)
-    begin, end = t_core - error, t + error
-    theta = math.atan2(origin[1] + begin * ray[1], origin[0] + begin * ray[0])
-    low, high = turn(theta, math.atan2(origin[1] + end * ray[1], origin[0] + end * ray[0]))
-    first, last = sectors_between(low, high, len(best))
+    if nearest_of(best) - error <= core:
+        return 0.0
+    first, last = sectors_passed(origin, ray, core, t, error, len(best))
     clear = MISS
     for sector in range(first, last + 1):
         clear = min(clear, best[sector % len(best)])
@@ -309,7 +304,30 @@ def _clear_up_to(origin: Floats, ray: Floats, core: float, t: float, error: floa
 
 
 @compiled(inline="always")
-def _in_world(origin: Floats, ray: Floats, pose: Pose) -> Line:
+def nearest_of(best: Floats) -> float:
+    """Return the nearest return of all sectors [m]."""
+    nearest = MISS
+    for sector in range(len(best)):
+        nearest = min(nearest, best[sector])
+    return nearest
+
+
+@compiled(inline="always")
+def sectors_passed(
+    origin: Floats, ray: Floats, core: float, t: float, error: float, sectors: int
+) -> tuple[int, int]:
+    """Return the first and last sector, modulo `sectors`, that a ray passes from the core to parameter t.
+
+    Both ends are extended by `error` [m].
+    """
+    begin, end = exit_parameter(origin, ray, core) - error, t + error
+    theta = math.atan2(origin[1] + begin * ray[1], origin[0] + begin * ray[0])
+    low, high = turn(theta, math.atan2(origin[1] + end * ray[1], origin[0] + end * ray[0]))
+    return sectors_between(low, high, sectors)
+
+
+@compiled(inline="always")
+def in_world(origin: Floats, ray: Floats, pose: Pose) -> Line:
     x, y, c, s = pose
     return (
         x + (c * origin[0] - s * origin[1]),
@@ -322,7 +340,7 @@ def _in_world(origin: Floats, ray: Floats, pose: Pose) -> Line:
 
 
 @compiled()
-def _polar(origin: Floats, ray: Floats, t: float, sectors: int) -> tuple[float, int]:
+def polar(origin: Floats, ray: Floats, t: float, sectors: int) -> tuple[float, int]:
     """Return the radius [m] and the sector of a point of a ray."""
     px, py = origin[0] + t * ray[0], origin[1] + t * ray[1]
     return math.sqrt(px * px + py * py), sector_at(math.atan2(py, px), sectors)

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from dockctl.compute import compiled
 from dockctl.geometry import Floats, sector_index
-from dockctl.sim.lidar.height_grid import SLACK_M, HeightGrid, Indices, band_at
+from dockctl.sim.lidar.height_grid import SLACK_M, HeightGrid, Indices, band_at, floor
 from dockctl.sim.lidar.raycast import MISS
 
 Ints = NDArray[np.int32]
@@ -187,7 +187,7 @@ def sectors_between(low: float, high: float, sectors: int) -> tuple[int, int]:
 
 @compiled(inline="always")
 def _unwrapped_sector(azimuth: float, sectors: int) -> int:
-    turns = math.floor((azimuth + math.pi) / (2 * math.pi))
+    turns = floor((azimuth + math.pi) / (2 * math.pi))
     return int(sector_at(azimuth - 2 * math.pi * turns, sectors)) + turns * sectors
 
 

@@ -10,6 +10,7 @@ from dataclasses import dataclass
 from functools import cached_property, lru_cache
 from pathlib import Path
 from types import ModuleType
+from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
@@ -25,6 +26,9 @@ from dockctl.sim.lidar.return_noise import noisy_hits
 from dockctl.sim.lidar.scan import sector_ranges, work_arrays
 from dockctl.sim.lidar.shell_table import Levels, ShellTable, needed_radii
 from dockctl.sim.lidar.spinning import LidarMount, SpinningLidars
+
+if TYPE_CHECKING:
+    from dockctl.sim.gpu.scan import GpuSensor
 
 Ints = NDArray[np.int32]
 Tables = tuple[ShellTable, HeightGrid, Levels]
@@ -124,6 +128,13 @@ class SpinningSensor:
         if built is None:
             built = vars(self)["_built"] = self._build_tables()
         return built
+
+    @cached_property
+    def on_gpu(self) -> GpuSensor:
+        """The same sensor on an NVIDIA GPU."""
+        from dockctl.sim.gpu.scan import GpuSensor  # needs a GPU
+
+        return GpuSensor(self._tables, self.spec.range_m, self.spec.sectors)
 
     def _build_tables(self) -> Tables:
         table = _shells(self.spec)
