@@ -285,12 +285,15 @@ median of the ratios of the rounds.{f" Without results: {missing}." if missing e
 
 def gpu_section(gpu: Json) -> str:
     facts = gpu["facts"]
-    rows = [
-        [batch, *(number(rate) for rate in rates.values())]
-        for batch, rates in facts["updates_per_second"].items()
+    tables = [
+        table(
+            (what, facts["gpu"], "CPU" if what.startswith("environment") else "one core"),
+            [[case, number(rates["cuda"]), number(rates["cpu"])] for case, rates in facts[what].items()],
+        )
+        for what in ("environment steps per second", "updates per second")
+        if what in facts
     ]
-    head = ("batch", f"updates per second: {facts['gpu']}", "one core")
-    return "## Learner on a GPU\n\n" + table(head, rows)
+    return "\n\n".join(["## On a GPU", *tables])
 
 
 def optimal_control_section(optimal: Json) -> str:

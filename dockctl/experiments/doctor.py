@@ -19,6 +19,7 @@ from dockctl.compute import cache_folder
 from dockctl.run_files import RUNS
 from dockctl.runs import provenance
 from dockctl.runs.listing import size_of
+from dockctl.sim.devices import gpu_problem
 from dockctl.trust import state_folder
 
 FREE_BYTES = 2_000_000_000
@@ -54,6 +55,7 @@ def examine() -> Report:
     threads = {"threads": f"{hardware['usable_cores']}, one for each usable core"}
     threads |= {name: os.environ[name] for name in names if name in os.environ}
     machine |= {"devices": ", ".join(devices()), **threads}
+    machine["simulation on a GPU"] = gpu_problem() or "yes"
     sections = {
         "Versions": _versions(),
         "Machine": machine,

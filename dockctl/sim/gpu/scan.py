@@ -1,10 +1,11 @@
 """The LiDAR scan on the GPU.
 
-It is the scan of `dockctl.sim.lidar.scan` in another order, with the same tables and functions; its ranges
-are equal to the last bit. One warp of 32 threads scans one sector from one pose: the threads look up the bins
-of a shell together, collect the rays that may be the nearest return, and trace 32 of them at a time. Warps
-do not wait for each other. A ray that may have hit something in a sector of another warp is therefore traced
-again from its origin, and every return is recorded atomically in the sector where it is.
+It is the scan of `dockctl.sim.lidar.scan` in another order, with the same tables and functions. Its ranges
+are equal to the last bit, except that a return on the edge of two sectors may be in the other one, because
+the arctangents of the libraries differ. One warp of 32 threads scans one sector from one pose: the threads
+look up the bins of a shell together, collect the rays that may be the nearest return, and trace 32 of them at
+a time. Warps do not wait for each other. A ray that may have hit something in a sector of another warp is
+therefore traced again from its origin, and every return is recorded atomically in the sector where it is.
 """
 
 from __future__ import annotations
