@@ -72,13 +72,13 @@ class Planner(Policy):
         self._rngs = [np.random.default_rng(0)] * env.num_envs
         self._best = dict[int, Ints]()
         self._closest_m = np.full(env.num_envs, np.inf)
-        self._plans = np.zeros(env.num_envs, bool)
+        self._planning = np.zeros(env.num_envs, bool)
 
     def reset(self, rows: Ints, info: Info) -> None:
         """Forget the episodes of the boats `rows` (k,); see `Policy`."""
         self._policy.reset(rows, info)
         self._forecast.reset(rows)
-        self._closest_m[rows], self._plans[rows] = np.inf, False
+        self._closest_m[rows], self._planning[rows] = np.inf, False
         for row in rows.tolist():
             self._rngs[row] = np.random.default_rng(0)
             self._best.pop(row, None)
@@ -101,8 +101,8 @@ class Planner(Policy):
         self._closest_m = np.where(final, np.minimum(self._closest_m, distance), np.inf)
         missed = (self._closest_m < REACHED_M) & (distance > self._closest_m + PASSED_M)
         late = self._simulator.steps * self._period_s > LATE_S
-        self._plans |= final & (missed | late)
-        planning: Bools = self._plans & final
+        self._planning |= final & (missed | late)
+        planning: Bools = self._planning & final
         return planning
 
     def _planned(self, row: int) -> int | None:
