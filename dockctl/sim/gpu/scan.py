@@ -1,11 +1,11 @@
 """The LiDAR scan on the GPU.
 
 It is the scan of `dockctl.sim.lidar.scan` in another order, with the same tables and functions. Its ranges
-are equal to the last bit, except that a return on the edge of two sectors may be in the other one, because
-the arctangents of the libraries differ. One warp of 32 threads scans one sector from one pose: the threads
-look up the bins of a shell together, collect the rays that may be the nearest return, and trace 32 of them at
-a time. Warps do not wait for each other. A ray that may have hit something in a sector of another warp is
-therefore traced again from its origin, and every return is recorded atomically in the sector where it is.
+are equal to the last bit; with noise, whose logarithms and cosines are rounded differently, nearly all are.
+One warp of 32 threads scans one sector from one pose: the threads look up the bins of a shell together,
+collect the rays that may be the nearest return, and trace 32 of them at a time. Warps do not wait for each
+other. A ray that may have hit something in a sector of another warp is therefore traced again from its
+origin, and every return is recorded atomically in the sector where it is.
 """
 
 from __future__ import annotations
@@ -17,6 +17,7 @@ import numpy as np
 
 from dockctl.geometry import Floats
 from dockctl.scenarios.extensions import RangeNoise
+from dockctl.sim.gpu.azimuth import edges_of, sector_of
 from dockctl.sim.gpu.kernels import ALL_THREADS, WARP, blocks, cuda, kernel, to_gpu
 from dockctl.sim.lidar.height_grid import (
     HeightGrid,
@@ -36,7 +37,6 @@ from dockctl.sim.lidar.scan import (
     half_sides,
     in_world,
     nearest_of,
-    polar,
     sectors_passed,
     shell_of,
 )
@@ -64,6 +64,7 @@ class GpuSensor:
         shells, grid, levels = map(to_gpu, tables)
         self._tables = ShellTable(*shells), HeightGrid(*grid), Levels(*levels)
         self._range_m, self._sectors = range_m, sectors
+        self._edges = to_gpu([edges_of(sectors)])[0]
 
     def sector_ranges(self, eta: Floats) -> Floats:
         """Return the range of the nearest return in each sector, (n, 3) to (n, sectors) [m]."""
@@ -81,7 +82,7 @@ class GpuSensor:
         # As in the scan on the CPU: cosines of another library could differ in the last bit.
         cosine, sine = ([*map(function, heading)] for function in (math.cos, math.sin))
         noise = None if noise is None else tuple(to_gpu(noise))
-        on_gpu = *self._tables, noise, *to_gpu([np.column_stack([x, y, cosine, sine]), ranges])
+        on_gpu = *self._tables, self._edges, noise, *to_gpu([np.column_stack([x, y, cosine, sine]), ranges])
         _scan_core[(len(eta), CORE_BLOCKS), CORE_THREADS](*on_gpu)
         _scan_shells[blocks(ranges.size, WARPS), WARPS * WARP](*on_gpu)
         on_gpu[-1].copy_to_host(ranges)
@@ -89,7 +90,7 @@ class GpuSensor:
 
 
 @kernel
-def _scan_core(table: Any, grid: Any, levels: Any, noises: Any, poses: Any, out: Any) -> None:
+def _scan_core(table: Any, grid: Any, levels: Any, edges: Any, noises: Any, poses: Any, out: Any) -> None:
     """Trace the rays from one pose through the core, if anything is near it."""
     row = cuda.blockIdx.x
     pose = (poses[row, 0], poses[row, 1], poses[row, 2], poses[row, 3])
@@ -110,18 +111,19 @@ def _scan_core(table: Any, grid: Any, levels: Any, noises: Any, poses: Any, out:
             continue
         t = first_hit(grid, in_world(origin, ray, pose), 0.0, end, bands)
         if t <= end:
-            rho, sector = polar(origin, ray, max(t + error, 0.0), out.shape[1])
+            rho, sector = _polar(origin, ray, max(t + error, 0.0), edges)
             cuda.atomic.min(out, (row, sector), rho)
 
 
 @kernel
-def _scan_shells(table: Any, grid: Any, levels: Any, noises: Any, poses: Any, out: Any) -> None:
+def _scan_shells(table: Any, grid: Any, levels: Any, edges: Any, noises: Any, poses: Any, out: Any) -> None:
     """Trace the rays of one sector from one pose, from shell to shell outward."""
     sectors, shells, bins = out.shape[1], len(table.radii) - 1, len(table.bins)
     warp, lane = cuda.threadIdx.x // WARP, cuda.threadIdx.x % WARP
     row, own = (cuda.blockIdx.x * WARPS + warp) // sectors, (cuda.blockIdx.x * WARPS + warp) % sectors
     slots = cuda.shared.array((WARPS, QUEUE), np.uint32)
     rays = cuda.shared.array((WARPS, QUEUE), np.uint32)
+    bins_of = cuda.shared.array((WARPS, QUEUE), np.uint32)
     if row >= len(poses):
         return
     queued, lower_lanes = 0, (1 << lane) - 1
@@ -139,11 +141,13 @@ def _scan_shells(table: Any, grid: Any, levels: Any, noises: Any, poses: Any, ou
     while shell < shells:
         inner, outer = table.radii[shell], table.radii[shell + 1]
         margin = 0 if noise is None else 1 + floor(angle_of(most, inner) * bins / (2 * math.pi))
-        reached = (own * WARP - margin) // WARP, (own * WARP + WARP - 1 + margin) // WARP
+        waiting = farthest_of(best, _sectors_near(index, margin)) + most > inner
         # By vote, because the threads may see different returns of other warps.
-        if not cuda.any_sync(ALL_THREADS, farthest_of(best, reached) + most > inner):
+        if not cuda.any_sync(ALL_THREADS, waiting):
             return
         near = 0
+        if not waiting:
+            upcoming = shells
         if upcoming <= shell:
             middle = (inner + outer) / 2
             wx, wy = x + middle * east, y + middle * north
@@ -162,6 +166,7 @@ def _scan_shells(table: Any, grid: Any, levels: Any, noises: Any, poses: Any, ou
             cells &= cells - 1
             present = cuda.shfl_sync(ALL_THREADS, near, other)
             cell = shell * bins + own * WARP + other
+            reached = _sectors_near(own * WARP + other, margin)
             last = np.int64(table.starts[cell + 1])
             for first in range(np.int64(table.starts[cell]), last, WARP):
                 slot = min(first + lane, last - 1)
@@ -183,17 +188,19 @@ def _scan_shells(table: Any, grid: Any, levels: Any, noises: Any, poses: Any, ou
                     if wanted:
                         place = queued + cuda.popc(chosen & lower_lanes)
                         slots[warp, place], rays[warp, place] = slot, number
+                        bins_of[warp, place] = own * WARP + other
                     queued += cuda.popc(chosen)
                     cuda.syncwarp()
                     if queued >= WARP:
                         queued -= WARP
-                        task = slots[warp, queued + lane], rays[warp, queued + lane]
-                        _trace(table, grid, pose, noise, task, (inner, outer), reached, own, out, row)
+                        place = queued + lane
+                        task = slots[warp, place], rays[warp, place], bins_of[warp, place]
+                        _trace(table, grid, edges, pose, noise, task, (inner, outer), margin, out, row)
                         cuda.syncwarp()
                     step += 1
         if lane < queued:
-            task = slots[warp, lane], rays[warp, lane]
-            _trace(table, grid, pose, noise, task, (inner, outer), reached, own, out, row)
+            task = slots[warp, lane], rays[warp, lane], bins_of[warp, lane]
+            _trace(table, grid, edges, pose, noise, task, (inner, outer), margin, out, row)
         queued = 0
         cuda.syncwarp()
         following = upcoming
@@ -206,25 +213,25 @@ def _scan_shells(table: Any, grid: Any, levels: Any, noises: Any, poses: Any, ou
 def _trace(
     table: Any,
     grid: Any,
+    edges: Any,
     pose: Any,
     noise: Any,
-    task: tuple[int, int],
+    task: tuple[int, int, int],
     shell: tuple[float, float],
-    reached: tuple[int, int],
-    own: int,
+    margin: int,
     out: Any,
     row: int,
 ) -> None:
     """Trace one ray through a shell, and record its return if it is the nearest of its sector.
 
     Args:
-        task: index of the run, and number of the ray.
+        task: index of the run, number of the ray, and index of the bin.
         shell: inner and outer radius [m].
-        reached: the first and last sector, modulo sectors, where its return can be.
-        own: sector of the warp.
+        margin: number of bins by which its return can be away from the bin.
     """
-    (slot, number), (inner, outer) = task, shell
+    (slot, number, index), (inner, outer) = task, shell
     best, sectors, core = out[row], out.shape[1], table.radii[0]
+    own, reached = index // WARP, _sectors_near(index, margin)
     error = error_above(noise, number, 1.0)
     within = min(outer, farthest_of(best, reached) - min(error, 0.0))
     if error == MISS or within <= inner:
@@ -238,7 +245,7 @@ def _trace(
     t = first_hit(grid, line, begin, end, bits(int(run.low), int(run.high)))
     if t > end:
         return
-    rho, sector = polar(origin, ray, max(t + error, 0.0), sectors)
+    rho, sector = _polar(origin, ray, max(t + error, 0.0), edges)
     if rho >= best[sector]:
         return
     most = largest_error(noise)
@@ -246,5 +253,19 @@ def _trace(
     # Outside the core and in its own sector, this warp has traced the ray up to here.
     if low != high or low % sectors != own or nearest_of(best) - most <= core:
         t = min(t, first_hit(grid, line, 0.0, t, -1))
-        rho, sector = polar(origin, ray, max(t + error, 0.0), sectors)
+        rho, sector = _polar(origin, ray, max(t + error, 0.0), edges)
     cuda.atomic.min(out, (row, sector), rho)
+
+
+@cuda.jit(device=True)
+def _sectors_near(index: int, margin: int) -> tuple[int, int]:
+    """Return the first and last sector, modulo sectors, with bins up to `margin` away from a bin."""
+    signed: Any = np.int64(index)
+    return (signed - margin) // WARP, (signed + margin) // WARP
+
+
+@cuda.jit(device=True)
+def _polar(origin: Any, ray: Any, t: float, edges: Any) -> tuple[float, int]:
+    """Return what `dockctl.sim.lidar.scan.polar` returns on the CPU."""
+    x, y = origin[0] + t * ray[0], origin[1] + t * ray[1]
+    return math.sqrt(x * x + y * y), sector_of(x, y, edges)

@@ -11,6 +11,7 @@ import numpy as np
 
 from dockctl.geometry import Floats
 from dockctl.sim.gpu import scan
+from dockctl.sim.gpu.azimuth import edges_of
 from dockctl.sim.gpu.kernels import WARP
 
 
@@ -103,10 +104,11 @@ def sector_ranges(tables: Any, range_m: float, sectors: int, eta: Floats, noise:
     tables = shells._replace(runs=shells.runs.view(np.recarray)), grid, levels
     cosine, sine = ([*map(function, eta[:, 2])] for function in (math.cos, math.sin))
     out = np.full((len(eta), sectors), range_m)
-    arguments = *tables, noise, np.column_stack([eta[:, :2], cosine, sine]), out
+    arguments = *tables, edges_of(sectors), noise, np.column_stack([eta[:, :2], cosine, sine]), out
     warp = Warp()
     patch.setattr(scan, "cuda", warp)
-    patch.setattr(scan, "_trace", scan._trace.py_func)
+    for name in ("_trace", "_sectors_near", "_polar"):
+        patch.setattr(scan, name, getattr(scan, name).py_func)
     patch.setattr(scan, "CORE_THREADS", WARP)
     patch.setattr(scan, "CORE_BLOCKS", 1)
     for warp.block in range(len(eta)):

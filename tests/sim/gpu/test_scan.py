@@ -36,7 +36,6 @@ def test_the_kernels_give_the_ranges_of_the_full_scan(
 @has_gpu
 @pytest.mark.parametrize("noisy", [False, True])
 def test_a_gpu_gives_the_ranges_of_the_cpu(noisy: bool) -> None:
-    """A return on the edge of two sectors may be in the other one, as arctangents are rounded differently."""
     marina = build_worlds(load("s3").scenario, load("s3").base_dir)[0]
     eta = np.random.default_rng(1).uniform((14, -14, -3), (36, 14, 3), (500, 3))
     sensor, on_gpu, given = marina.lidar, marina.lidar.on_gpu, noise(500, 0.03, 0.05)
@@ -44,8 +43,8 @@ def test_a_gpu_gives_the_ranges_of_the_cpu(noisy: bool) -> None:
         one, other = sensor.noisy_sector_ranges(eta, given), on_gpu.noisy_sector_ranges(eta, given)
     else:
         one, other = sensor.sector_ranges(eta), on_gpu.sector_ranges(eta)
-    assert (one == other).mean() > 0.999
-    np.testing.assert_allclose(one, other, rtol=0, atol=1e-3)
+    # Logarithms and cosines of the noise are rounded differently.
+    np.testing.assert_allclose(one, other, rtol=0, atol=1e-12 if noisy else 0)
 
 
 @has_gpu
