@@ -265,7 +265,8 @@ def machine_section(found: dict[str, Json]) -> str:
         for name, result in found.items()
     ]
     missing = ", ".join(f"`benchmarks/{name}.py`" for name in SCRIPTS if name not in found)
-    in_order = sorted(found.values(), key=lambda result: result["when"])
+    others = (result for name, result in found.items() if name != "gpu")  # measured on another machine
+    in_order = sorted(others, key=lambda result: result["when"])
     latest, versions = in_order[-1], {}
     for result in in_order:  # a script needs only some of them
         versions |= result["libraries"]
@@ -287,13 +288,16 @@ def gpu_section(gpu: Json) -> str:
     facts = gpu["facts"]
     tables = [
         table(
-            (what, facts["gpu"], "CPU" if what.startswith("environment") else "one core"),
+            (what, "GPU", "all cores" if what.startswith("environment") else "one core"),
             [[case, number(rates["cuda"]), number(rates["cpu"])] for case, rates in facts[what].items()],
         )
         for what in ("environment steps per second", "updates per second")
         if what in facts
     ]
-    return "\n\n".join(["## On a GPU", *tables])
+    machine = gpu["hardware"]
+    where = f"""On a machine of its own: {facts["gpu"]}, {machine["processor"]}, {machine["cores"]} cores, with
+torch {gpu["libraries"]["torch"]}. Each row of updates is a size of the batch."""
+    return "\n\n".join(["## On a GPU", where, *tables])
 
 
 def optimal_control_section(optimal: Json) -> str:
