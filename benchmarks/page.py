@@ -295,8 +295,8 @@ def gpu_section(gpu: Json) -> str:
         if what in facts
     ]
     machine = gpu["hardware"]
-    where = f"""On a machine of its own: {facts["gpu"]}, {machine["processor"]}, {machine["cores"]} cores, with
-torch {gpu["libraries"]["torch"]}. Each row of updates is a size of the batch."""
+    where = f"""On a machine of its own: {facts["gpu"]}, {machine["processor"]}, {machine["cores"]} cores,
+with torch {gpu["libraries"]["torch"]}. Each row of updates is a size of the batch."""
     return "\n\n".join(["## On a GPU", where, *tables])
 
 
