@@ -1,53 +1,73 @@
-"""Prediction of the motion of boats in wind and current, with what is estimated from their sensors."""
+"""Prediction of the motion of a boat in wind and current, with what is estimated from its sensors."""
 
 from __future__ import annotations
 
 from contextlib import suppress
+from itertools import product
 
 import numpy as np
 from pydantic import ValidationError
 
-from dockctl.geometry import Bools, Floats, Ints, rotate
+from dockctl.geometry import Floats, Ints, rotate
+from dockctl.scenarios.schema import Scenario
 from dockctl.scenarios.vessel import Vessel
+from dockctl.sim.conditions.actuators import Actuators, RealActuators
 from dockctl.sim.simulator import Simulator
 from dockctl.sim.vessel import VesselModel
 
 AVERAGED_S = 20.0
 """Time constant with which current and wind are averaged; the first values are plain means."""
-SURGE_WEIGHT = 0.04
-"""Weight of the squared error of surge [m/s], relative to that of yaw rate [rad/s]: both are noisy."""
+LAGS = 3
+"""Propeller lags that are compared, over their range."""
+USUAL_ERROR = np.array([0.01, 0.01, 0.01])
+"""Standard deviation of errors of a prediction of surge, sway [m/s] and yaw rate [rad/s] one step ahead."""
+ASTERN_SPREAD = 0.1
+"""Standard deviation of the astern factor around the middle of its range, before anything is measured."""
 
 
 class Forecast:
-    """Estimates what acts on n boats, and predicts their poses with it.
+    """Estimates what acts on n boats and how their actuators respond, and predicts their poses with it.
 
     The current is the difference of the velocities over ground and through the water, and the force of the
-    wind that at the measured wind; both are averaged. The delay of the actuators is no or one control step,
-    whichever has predicted surge and yaw rate better so far in the episode. Masses and damping are the
-    vessel's own.
+    wind that at the measured wind; both are averaged. The speed log measures without error. The ranges of
+    delay, lag and rudder rate are those of the scenario's actuators: each delay with each of some lags
+    predicts every step, and the pair with the smallest squared error so far in the episode is used. Each pair
+    has its own astern factor, the least-squares estimate, to which the middle of its range is added like a
+    measurement. Masses and damping are the vessel's own.
 
     Args:
         simulator: of the n boats; its sensors measure.
-
-    Attributes:
-        delayed: (n,) whether commands take effect one control step later.
+        scenario: of the simulator.
     """
 
-    def __init__(self, simulator: Simulator) -> None:
-        vessel, boats = simulator.vessel.vessel, len(simulator.eta)
+    def __init__(self, simulator: Simulator, scenario: Scenario) -> None:
+        vessel, boats = scenario.vessel, len(simulator.eta)
         self._simulator, self._period_s = simulator, vessel.control_period_s
         self._vessel = VesselModel(_with_fewest_substeps(vessel))
+        kinds = (each for each in scenario.conditions.values() if isinstance(each, Actuators))
+        self._range = next(kinds, Actuators())
+        delays = range(self._range.delay_steps[0], self._range.delay_steps[-1] + 1)
+        lags = np.unique(np.linspace(self._range.propeller_lag_s[0], self._range.propeller_lag_s[-1], LAGS))
+        self._pairs = np.array([*product(delays, lags)])  # delay [steps], lag [s]
+        self._usual_astern = np.mean([self._range.astern_factor[0], self._range.astern_factor[-1]])
+        # For each pair without and with thrust astern, between which predictions are interpolated.
+        self._shape = 2, len(self._pairs), boats
+        self._actuators = self._built(np.tile(self._pairs.repeat(boats, axis=0), (2, 1)))
+        self._actuators.astern[: boats * len(self._pairs)] = 0.0
         self._current, self._force = np.zeros((boats, 2)), np.zeros((boats, 3))  # world frame
         self._averaged = np.zeros(boats, np.int64)
-        self._state = np.full((boats, 6), np.nan)
-        self._commands = np.zeros((2, boats, 2))  # latest first
-        self._error = np.zeros((2, boats))
-        self.delayed: Bools = np.zeros(boats, bool)
+        self._state = np.full((boats, 6), np.nan)  # pose, velocity through the water
+        self._tau: Floats | None = None
+        self._squares = np.zeros((3, len(self._pairs), boats))
+        """Sums of products of the error without thrust astern and the effect of thrust astern."""
 
     def reset(self, rows: Ints) -> None:
         """Forget the episodes of the boats `rows` (k,)."""
-        self._averaged[rows], self._state[rows] = 0, np.nan
-        self._commands[:, rows], self._error[:, rows] = 0.0, 0.0
+        self._averaged[rows], self._state[rows], self._squares[:, :, rows] = 0, np.nan, 0.0
+        actuators = self._actuators
+        for values in (actuators.thrust, actuators.angle):
+            values.reshape(self._shape)[:, :, rows] = 0.0
+        actuators.past.reshape(*self._shape, *actuators.past.shape[1:])[:, :, rows] = 0.0
 
     def measure(self, eta: Floats, nu: Floats) -> None:
         """Update the estimates with measured poses and velocities over ground (n, 3)."""
@@ -59,59 +79,103 @@ class Forecast:
         self._current += share * (_turned(nu[:, :2] - through_water, eta[:, 2]) - self._current)
         self._force += share * (_turned(force, heading) - self._force)
         self._averaged += 1
-        self._compare(nu)
-        self._state = np.hstack([eta, nu])
+        measured = np.column_stack([through_water, nu[:, 2]])
+        self._compare(measured)
+        self._state = np.hstack([eta, measured])
 
     def command(self, commands: Floats) -> None:
         """Record the commands (n, 2) [N, rad] of the next control step."""
-        self._commands = np.stack([commands, self._commands[0]])
+        copies = np.tile(commands, (2 * len(self._pairs), 1))
+        self._tau = self._vessel.tau(self._acted(self._actuators, copies)).reshape(*self._shape, -1, 3)
 
-    def poses(self, rows: Ints, commands: Floats) -> tuple[Floats, Floats]:
-        """Predict from the latest measurement where boats will be, and how fast.
+    def poses(self, row: int, commands: Floats) -> tuple[Floats, Floats]:
+        """Predict from the latest measurement where a boat will be, and how fast.
 
         Args:
-            rows: (m,) a boat for each prediction; it may occur more than once.
             commands: (m, k, 2) of the next k control steps [N, rad].
 
         Returns:
             Poses (m, 2 k, 3) after every half of a control step, and velocities over ground (m, k, 2) [m/s]
             in the body frame after every one.
         """
-        late = np.concatenate([self._commands[0, rows][:, None], commands[:, :-1]], axis=1)
-        commands = np.where(self.delayed[rows][:, None, None], late, commands)
-        state, poses, velocities = self._state[rows], [], []
-        for command in commands.swapaxes(0, 1):
-            halfway, state = self._step(state, command, self._current[rows], self._force[rows])
-            poses += [halfway, state[:, :3]]
-            velocities.append(state[:, 3:5])
+        actuators = self._actuators_of(row, len(commands))
+        current = np.tile(self._current[row], (len(commands), 1))
+        force = np.tile(self._force[row], (len(commands), 1))
+        state, poses, velocities = np.tile(self._state[row], (len(commands), 1)), [], []
+        for time, command in enumerate(commands.swapaxes(0, 1)):
+            tau = self._vessel.tau(self._acted(actuators, command))
+            path = self._path(state, tau, force)
+            halfway, state = path[:, path.shape[1] // 2, :3].copy(), path[:, -1]
+            halfway[:, :2] += current * (time + 0.5) * self._period_s
+            pose = state[:, :3].copy()
+            pose[:, :2] += current * (time + 1) * self._period_s
+            poses += [halfway, pose]
+            velocities.append(state[:, 3:5] + _turned(current, -state[:, 2]))
         return np.stack(poses, axis=1), np.stack(velocities, axis=1)
 
-    def _compare(self, nu: Floats) -> None:
-        """Compare velocities (n, 3) with those predicted for each delay from the measurement before."""
+    def actuators(self) -> tuple[Ints, Floats, Floats]:
+        """Return the estimated delay [steps], propeller lag [s] and astern factor of each boat, (n,) each."""
+        best, astern = self._best()
+        delay, lag = self._pairs[best].T
+        return delay.astype(np.int64), lag, astern
+
+    def _best(self) -> tuple[Ints, Floats]:
+        """Return the pair with the smallest error, (n,), and its astern factor."""
+        error, product, effect = self._squares
+        certainty, usual = ASTERN_SPREAD**-2, self._usual_astern
+        astern = (product + certainty * usual) / (effect + certainty)
+        cost = error - 2 * astern * product + astern**2 * effect + certainty * (astern - usual) ** 2
+        best = cost.argmin(axis=0)
+        return best, astern[best, np.arange(len(best))]
+
+    def _compare(self, measured: Floats) -> None:
+        """Compare velocities through the water (n, 3) with those predicted from the measurement before."""
         known = np.flatnonzero(~np.isnan(self._state[:, 0]))
-        if len(known):
-            start, current, force = self._state[known], self._current[known], self._force[known]
-            for error, commands in zip(self._error, self._commands, strict=True):
-                _, after = self._step(start, commands[known], current, force)
-                surge, _, yaw = (nu[known] - after[:, 3:]).T
-                error[known] += SURGE_WEIGHT * surge**2 + yaw**2
-        self.delayed = self._error[1] < self._error[0]
+        if self._tau is None or len(known) == 0:
+            return
+        tau = self._tau[:, :, known]
+        copies = tau.shape[0] * tau.shape[1]
+        state, force = (np.tile(each[known], (copies, 1)) for each in (self._state, self._force))
+        path = self._path(state, tau.reshape(-1, *tau.shape[3:]), force)
+        without, full = path[:, -1, 3:].reshape(2, -1, len(known), 3) / USUAL_ERROR
+        error, effect = measured[known] / USUAL_ERROR - without, full - without
+        products = error**2, error * effect, effect**2
+        self._squares[:, :, known] += np.stack(products).sum(axis=-1)
 
-    def _step(self, state: Floats, command: Floats, current: Floats, force: Floats) -> tuple[Floats, Floats]:
-        """Return the poses (m, 3) after half a control step, and the states (m, 6) at its end.
+    def _path(self, state: Floats, tau: Floats, force: Floats) -> Floats:
+        """Return poses and velocities relative to the water over a control step, (m, substeps + 1, 6).
 
-        States are poses and velocities over ground. As in the simulator, the equations of motion hold for the
-        velocity relative to the water, and the force of the wind is constant in the body frame.
+        As in the simulator, the force of the wind is constant in the body frame.
         """
         eta, nu = state[:, :3].copy(), state[:, 3:].copy()
-        nu[:, :2] -= _turned(current, -eta[:, 2])
-        tau = self._vessel.tau(command) + _turned(force, -eta[:, 2])
-        path = self._vessel.path(eta, nu, tau[:, None])
-        halfway, state = path[:, path.shape[1] // 2, :3].copy(), path[:, -1].copy()
-        halfway[:, :2] += current * self._period_s / 2
-        state[:, :2] += current * self._period_s
-        state[:, 3:5] += _turned(current, -state[:, 2])
-        return halfway, state
+        return self._vessel.path(eta, nu, tau + _turned(force, -eta[:, 2])[:, None])
+
+    def _built(self, pairs: Floats) -> RealActuators:
+        """Return actuators at rest with these delays and lags, (m, 2), and the mean rudder rate."""
+        built = RealActuators(self._range, len(pairs))
+        built.delay, built.lag = pairs[:, 0].astype(np.int64), pairs[:, 1].copy()
+        if (rate := self._range.rudder_rate_degps) is not None:
+            built.rate[:] = np.radians(np.mean([rate[0], rate[-1]]))
+        return built
+
+    def _actuators_of(self, row: int, count: int) -> RealActuators:
+        """Return copies of the estimated actuators of a boat in their present state."""
+        best, astern = self._best()
+        pair = int(best[row])
+        built, index = (
+            self._built(self._pairs[[pair] * count]),
+            np.ravel_multi_index((1, pair, row), self._shape),
+        )
+        built.astern[:] = astern[row]
+        for name in ("thrust", "angle", "past"):
+            setattr(built, name, np.repeat(getattr(self._actuators, name)[[index]], count, axis=0))
+        return built
+
+    def _acted(self, actuators: RealActuators, commands: Floats) -> Floats:
+        """Return what the actuators do at commands (m, 2) in every substep, (m, substeps, 2)."""
+        substeps = self._vessel.vessel.substeps
+        held = np.repeat(commands[:, None], substeps, axis=1)
+        return actuators.actuate(held, self._period_s / substeps)
 
 
 def _with_fewest_substeps(vessel: Vessel) -> Vessel:

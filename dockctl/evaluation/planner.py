@@ -9,19 +9,16 @@ from gymnasium.spaces import Discrete
 from numpy.typing import NDArray
 
 from dockctl.agents.interface import Info, Policy
+from dockctl.compute import map_on_all_cores
 from dockctl.envs.vector import DockingVectorEnv
 from dockctl.evaluation.forecast import Forecast
 from dockctl.evaluation.supervisor import chooses_commands
-from dockctl.geometry import Bools, Floats, Ints
+from dockctl.geometry import Floats, Ints
 from dockctl.scenarios.schema import Scenario
 from dockctl.sim.goal import TO_FINAL, measure
 
 WITHIN_M, PLAN_S = 7.0, 30.0
 """Distance from the final pose within which the boat plans, and the length of a plan."""
-LATE_S = 200.0
-"""Time after which a boat on its way to the final pose plans."""
-REACHED_M, PASSED_M = 2.5, 1.0
-"""A boat that was this close to the final pose, and then this much farther away, has missed it."""
 PLANS = 1000
 """Number of random plans of which the best one is taken."""
 SECTIONS, LONGEST_SECTION_S, LONGEST_CHANGE_S = 5, 8.0, 6.0
@@ -42,10 +39,7 @@ def has_planner(scenario: Scenario) -> bool:
 
 
 class Planner(Policy):
-    """Runs a policy, and after its first attempt follows the random plan that reaches the final pose first.
-
-    Most episodes need no plan. In the others the policy has missed the final pose, or takes long; only then,
-    and near the final pose, the boat follows a plan, if there is one.
+    """Runs a policy, and near the final pose follows the random plan that reaches it first, if there is one.
 
     Random-shooting model predictive control: a plan is a sequence of the policy's commands, predicted by a
     `Forecast`, and kept clear of the harbor, which the policy does not know. In every control step half of
@@ -64,21 +58,18 @@ class Planner(Policy):
         self._policy, self._simulator, vessel = policy, env.simulator, env.scenario.vessel
         actions = np.arange(env.single_action_space.n)
         self._commands = env.scenario.actions.commands(actions, vessel)
-        self._forecast, self._limit = Forecast(env.simulator), env.scenario.task.final_tolerance
+        self._forecast, self._limit = Forecast(env.simulator, env.scenario), env.scenario.task.final_tolerance
         self._period_s = vessel.control_period_s
         self._steps, self._section_steps, self._change_steps = (
             max(1, round(time / self._period_s)) for time in (PLAN_S, LONGEST_SECTION_S, LONGEST_CHANGE_S)
         )
         self._rngs = [np.random.default_rng(0)] * env.num_envs
         self._best = dict[int, Ints]()
-        self._closest_m = np.full(env.num_envs, np.inf)
-        self._planning = np.zeros(env.num_envs, bool)
 
     def reset(self, rows: Ints, info: Info) -> None:
         """Forget the episodes of the boats `rows` (k,); see `Policy`."""
         self._policy.reset(rows, info)
         self._forecast.reset(rows)
-        self._closest_m[rows], self._planning[rows] = np.inf, False
         for row in rows.tolist():
             self._rngs[row] = np.random.default_rng(0)
             self._best.pop(row, None)
@@ -87,28 +78,18 @@ class Planner(Policy):
         """Return an action for each boat; see `Policy`."""
         simulator, actions = self._simulator, np.array(self._policy.act(observation, info))
         self._forecast.measure(simulator.measured_pose(), simulator.measured_velocity())
-        near = self._needs_plans() & (simulator.distance_m < WITHIN_M)
-        for row in np.flatnonzero(near & ~simulator.resting).tolist():
-            planned = self._planned(row)
+        near = (simulator.phase == TO_FINAL) & (simulator.distance_m < WITHIN_M) & ~simulator.resting
+        rows = np.flatnonzero(near).tolist()
+        for row, planned in zip(rows, map_on_all_cores(self._planned, rows), strict=True):
             if planned is not None:
                 actions[row] = planned
         self._forecast.command(self._commands[actions])
         return actions
 
-    def _needs_plans(self) -> Bools:
-        """Return which boats are on their way to the final pose and have missed it or take long, (n,)."""
-        final, distance = self._simulator.phase == TO_FINAL, self._simulator.distance_m
-        self._closest_m = np.where(final, np.minimum(self._closest_m, distance), np.inf)
-        missed = (self._closest_m < REACHED_M) & (distance > self._closest_m + PASSED_M)
-        late = self._simulator.steps * self._period_s > LATE_S
-        self._planning |= final & (missed | late)
-        planning: Bools = self._planning & final
-        return planning
-
     def _planned(self, row: int) -> int | None:
         """Return the first action of the best plan to the final pose, or None if none reaches it."""
         plans = self._random_plans(row)
-        poses, velocities = self._forecast.poses(np.full(PLANS, row), self._commands[plans])
+        poses, velocities = self._forecast.poses(row, self._commands[plans])
         needed = self._needed(self._simulator.goal[[row]], poses[:, 1::2], velocities)
         cost = WEIGHT_S * np.maximum(needed - GOOD, 0) + self._period_s * np.arange(self._steps)
         last, order = cost.argmin(axis=1), cost.min(axis=1).argsort(kind="stable")

@@ -9,6 +9,8 @@ import pytest
 
 from dockctl.evaluation.forecast import Forecast
 from dockctl.scenarios.loader import load
+from dockctl.scenarios.schema import Scenario
+from dockctl.sim.conditions.actuators import RealActuators
 from dockctl.sim.simulator import Simulator
 from dockctl.sim.starts import given_start, own_site
 from tests.sim.worlds import walled
@@ -19,20 +21,28 @@ FLOWS = (
 )
 
 
-def boats(count: int, *conditions: str) -> Simulator:
-    loaded = load("s1", overrides=[f"conditions={{{', '.join(conditions)}}}", "vessel.control_period_s=1.0"])
+def boats(count: int, *conditions: str) -> tuple[Simulator, Scenario]:
+    loaded = load(
+        "s1",
+        overrides=[
+            f"conditions={{{', '.join(conditions)}}}",
+            "vessel.control_period_s=1.0",
+            "vessel.substeps=10",
+        ],
+    )
     simulator = Simulator(loaded.scenario, [walled()], count)
     site = own_site(loaded.scenario)
     starts = [
         given_start(site, loaded.scenario.task, np.array([20.0, 0.0, 2.0 * i]), i) for i in range(count)
     ]
     simulator.reset(np.arange(count), starts, [np.random.default_rng(i) for i in range(count)])
-    return simulator
+    return simulator, loaded.scenario
 
 
-def sailed(simulator: Simulator, steps: int, seed: int = 0) -> Forecast:
+def sailed(given: tuple[Simulator, Scenario], steps: int, seed: int = 0) -> Forecast:
     """Return a forecast after some steps with random commands, each held for three of them."""
-    forecast, rng = Forecast(simulator), np.random.default_rng(seed)
+    simulator, scenario = given
+    forecast, rng = Forecast(simulator, scenario), np.random.default_rng(seed)
     rows = np.arange(len(simulator.eta))
     forecast.reset(rows)
     for step in range(steps):
@@ -45,34 +55,61 @@ def sailed(simulator: Simulator, steps: int, seed: int = 0) -> Forecast:
     return forecast
 
 
-@pytest.mark.parametrize("delay", [0, 1])
+@pytest.mark.parametrize("delay", [0, 1, 2])
 def test_without_errors_boats_do_what_is_predicted(delay: int) -> None:
-    simulator = boats(3, *FLOWS, f"actuators: {{delay_steps: {delay}}}")
-    forecast = sailed(simulator, 12)
-    assert forecast.delayed.tolist() == [bool(delay)] * 3
+    actuators = f"actuators: {{delay_steps: {delay}, propeller_lag_s: 0.4, rudder_rate_degps: 20}}"
+    simulator, scenario = boats(3, *FLOWS, actuators)
+    forecast = sailed((simulator, scenario), 12)
     commands = np.random.default_rng(1).uniform(-1, 1, (3, 8, 2)) * simulator.vessel.command_limit
-    poses, velocity = forecast.poses(np.arange(3), commands)
+    predicted = [forecast.poses(row, commands[[row]]) for row in range(3)]
+    poses, velocity = (np.concatenate(parts) for parts in zip(*predicted, strict=True))
     for step in range(8):
         simulator.step(commands[:, step])
         assert poses[:, 2 * step + 1] == pytest.approx(simulator.eta, abs=0.05)
         assert velocity[:, step] == pytest.approx(simulator.nu[:, :2], abs=0.02)
 
 
+def test_delay_lag_and_thrust_astern_are_found() -> None:
+    """Without errors, the middle of its range is what keeps the astern factor from being exact."""
+    ranges = "{delay_steps: [0, 3], propeller_lag_s: [0, 2], astern_factor: [0.5, 1.5]}"
+    simulator, scenario = boats(20, *FLOWS, f"actuators: {ranges}")
+    own = next(each for each in simulator.disturbances if isinstance(each, RealActuators))
+    own.lag[:] = np.arange(20) % 3  # the lags that are compared
+    delay, lag, astern = sailed((simulator, scenario), 150).actuators()
+    assert delay.tolist() == own.delay.tolist()
+    assert lag.tolist() == own.lag.tolist()
+    np.testing.assert_allclose(astern, own.astern, rtol=0, atol=0.05)
+
+
+def test_unknown_masses_and_gusts_leave_the_delay_certain() -> None:
+    weather = (
+        "wind: {speed_mps: 5, direction_deg: 200, gust_mps: 1.5}",
+        "uncertainty: {masses: 0.2, damping: 0.2}",
+    )
+    noise = "navigation: {velocity_mps: 0.03, position_m: 0.02, heading_deg: 0.5, yaw_rate_degps: 0.2}"
+    simulator, scenario = boats(
+        20, *weather, noise, "actuators: {delay_steps: [0, 2], astern_factor: [0.7, 1]}"
+    )
+    own = next(each for each in simulator.disturbances if isinstance(each, RealActuators))
+    delay, _, _ = sailed((simulator, scenario), 20).actuators()
+    assert delay.tolist() == own.delay.tolist()
+
+
 def test_a_boat_may_have_several_predictions() -> None:
-    forecast = sailed(boats(2, *FLOWS), 5)
+    forecast = sailed(boats(2, *FLOWS, "actuators: {delay_steps: 1, propeller_lag_s: 1}"), 5)
     commands = np.random.default_rng(1).uniform(-1, 1, (3, 4, 2)) * [50.0, 0.5]
-    together, _ = forecast.poses(np.array([1, 0, 1]), commands)
-    for number, row in enumerate((1, 0, 1)):
-        alone, _ = forecast.poses(np.array([row]), commands[[number]])
+    together, _ = forecast.poses(1, commands)
+    for number in range(3):
+        alone, _ = forecast.poses(1, commands[[number]])
         np.testing.assert_array_equal(together[[number]], alone)
 
 
 def test_noise_is_averaged() -> None:
     """Boats adrift: the standard deviation of a mean of 21 values is smaller by sqrt(21)."""
     noise: dict[str, Any] = {"velocity_mps": 0.05, "position_m": 0, "heading_deg": 0, "yaw_rate_degps": 0}
-    simulator = boats(20, *FLOWS, f"navigation: {noise}")
-    forecast, still = sailed(simulator, 20), np.zeros((20, 30, 2))
-    poses, _ = forecast.poses(np.arange(20), still)
+    simulator, scenario = boats(20, *FLOWS, f"navigation: {noise}")
+    forecast, still = sailed((simulator, scenario), 20), np.zeros((20, 30, 2))
+    poses = np.concatenate([forecast.poses(row, still[:1])[0] for row in range(20)])
     for _ in range(30):
         simulator.step(still[:, 0])
     off = np.hypot(*(poses[:, -1] - simulator.eta)[:, :2].T)
@@ -80,8 +117,13 @@ def test_noise_is_averaged() -> None:
 
 
 def test_a_new_episode_knows_nothing_of_the_last() -> None:
-    simulator = boats(2, *FLOWS, "actuators: {delay_steps: 1}")
-    forecast = sailed(simulator, 12)
+    simulator, scenario = boats(2, *FLOWS, "actuators: {delay_steps: [0, 1], astern_factor: [0.7, 1]}")
+    own = next(each for each in simulator.disturbances if isinstance(each, RealActuators))
+    own.delay[:] = 1
+    forecast = sailed((simulator, scenario), 12)
+    assert forecast.actuators()[0].tolist() == [1, 1]
     forecast.reset(np.array([0]))
     forecast.measure(simulator.eta, simulator.nu)
-    assert forecast.delayed.tolist() == [False, True]
+    delay, _, astern = forecast.actuators()
+    assert delay.tolist() == [0, 1]
+    assert astern[0] == pytest.approx(0.85)

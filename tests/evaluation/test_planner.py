@@ -7,8 +7,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from dockctl.evaluation import planner, rollout
-from dockctl.evaluation.planner import Planner
+from dockctl.evaluation import rollout
 from dockctl.evaluation.rollout import Episode, Rollout
 from dockctl.scenarios.loader import load
 from dockctl.scenarios.schema import PolicyInterface
@@ -41,14 +40,7 @@ def run(*overrides: str) -> list[Episode]:
     return given.run(Rest(), starts(given))
 
 
-@pytest.fixture
-def at_once(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Plan from the first step on."""
-    monkeypatch.setattr(planner, "LATE_S", 0.0)
-
-
 @pytest.mark.slow
-@pytest.mark.usefixtures("at_once")
 def test_a_plan_docks_in_weather_without_contact() -> None:
     assert "docked" not in {episode.outcome for episode in run()}
     landed = run("evaluation.planner=true")
@@ -57,7 +49,6 @@ def test_a_plan_docks_in_weather_without_contact() -> None:
 
 
 @pytest.mark.slow
-@pytest.mark.usefixtures("at_once")
 def test_an_episode_does_not_depend_on_those_beside_it(monkeypatch: pytest.MonkeyPatch) -> None:
     found = []
     for boats in (1, 3):
@@ -68,32 +59,6 @@ def test_an_episode_does_not_depend_on_those_beside_it(monkeypatch: pytest.Monke
     assert any(command[1:].any() for command in found[0])
 
 
-def test_the_first_attempt_is_the_policys() -> None:
-    given = task("evaluation.planner=true", "task.max_steps=5")
-    assert not any(e.trajectory["command"].any() for e in given.run(Rest(), starts(given), clearance=False))
-
-
-def test_a_boat_plans_after_it_has_missed_the_pose_or_takes_long() -> None:
-    given = task("evaluation.planner=true")
-    env = given.env(3)
-    env.reset(options={"starts": starts(given)})
-    planning = Planner(Rest(), env)
-    simulator = env.simulator
-    found = []
-    for distances in ([3.0, 2.4, 2.6], [3.9, 3.3, 3.8], [5.0, 3.5, 4.0]):
-        simulator.distance_m = np.array(distances)
-        found.append(planning._needs_plans().tolist())
-    assert found == [[False] * 3, [False] * 3, [False, True, False]]
-    simulator.steps[2] = 401  # of 0.5 s
-    assert planning._needs_plans().tolist() == [False, True, True]
-    simulator.phase[:] = 0
-    assert not planning._needs_plans().any()
-    planning.reset(np.arange(3), {})
-    simulator.phase[:], simulator.steps[:] = TO_FINAL, 0
-    assert not planning._needs_plans().any()
-
-
-@pytest.mark.usefixtures("at_once")
 def test_far_from_the_final_pose_the_policy_acts() -> None:
     given = task("evaluation.planner=true", "task.max_steps=5")
     site = own_site(given.scenario)
