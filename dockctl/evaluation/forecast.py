@@ -58,12 +58,13 @@ class Forecast:
         self._averaged = np.zeros(boats, np.int64)
         self._state = np.full((boats, 6), np.nan)  # pose, velocity through the water
         self._tau: Floats | None = None
-        self._squares = np.zeros((3, len(self._pairs), boats))
-        """Sums of products of the error without thrust astern and the effect of thrust astern."""
+        # Sums of the squared error without thrust astern, of its product with the effect of thrust astern, and
+        # of the squared effect.
+        self._sums = np.zeros((3, len(self._pairs), boats))
 
     def reset(self, rows: Ints) -> None:
         """Forget the episodes of the boats `rows` (k,)."""
-        self._averaged[rows], self._state[rows], self._squares[:, :, rows] = 0, np.nan, 0.0
+        self._averaged[rows], self._state[rows], self._sums[:, :, rows] = 0, np.nan, 0.0
         actuators = self._actuators
         for values in (actuators.thrust, actuators.angle):
             values.reshape(self._shape)[:, :, rows] = 0.0
@@ -121,10 +122,11 @@ class Forecast:
 
     def _best(self) -> tuple[Ints, Floats]:
         """Return the pair with the smallest error, (n,), and its astern factor."""
-        error, product, effect = self._squares
+        squared_error, error_by_effect, squared_effect = self._sums
         certainty, usual = ASTERN_SPREAD**-2, self._usual_astern
-        astern = (product + certainty * usual) / (effect + certainty)
-        cost = error - 2 * astern * product + astern**2 * effect + certainty * (astern - usual) ** 2
+        astern = (error_by_effect + certainty * usual) / (squared_effect + certainty)
+        cost = squared_error - 2 * astern * error_by_effect + astern**2 * squared_effect
+        cost += certainty * (astern - usual) ** 2
         best = cost.argmin(axis=0)
         return best, astern[best, np.arange(len(best))]
 
@@ -139,8 +141,7 @@ class Forecast:
         path = self._path(state, tau.reshape(-1, *tau.shape[3:]), force)
         without, full = path[:, -1, 3:].reshape(2, -1, len(known), 3) / USUAL_ERROR
         error, effect = measured[known] / USUAL_ERROR - without, full - without
-        products = error**2, error * effect, effect**2
-        self._squares[:, :, known] += np.stack(products).sum(axis=-1)
+        self._sums[:, :, known] += np.stack([error**2, error * effect, effect**2]).sum(axis=-1)
 
     def _path(self, state: Floats, tau: Floats, force: Floats) -> Floats:
         """Return poses and velocities relative to the water over a control step, (m, substeps + 1, 6).

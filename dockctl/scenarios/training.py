@@ -236,7 +236,7 @@ class Evaluation(Model):
     )
     planner: Flag | None = Field(
         default=None,
-        description="follow plans for the last meters, with a map of the harbor; null to do as in the"
+        description="follow plans near the final pose, with a map of the harbor; null to do as in the"
         " scenario that the policy was trained in",
     )
     max_steps: Count | None = Field(
