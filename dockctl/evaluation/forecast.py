@@ -58,8 +58,7 @@ class Forecast:
         self._averaged = np.zeros(boats, np.int64)
         self._state = np.full((boats, 6), np.nan)  # pose, velocity through the water
         self._tau: Floats | None = None
-        # Sums of the squared error without thrust astern, of its product with the effect of thrust astern, and
-        # of the squared effect.
+        # Sums: squared error without thrust astern, that error times the effect of thrust astern, squared effect.
         self._sums = np.zeros((3, len(self._pairs), boats))
 
     def reset(self, rows: Ints) -> None:
