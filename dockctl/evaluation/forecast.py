@@ -58,7 +58,7 @@ class Forecast:
         self._averaged = np.zeros(boats, np.int64)
         self._state = np.full((boats, 6), np.nan)  # pose, velocity through the water
         self._tau: Floats | None = None
-        # Sums: squared error without thrust astern, that error times the effect of thrust astern, squared effect.
+        # Sums: squared error without thrust astern, this error times the effect of thrust astern, its square.
         self._sums = np.zeros((3, len(self._pairs), boats))
 
     def reset(self, rows: Ints) -> None:
