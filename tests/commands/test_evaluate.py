@@ -97,6 +97,12 @@ def test_tables_have_what_the_conditions_drew(run: Path) -> None:
     assert len(set(speeds)) == 3
 
 
+@pytest.mark.parametrize("helper", ["supervisor", "planner"])
+def test_a_supervisor_or_planner_is_named(run: Path, helper: str) -> None:
+    outcome = dockctl("evaluate", run, "--episodes", 0, "--set", f"evaluation.{helper}=true")
+    assert f"with a {helper}" in " ".join(outcome.out.split())
+
+
 def test_no_random_starts(run: Path) -> None:
     assert dockctl("evaluate", "--ckpt", run, "--episodes", 0).code == 0
     assert "random_starts" not in json.loads((run / "evaluation.json").read_text())
