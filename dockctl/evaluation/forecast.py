@@ -162,10 +162,8 @@ class Forecast:
         """Return copies of the estimated actuators of a boat in their present state."""
         best, astern = self._best()
         pair = int(best[row])
-        built, index = (
-            self._built(self._pairs[[pair] * count]),
-            np.ravel_multi_index((1, pair, row), self._shape),
-        )
+        built = self._built(self._pairs[[pair] * count])
+        index = np.ravel_multi_index((1, pair, row), self._shape)
         built.astern[:] = astern[row]
         for name in ("thrust", "angle", "past"):
             setattr(built, name, np.repeat(getattr(self._actuators, name)[[index]], count, axis=0))
