@@ -98,20 +98,26 @@ class Forecast:
             Poses (m, 2 k, 3) after every half of a control step, and velocities over ground (m, k, 2) [m/s]
             in the body frame after every one.
         """
-        actuators = self._actuators_of(row, len(commands))
-        current = np.tile(self._current[row], (len(commands), 1))
-        force = np.tile(self._force[row], (len(commands), 1))
-        state, poses, velocities = np.tile(self._state[row], (len(commands), 1)), [], []
-        for time, command in enumerate(commands.swapaxes(0, 1)):
-            tau = self._vessel.tau(self._acted(actuators, command))
-            path = self._path(state, tau, force)
-            halfway, state = path[:, path.shape[1] // 2, :3].copy(), path[:, -1]
-            halfway[:, :2] += current * (time + 0.5) * self._period_s
-            pose = state[:, :3].copy()
-            pose[:, :2] += current * (time + 1) * self._period_s
-            poses += [halfway, pose]
-            velocities.append(state[:, 3:5] + _turned(current, -state[:, 2]))
-        return np.stack(poses, axis=1), np.stack(velocities, axis=1)
+        from dockctl.sim.prediction import predict  # compiles on import
+
+        vessel, actuators, (best, astern) = self._vessel.vessel, self._actuators, self._best()
+        pair = int(best[row])
+        index = np.ravel_multi_index((1, pair, row), self._shape)
+        state = (getattr(actuators, name)[index] for name in ("thrust", "angle", "lag", "rate"))
+        delayed = actuators.past[index, : int(self._pairs[pair, 0]), 0][::-1]
+        wanted = np.concatenate([np.tile(delayed, (len(commands), 1, 1)), commands], axis=1)
+        predicted: tuple[Floats, Floats] = predict(
+            self._state[row],
+            wanted[:, : commands.shape[1]],
+            np.array([*state, astern[row]]),
+            self._current[row],
+            self._force[row],
+            self._vessel.coefficients,
+            vessel.propeller_arm_m,
+            self._period_s,
+            vessel.substeps,
+        )
+        return predicted
 
     def actuators(self) -> tuple[Ints, Floats, Floats]:
         """Return the estimated delay [steps], propeller lag [s] and astern factor of each boat, (n,) each."""
@@ -156,17 +162,6 @@ class Forecast:
         built.delay, built.lag = pairs[:, 0].astype(np.int64), pairs[:, 1].copy()
         if (rate := self._range.rudder_rate_degps) is not None:
             built.rate[:] = np.radians(np.mean([rate[0], rate[-1]]))
-        return built
-
-    def _actuators_of(self, row: int, count: int) -> RealActuators:
-        """Return copies of the estimated actuators of a boat in their present state."""
-        best, astern = self._best()
-        pair = int(best[row])
-        built = self._built(self._pairs[[pair] * count])
-        index = np.ravel_multi_index((1, pair, row), self._shape)
-        built.astern[:] = astern[row]
-        for name in ("thrust", "angle", "past"):
-            setattr(built, name, np.repeat(getattr(self._actuators, name)[[index]], count, axis=0))
         return built
 
     def _acted(self, actuators: RealActuators, commands: Floats) -> Floats:

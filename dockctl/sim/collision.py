@@ -6,7 +6,7 @@ import math
 from collections.abc import Callable, Iterator, Sequence
 from functools import cache, cached_property, lru_cache
 from threading import Lock
-from typing import Any, ClassVar, Protocol
+from typing import TYPE_CHECKING, Any, ClassVar, Protocol
 from weakref import WeakSet
 
 import fcl
@@ -16,9 +16,11 @@ from dockctl.compute import shared
 from dockctl.geometry import Bools, Floats, Ints
 from dockctl.scenarios.vessel import Hull
 from dockctl.sim.harbor.build import Harbor
-from dockctl.sim.harbor.distances import DistanceField
 from dockctl.sim.harbor.solids import Mesh, hull_mesh
 from dockctl.sim.harbor.waters import Waters, cross_section
+
+if TYPE_CHECKING:
+    from dockctl.sim.harbor.distances import DistanceField
 
 SIZE_BY_TRIANGLES = 8
 """Memory of a checker, relative to the harbor's triangle array; measured on the reference marina."""
@@ -141,6 +143,8 @@ class CollisionChecker:
 
     @cached_property
     def _distances(self) -> DistanceField:
+        from dockctl.sim.harbor.distances import DistanceField  # compiles on import
+
         return DistanceField(self.harbor.triangles, self.hull)
 
     def clearance_below(self, eta: Floats, limit_m: float) -> Floats:

@@ -23,6 +23,13 @@ def rate(psi: float, u: float, v: float, r: float, tau: Any, coefficients: Any) 
 
 
 @compiled(inline="always")
+def propeller(force: float, rudder: float, arm_m: float) -> tuple[float, float, float]:
+    """Return surge force, sway force and yaw moment [N, N, N m] of a propeller (thesis eq. 2.23)."""
+    sideways = force * np.sin(rudder)
+    return force * np.cos(rudder), -sideways, arm_m * sideways
+
+
+@compiled(inline="always")
 def _write(row: Any, values: Any) -> None:
     """Assign each value; for `row[:] = values`, numba would spend seconds compiling an error message."""
     for i, value in enumerate(values):

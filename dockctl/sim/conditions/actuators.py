@@ -90,15 +90,14 @@ class RealActuators(Disturbance):
         self.past[rows] = 0.0
 
     def actuate(self, commands: Floats, substep_s: float) -> Floats:
+        from dockctl.sim.actuation import respond  # compiles on import: not for a dry run
+
         boats, substeps, _ = commands.shape
         if self.past.shape[2] != substeps:  # the first step
             self.past = np.zeros((*self.past.shape[:2], substeps, 2))
         self.past = np.concatenate([commands[:, None], self.past[:, :-1]], axis=1)
         wanted, actual = self.past[np.arange(boats), self.delay], np.empty_like(commands)
-        for part in range(substeps):
-            force, self.thrust = _lagged(self.thrust, wanted[:, part, 0], self.lag, substep_s)
-            actual[:, part, 0] = np.where(force < 0, self.astern, 1.0) * force
-            actual[:, part, 1], self.angle = _limited(self.angle, wanted[:, part, 1], self.rate * substep_s)
+        respond(wanted, self.thrust, self.angle, self.lag, self.rate, self.astern, substep_s, actual)
         return actual
 
     def episode(self) -> dict[str, Floats]:
@@ -106,21 +105,3 @@ class RealActuators(Disturbance):
         if self.actuators.rudder_rate_degps is not None:
             values["rudder_rate_degps"] = np.degrees(self.rate)
         return {**values, "astern_factor": self.astern}
-
-
-def _lagged(start: Floats, target: Floats, lag_s: Floats, period_s: float) -> tuple[Floats, Floats]:
-    """Return mean and final value (n,) of a first-order lag over a period with a constant target."""
-    with np.errstate(divide="ignore"):
-        ratio = np.where(lag_s > 0, period_s / lag_s, np.inf)
-    left = np.exp(-ratio)
-    return target + (start - target) * (1 - left) / ratio, target + (start - target) * left
-
-
-def _limited(start: Floats, target: Floats, reach: Floats) -> tuple[Floats, Floats]:
-    """Return mean and final value (n,) over a period of a value that changes by at most `reach`."""
-    change = target - start
-    with np.errstate(invalid="ignore"):
-        arriving = target - change * np.abs(change) / (2 * reach)
-        moved = np.sign(change) * reach
-    arrives = np.abs(change) <= reach
-    return np.where(arrives, arriving, start + moved / 2), np.where(arrives, target, start + moved)

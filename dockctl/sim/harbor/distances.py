@@ -2,8 +2,12 @@
 
 from __future__ import annotations
 
+import math
+from typing import Any
+
 import numpy as np
 
+from dockctl.compute import compiled
 from dockctl.geometry import Floats
 from dockctl.scenarios.vessel import Hull
 from dockctl.sim.harbor.solids import hull_outline
@@ -15,6 +19,21 @@ OUTLINE_M = 0.25
 BEYOND_M = 1.0
 """Width of the water around the obstacles in the grid; beyond it, distances are those at its edge."""
 MAX_CELLS = 100_000_000
+
+
+@compiled()
+def nearest(distance: Any, low: Any, cell: float, points: Any, eta: Any) -> Any:
+    """Return the smallest distance (n,) [m] at the points (k, 2) of the hull, for poses (n, 3)."""
+    least = np.full(len(eta), np.inf)
+    rows, columns = distance.shape
+    for i, (x, y, heading) in enumerate(eta):
+        cosine, sine = math.cos(heading), math.sin(heading)
+        for ahead, port in points:
+            row = (x + cosine * ahead - sine * port - low[0]) / cell
+            column = (y + sine * ahead + cosine * port - low[1]) / cell
+            inside = int(min(max(row, 0), rows - 1)), int(min(max(column, 0), columns - 1))
+            least[i] = min(least[i], distance[inside])
+    return least
 
 
 class DistanceField:
@@ -50,12 +69,5 @@ class DistanceField:
 
     def clearance(self, eta: Floats) -> Floats:
         """Return the approximate distance of the hull from the nearest obstacle, (..., 3) to (...) [m]."""
-        cosine, sine = np.cos(eta[..., 2, None]), np.sin(eta[..., 2, None])
-        ahead, port = self._points.T
-        x = eta[..., 0, None] + cosine * ahead - sine * port
-        y = eta[..., 1, None] + sine * ahead + cosine * port
-        cells = [
-            np.clip((along - low) / self._cell, 0, count - 1).astype(np.int64)
-            for along, low, count in zip((x, y), self._low, self._distance.shape, strict=True)
-        ]
-        return np.asarray(self._distance[tuple(cells)].min(axis=-1), float)
+        found: Floats = nearest(self._distance, self._low, self._cell, self._points, eta.reshape(-1, 3))
+        return found.reshape(eta.shape[:-1])
