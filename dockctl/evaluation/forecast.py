@@ -85,8 +85,10 @@ class Forecast:
 
     def command(self, commands: Floats) -> None:
         """Record the commands (n, 2) [N, rad] of the next control step."""
-        copies = np.tile(commands, (2 * len(self._pairs), 1))
-        self._tau = self._vessel.tau(self._acted(self._actuators, copies)).reshape(*self._shape, -1, 3)
+        substeps = self._vessel.vessel.substeps
+        held = np.tile(commands[:, None], (2 * len(self._pairs), substeps, 1))
+        actual = self._actuators.actuate(held, self._period_s / substeps)
+        self._tau = self._vessel.tau(actual).reshape(*self._shape, -1, 3)
 
     def poses(self, row: int, commands: Floats) -> tuple[Floats, Floats]:
         """Predict from the latest measurement where a boat will be, and how fast.
@@ -103,7 +105,7 @@ class Forecast:
         vessel, actuators, (best, astern) = self._vessel.vessel, self._actuators, self._best()
         pair = int(best[row])
         index = np.ravel_multi_index((1, pair, row), self._shape)
-        state = (getattr(actuators, name)[index] for name in ("thrust", "angle", "lag", "rate"))
+        state = [each[index] for each in (actuators.thrust, actuators.angle, actuators.lag, actuators.rate)]
         delayed = actuators.past[index, : int(self._pairs[pair, 0]), 0][::-1]
         wanted = np.concatenate([np.tile(delayed, (len(commands), 1, 1)), commands], axis=1)
         predicted: tuple[Floats, Floats] = predict(
@@ -163,12 +165,6 @@ class Forecast:
         if (rate := self._range.rudder_rate_degps) is not None:
             built.rate[:] = np.radians(np.mean([rate[0], rate[-1]]))
         return built
-
-    def _acted(self, actuators: RealActuators, commands: Floats) -> Floats:
-        """Return what the actuators do at commands (m, 2) in every substep, (m, substeps, 2)."""
-        substeps = self._vessel.vessel.substeps
-        held = np.repeat(commands[:, None], substeps, axis=1)
-        return actuators.actuate(held, self._period_s / substeps)
 
 
 def _with_fewest_substeps(vessel: Vessel) -> Vessel:
