@@ -33,6 +33,8 @@ class Progress:
     Attributes:
         env_steps: environment steps, summed over all boats.
         updates: gradient steps.
+        learned_steps: environment steps for which all updates due have been made or begun; they may be ahead
+            of `env_steps`.
         episodes: finished training episodes.
         outcomes: finished training episodes by outcome; empty if the environment reports none.
         recent: for each of the latest training episodes, whether it docked and whether it started at an
@@ -49,6 +51,7 @@ class Progress:
 
     env_steps: NonNegativeInt = 0
     updates: NonNegativeInt = 0
+    learned_steps: NonNegativeInt = 0
     episodes: NonNegativeInt = 0
     outcomes: dict[str, int] = field(default_factory=dict)
     recent: list[Annotated[list[bool], Field(min_length=2, max_length=2)]] = field(default_factory=list)

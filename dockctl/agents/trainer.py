@@ -26,6 +26,7 @@ from dockctl.agents.interface import (
     Recoverable,
     Resumable,
     Step,
+    Tensors,
     final_info,
     final_observation,
 )
@@ -43,6 +44,8 @@ TABLES = {EPISODES_CSV: EPISODES, UPDATES_CSV: UPDATES, EVALUATIONS_CSV: EVALUAT
 UPDATE_ROWS = 2000
 """Approximate rows of ``updates.csv`` after ``training.total_steps``."""
 MAX_ROLLBACKS = 3
+EVALUATING_AHEAD, VALIDATING_AHEAD = 60, 250
+"""Steps of all boats whose updates are made while the policy is evaluated or validated, before their time."""
 NO_FINAL_OBSERVATION = (
     "the environment gives no final observations (final_obs): truncated episodes count as terminated"
 )
@@ -107,7 +110,7 @@ class Trainer:
         self.progress = Progress()
         self._learning: deque[tuple[int, NDArray[Any], Future[list[Metrics]]]] = deque()
         """Steps and observation before each call to `learn` that is not yet recorded, and its metrics."""
-        self._observation: NDArray[Any] | None = None  # of a restored environment
+        self._observation: NDArray[Any] | None = None
         self._saved_at: int | None = None
         self._blocks = set[str]()  # of the latest checkpoint
         self.episode_recorder = EpisodeRecorder(training.boats)
@@ -145,13 +148,12 @@ class Trainer:
         seed = [self.training.seed, self.progress.env_steps]
         if self.progress.rollbacks:
             seed.append(self.progress.rollbacks)
-        observation = self._observation
-        if observation is None:
+        if self._observation is None:
             reset_seed = int(np.random.SeedSequence(seed).generate_state(1)[0])
-            observation, _ = self.environment.reset(seed=reset_seed)
+            self._observation, _ = self.environment.reset(seed=reset_seed)
         progress = self.progress
         while (reason := self._reason_to_stop()) is None:
-            observation = self._step(observation)
+            self._observation = self._step(self._observation)
             progress.wall_s = time.monotonic() - self._started
             if progress.crossed(self.training.evaluate_every_steps, since=progress.evaluated_at):
                 self._evaluate()
@@ -224,9 +226,8 @@ class Trainer:
         """Step all boats while the algorithm learns, store the step, and return the next observation."""
         progress = self.progress
         action = self.algorithm.act(observation, progress.env_steps)
-        learn = partial(list[Metrics], self.algorithm.learn(progress.env_steps))
-        learned = in_background(learn) if self._overlaps else workers().submit(learn)
-        self._learning.append((progress.env_steps, observation, learned))
+        fewer = self.training.boats * 3 // 4
+        learned = self._learn(observation, max(progress.env_steps, progress.learned_steps + fewer))
         next_observation, reward, terminated, truncated, info = self.environment.step(action)
         done = terminated | truncated
         if done.any() and "final_obs" not in info:
@@ -255,6 +256,15 @@ class Trainer:
             }
         self.tables[EPISODES_CSV].append(rows)
         return np.asarray(next_observation)
+
+    def _learn(self, observation: NDArray[Any], due_at: int) -> Future[list[Metrics]]:
+        """Make the updates due after `due_at` environment steps, which may be ahead of those made."""
+        progress = self.progress
+        progress.learned_steps = min(max(due_at, progress.learned_steps), self.training.total_steps)
+        learn = partial(list[Metrics], self.algorithm.learn(progress.learned_steps))
+        learned = in_background(learn) if self._overlaps else workers().submit(learn)
+        self._learning.append((progress.env_steps, observation, learned))
+        return learned
 
     def _finish_learning(self) -> None:
         begin_background()
@@ -285,12 +295,17 @@ class Trainer:
         """
         self._record_updates()
         progress, every, is_best = self.progress, self.training.validation.every_steps, False
+        policy, tensors = self.algorithm.policy, self.algorithm.policy_tensors()
+        validated |= progress.crossed(every, since=progress.validated_at)
+        if self._overlaps and self._observation is not None:
+            ahead = VALIDATING_AHEAD if validated else EVALUATING_AHEAD
+            self._learn(self._observation, progress.env_steps + ahead * self.training.boats)
         poses, starts = list[dict[str, Value]](), list[dict[str, Value]]()
         if self.evaluate is not None and progress.evaluated_at < progress.env_steps:
-            poses += self.evaluate(self.algorithm.policy)
-        if self.validate is not None and (validated or progress.crossed(every, since=progress.validated_at)):
-            starts += self.validate(self.algorithm.policy)
-            is_best = self._select(starts)
+            poses += self.evaluate(policy)
+        if self.validate is not None and validated:
+            starts += self.validate(policy)
+            is_best = self._select(starts, tensors)
         if progress.evaluated_at < progress.env_steps:
             episodes = starts if self.evaluate is None else poses
             progress.evaluation_docked, progress.evaluation_episodes = _docked(episodes), len(episodes)
@@ -300,9 +315,9 @@ class Trainer:
         self.tables[TIMING_CSV].append([{"env_steps": progress.env_steps, "wall_s": progress.wall_s}])
         self._save_last()
 
-    def _select(self, validation: Sequence[dict[str, Value]]) -> bool:
+    def _select(self, validation: Sequence[dict[str, Value]], tensors: Tensors) -> bool:
         """Save the policy if it docks from at least as many starts as any before; return whether it does."""
-        progress, docked, tensors = self.progress, _docked(validation), self.algorithm.policy_tensors()
+        progress, docked = self.progress, _docked(validation)
         progress.validated_at = progress.env_steps
         progress.validation_docked, progress.validation_episodes = docked, len(validation)
         if progress.best is not None and docked < progress.best[0]:

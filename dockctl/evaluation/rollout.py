@@ -23,8 +23,10 @@ from dockctl.sim.collision import least_clearance
 from dockctl.sim.starts import Start
 from dockctl.sim.world import World, build_worlds
 
-PARALLEL_BOATS = 64
+PARALLEL_BOATS = 128
 """Boats per batch: more would save hardly any time per boat, and their trajectories take memory."""
+FIRST_CAPACITY = 256
+"""Steps of an episode for which memory is reserved; longer ones double it."""
 TRIED_FIRST = 16
 """Number of first starts of a validation that decide whether it continues."""
 
@@ -174,7 +176,7 @@ class Rollout:
         """Return the episode from a start before its first step."""
         env = self.env(1)
         observation, info = env.reset(options={"starts": [start]})
-        return _episode([_step(observation, info, np.zeros(1))], info, 0, start, None)
+        return _episode(_step(observation, info, np.zeros(1)), info, 0, start, None)
 
     def validate(self, policy: Policy, starts: Sequence[Start]) -> list[Episode]:
         """Run one episode from each start, but stop after the first 16 if fewer than half of these dock.
@@ -216,7 +218,7 @@ def run_episodes(
     """
     waiting, episodes = deque(enumerate(starts)), dict[int, Episode]()
     assigned: dict[int, tuple[int, HasPose]] = {}  # to each boat, the start of its episode
-    steps: dict[int, list[Step]] = {}  # of each boat's episode
+    recorder = _Recorder(env.num_envs)
     seed: int | None = 0  # of the first reset only
     ended = np.ones(env.num_envs, bool)
     while len(episodes) < len(starts):
@@ -228,35 +230,58 @@ def run_episodes(
             seed = None
             assigned |= begun
             if begun:
-                policy.reset(np.array(list(begun)), info)
-            first = _step(observation, info, np.zeros(env.num_envs))
-            steps |= {boat: [first] for boat in begun}
+                boats = np.array(list(begun))
+                policy.reset(boats, info)
+                recorder.begin(boats, _step(observation, info, np.zeros(env.num_envs)))
         observation, reward, terminated, truncated, info = env.step(policy.act(observation, info))
-        ended, step = terminated | truncated, _step(observation, info, reward)
-        for recorded in steps.values():
-            recorded.append(step)
+        recorder.add(np.array(list(assigned)), _step(observation, info, reward))
+        ended = terminated | truncated
         for boat in np.flatnonzero(ended).tolist():
             index, start = assigned.pop(boat)
-            episodes[index] = _episode(steps.pop(boat), info, boat, start, clearance)
+            episodes[index] = _episode(recorder.trajectory(boat), info, boat, start, clearance)
     return [episodes[index] for index in range(len(starts))]
 
 
-Step = dict[str, NDArray[Any]]
-"""What is recorded for all boats after a step, (n, ...) by name."""
-
-
-def _step(observation: NDArray[Any], info: Info, reward: NDArray[Any]) -> Step:
+def _step(observation: NDArray[Any], info: Info, reward: NDArray[Any]) -> dict[str, NDArray[Any]]:
+    """Return what is recorded of all boats after a step, (n, ...) by name."""
     terms = {f"reward_{name}": term for name, term in info.get("reward_terms", {}).items()}
     measured = {key: info[key] for key in (*RECORDED, *OPTIONAL) if key in RECORDED or key in info}
-    recorded = {"observation": observation, **measured, **terms, "reward": reward}
-    return {key: np.array(values) for key, values in recorded.items()}
+    return {"observation": observation, **measured, **terms, "reward": reward}
+
+
+class _Recorder:
+    """Records the steps of the boats' current episodes."""
+
+    def __init__(self, boats: int) -> None:
+        self._recorded = np.zeros(boats, np.int64)  # rows of each boat's episode
+        self._rows: dict[str, NDArray[Any]] = {}  # (boats, capacity, ...) by name
+
+    def begin(self, boats: NDArray[np.int64], step: Mapping[str, NDArray[Any]]) -> None:
+        """Record the starts of these boats (k,), given what `_step` returned."""
+        self._recorded[boats] = 0
+        self.add(boats, step)
+
+    def add(self, boats: NDArray[np.int64], step: Mapping[str, NDArray[Any]]) -> None:
+        """Record a step of these boats (k,), given what `_step` returned."""
+        if not self._rows:
+            shapes = {key: (len(values), FIRST_CAPACITY, *values.shape[1:]) for key, values in step.items()}
+            self._rows = {key: np.zeros(shape, step[key].dtype) for key, shape in shapes.items()}
+        slots = self._recorded[boats]
+        for key, values in step.items():
+            if slots.max() == self._rows[key].shape[1]:
+                self._rows[key] = np.concatenate([self._rows[key], np.zeros_like(self._rows[key])], axis=1)
+            self._rows[key][boats, slots] = values[boats]
+        self._recorded[boats] += 1
+
+    def trajectory(self, boat: int) -> dict[str, NDArray[Any]]:
+        """Return a copy of the rows of one boat's episode, (steps + 1, ...) by name."""
+        return {key: rows[boat, : self._recorded[boat]].copy() for key, rows in self._rows.items()}
 
 
 def _episode(
-    steps: Sequence[Step], info: Info, boat: int, start: HasPose, clearance: Clearance | None
+    trajectory: dict[str, NDArray[Any]], info: Info, boat: int, start: HasPose, clearance: Clearance | None
 ) -> Episode:
-    """Return the episode of a boat, from its start to the step whose `info` is given."""
-    trajectory = {key: np.stack([step[key][boat] for step in steps]) for key in steps[-1]}
+    """Return the episode of a boat with this trajectory, given the `info` of its last step."""
     return Episode(
         start=start,
         outcome=str(info["outcome"][boat]),
