@@ -7,11 +7,13 @@ import logging
 import os
 import tempfile
 import zipfile
+from collections import deque
 from collections.abc import Callable, Iterable
 from concurrent.futures import Future, ThreadPoolExecutor
 from contextlib import suppress
 from functools import cache, wraps
 from pathlib import Path
+from threading import Lock
 from typing import Any, ParamSpec, TypeVar, cast
 from weakref import WeakValueDictionary
 
@@ -43,8 +45,6 @@ def usable_cores() -> int:
 
 
 _WORKERS: list[ThreadPoolExecutor] = []
-_BACKGROUND: list[Callable[[], None]] = []
-"""Functions given to `in_background` that have not started."""
 
 
 def workers() -> ThreadPoolExecutor:
@@ -72,7 +72,7 @@ def on_all_cores(function: Callable[[T], object], items: Iterable[T]) -> None:
             function(item)
 
     others = [workers().submit(work) for _ in range(min(usable_cores(), len(items)) - 1)]
-    begin_background()
+    _BACKGROUND.begin(1)
     try:
         work()
     finally:
@@ -92,13 +92,49 @@ def map_on_all_cores(function: Callable[[T], Result], items: Iterable[T]) -> lis
     return [results[number] for number in range(len(items))]
 
 
+class _Background:
+    """Functions that the pool calls one after another, in the order in which they were given."""
+
+    def __init__(self) -> None:
+        self._waiting, self._begun = deque[Callable[[], None]](), deque[Callable[[], None]]()
+        self._lock, self._running, self._owed = Lock(), False, 0
+
+    def add(self, function: Callable[[], None]) -> None:
+        self._waiting.append(function)
+
+    def begin(self, most: int | None = None, *, later: int = 0) -> None:
+        """Let the pool call waiting functions: at most so many, all but the latest `later`."""
+        count = max(0, len(self._waiting) - later)
+        for _ in range(count if most is None else min(most, count)):
+            self._begun.append(self._waiting.popleft())
+            workers().submit(self._call_next)
+
+    def _call_next(self) -> None:
+        """Call the next function, after the one that another thread of the pool may be calling."""
+        with self._lock:
+            if self._running:
+                self._owed += 1  # that thread calls it
+                return
+            self._running = True
+        while True:
+            self._begun.popleft()()
+            with self._lock:
+                if not self._owed:
+                    self._running = False
+                    return
+                self._owed -= 1
+
+
+_BACKGROUND = _Background()
+
+
 def in_background(function: Callable[[], T]) -> Future[T]:
     """Call a function in the pool, after the next tasks of `on_all_cores` or after `begin_background`.
 
     In training, the scan of a step then uses all cores, and the function runs in parallel with the
     single-threaded work until the scan of the next step. If it started at once, it would delay the scan.
+    Of several functions, each call to `on_all_cores` begins one. They run one after another.
     """
-    begin_background()
     result: Future[T] = Future()
 
     def run() -> None:
@@ -107,18 +143,24 @@ def in_background(function: Callable[[], T]) -> Future[T]:
         except BaseException as error:
             result.set_exception(error)
 
-    _BACKGROUND.append(run)
+    _BACKGROUND.add(run)
     return result
 
 
-def begin_background() -> None:
-    """Let the pool call the function that was last given to `in_background`, if it has not started."""
-    while _BACKGROUND:
-        workers().submit(_BACKGROUND.pop())
+def begin_background(*, later: int = 0) -> None:
+    """Let the pool call what was given to `in_background` and has not begun, except the latest `later`."""
+    _BACKGROUND.begin(later=later)
+
+
+def _after_fork() -> None:
+    """Forget the threads of the parent, and their work: a forked child has none of them."""
+    global _BACKGROUND
+    _WORKERS.clear()
+    _BACKGROUND = _Background()
 
 
 if hasattr(os, "register_at_fork"):
-    os.register_at_fork(after_in_child=_WORKERS.clear)  # a forked child has none of its parent's threads
+    os.register_at_fork(after_in_child=_after_fork)
 
 
 def limit_blas_threads() -> None:

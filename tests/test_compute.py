@@ -5,10 +5,12 @@ from __future__ import annotations
 import os
 import subprocess
 import sys
+import time
 from collections.abc import Iterator
 from concurrent.futures import ProcessPoolExecutor, ThreadPoolExecutor
+from functools import partial
 from pathlib import Path
-from threading import Event, current_thread, main_thread
+from threading import Event, Lock, current_thread, main_thread
 
 import numpy as np
 import pytest
@@ -190,11 +192,38 @@ def test_the_pool_helps_before_it_begins_what_was_given_last() -> None:
 
     earlier = compute.in_background(first)
     later = compute.in_background(lambda: order.append("second"))
+    compute.begin_background(later=1)
     assert begun.wait(10)
     compute.on_all_cores(item, range(2))
     earlier.result(10)
     later.result(10)
     assert order == ["first", "help", "second"]
+
+
+def test_functions_in_the_background_run_one_after_another(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Also with many threads; each call to `on_all_cores` begins one."""
+    monkeypatch.setattr(compute, "usable_cores", lambda: 5)
+    monkeypatch.setattr(compute, "_WORKERS", [])
+    order, running = list[int](), Lock()
+
+    def run(number: int) -> None:
+        assert running.acquire(blocking=False)
+        time.sleep(0.01)
+        order.append(number)
+        running.release()
+
+    results = [compute.in_background(partial(run, number)) for number in range(20)]
+    for _ in range(5):
+        compute.on_all_cores(lambda item: None, range(1))
+    assert [result.result(10) for result in results[:5]] == [None] * 5
+    time.sleep(0.05)
+    assert order == list(range(5))
+    compute.begin_background(later=1)
+    assert [result.result(10) for result in results[:19]] == [None] * 19
+    assert order == list(range(19))
+    compute.begin_background()
+    results[-1].result(10)
+    compute.workers().shutdown()
 
 
 @pytest.mark.usefixtures("_two_cores")

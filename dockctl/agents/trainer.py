@@ -32,7 +32,7 @@ from dockctl.agents.interface import (
 )
 from dockctl.agents.progress import EpisodeRecorder, Progress, UpdateRecorder
 from dockctl.agents.training_state import TrainingState, checked_table, load_state, save_state
-from dockctl.compute import begin_background, in_background, workers
+from dockctl.compute import begin_background, in_background
 from dockctl.errors import DockctlError, PluginError
 from dockctl.plugins import runtime_error
 from dockctl.run_files import BEST, EPISODES_CSV, EVALUATIONS_CSV, TIMING_CSV, UPDATES_CSV
@@ -44,8 +44,10 @@ TABLES = {EPISODES_CSV: EPISODES, UPDATES_CSV: UPDATES, EVALUATIONS_CSV: EVALUAT
 UPDATE_ROWS = 2000
 """Approximate rows of ``updates.csv`` after ``training.total_steps``."""
 MAX_ROLLBACKS = 3
-EVALUATING_AHEAD, VALIDATING_AHEAD = 60, 250
+EVALUATING_AHEAD, VALIDATING_AHEAD = 60, 400
 """Steps of all boats whose updates are made while the policy is evaluated or validated, before their time."""
+MOST_AHEAD = 100
+"""They are at most one in so many of all steps."""
 NO_FINAL_OBSERVATION = (
     "the environment gives no final observations (final_obs): truncated episodes count as terminated"
 )
@@ -108,7 +110,7 @@ class Trainer:
         self._overlaps = isinstance(algorithm, Overlapping) and algorithm.acts_while_learning
         self._monitor = self._new_monitor()
         self.progress = Progress()
-        self._learning: deque[tuple[int, NDArray[Any], Future[list[Metrics]]]] = deque()
+        self._learning: deque[tuple[int, NDArray[Any] | None, Future[list[Metrics]]]] = deque()
         """Steps and observation before each call to `learn` that is not yet recorded, and its metrics."""
         self._observation: NDArray[Any] | None = None
         self._saved_at: int | None = None
@@ -153,13 +155,14 @@ class Trainer:
             self._observation, _ = self.environment.reset(seed=reset_seed)
         progress = self.progress
         while (reason := self._reason_to_stop()) is None:
-            self._observation = self._step(self._observation)
+            self._step(self._observation)
             progress.wall_s = time.monotonic() - self._started
             if progress.crossed(self.training.evaluate_every_steps, since=progress.evaluated_at):
                 self._evaluate()
             self.on_progress(progress)
         self._record_updates()
-        if reason != "interrupted" and progress.validated_at < progress.env_steps:
+        validated = reason in ("interrupted", "mastered")  # which a recent validation has confirmed
+        if not validated and progress.validated_at < progress.env_steps:
             self._evaluate(validated=True)
         elif self._saved_at != progress.env_steps:
             self._save_last()
@@ -222,12 +225,12 @@ class Trainer:
             self._evaluate(validated=True)
         return progress.mastered(rule) and progress.validated(rule)
 
-    def _step(self, observation: NDArray[Any]) -> NDArray[Any]:
-        """Step all boats while the algorithm learns, store the step, and return the next observation."""
+    def _step(self, observation: NDArray[Any]) -> None:
+        """Step all boats while the algorithm learns, and store the step."""
         progress = self.progress
         action = self.algorithm.act(observation, progress.env_steps)
         fewer = self.training.boats * 3 // 4
-        learned = self._learn(observation, max(progress.env_steps, progress.learned_steps + fewer))
+        learned = self._learn(max(progress.env_steps, progress.learned_steps + fewer))
         next_observation, reward, terminated, truncated, info = self.environment.step(action)
         done = terminated | truncated
         if done.any() and "final_obs" not in info:
@@ -255,15 +258,17 @@ class Trainer:
                 "epsilon": progress.epsilon,
             }
         self.tables[EPISODES_CSV].append(rows)
-        return np.asarray(next_observation)
+        self._observation = np.asarray(next_observation)
 
-    def _learn(self, observation: NDArray[Any], due_at: int) -> Future[list[Metrics]]:
+    def _learn(self, due_at: int) -> Future[list[Metrics]]:
         """Make the updates due after `due_at` environment steps, which may be ahead of those made."""
         progress = self.progress
         progress.learned_steps = min(max(due_at, progress.learned_steps), self.training.total_steps)
         learn = partial(list[Metrics], self.algorithm.learn(progress.learned_steps))
-        learned = in_background(learn) if self._overlaps else workers().submit(learn)
-        self._learning.append((progress.env_steps, observation, learned))
+        learned = in_background(learn)
+        if not self._overlaps:
+            begin_background()
+        self._learning.append((progress.env_steps, self._observation, learned))
         return learned
 
     def _finish_learning(self) -> None:
@@ -272,8 +277,7 @@ class Trainer:
 
     def _record_updates(self, later: int = 0) -> None:
         """Check and record the metrics of all calls to `learn` except the latest `later`."""
-        if not later:
-            self._finish_learning()
+        begin_background(later=later)
         progress = self.progress
         while len(self._learning) > later:
             logged, (env_steps, observation, learned) = False, self._learning.popleft()
@@ -297,9 +301,10 @@ class Trainer:
         progress, every, is_best = self.progress, self.training.validation.every_steps, False
         policy, tensors = self.algorithm.policy, self.algorithm.policy_tensors()
         validated |= progress.crossed(every, since=progress.validated_at)
-        if self._overlaps and self._observation is not None:
-            ahead = VALIDATING_AHEAD if validated else EVALUATING_AHEAD
-            self._learn(self._observation, progress.env_steps + ahead * self.training.boats)
+        if self._overlaps and progress.reached_limit(self.training) is None:
+            boats, ahead = self.training.boats, VALIDATING_AHEAD if validated else EVALUATING_AHEAD
+            for number in range(min(ahead, self.training.total_steps // (MOST_AHEAD * boats))):
+                self._learn(progress.env_steps + (number + 1) * boats)
         poses, starts = list[dict[str, Value]](), list[dict[str, Value]]()
         if self.evaluate is not None and progress.evaluated_at < progress.env_steps:
             poses += self.evaluate(policy)

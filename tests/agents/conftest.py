@@ -12,9 +12,10 @@ from tests.agents.stops import TRAINING, finish, new_run
 
 @pytest.fixture(scope="module")
 def rows_of_several_updates() -> Iterator[None]:
-    """Most stops are between the updates of one row of updates.csv, as in longer trainings."""
+    """Most stops are between the updates of one row of updates.csv, and many updates are made ahead."""
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(trainer, "UPDATE_ROWS", TRAINING.updates_due(TRAINING.total_steps) // 7)
+        patch.setattr(trainer, "MOST_AHEAD", 5)
         yield
 
 

@@ -13,7 +13,8 @@ import numpy as np
 import pytest
 from gymnasium.vector import AutoresetMode, VectorEnv
 
-from dockctl.agents import training_state
+from dockctl import compute
+from dockctl.agents import trainer, training_state
 from dockctl.agents.checkpoint import find_policy, load_pair, save_pair, save_policy, saved_steps
 from dockctl.agents.dqn import algorithm
 from dockctl.agents.dqn.replay import Batch, Replay
@@ -112,9 +113,12 @@ def test_the_state_of_an_optimizer_of_torch_before_its_first_step(
 
 
 def test_updates_in_parts_that_fit_into_memory_are_the_same(
-    tmp_path: Path, uninterrupted: dict[str, bytes], monkeypatch: pytest.MonkeyPatch
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    drawn: list[int] = []
+    """Apart from those made ahead, which need the parts of several steps at once."""
+    monkeypatch.setattr(trainer, "EVALUATING_AHEAD", 0)
+    monkeypatch.setattr(trainer, "VALIDATING_AHEAD", 0)
+    whole, drawn = finish(new_run(tmp_path / "whole")), list[int]()
 
     def sample(self: Replay, size: int) -> Batch:
         drawn.append(size)
@@ -123,19 +127,19 @@ def test_updates_in_parts_that_fit_into_memory_are_the_same(
     original = Replay.sample
     monkeypatch.setattr(Replay, "sample", sample)
     monkeypatch.setattr(algorithm, "DRAWN_BYTES", 1)
-    assert finish(new_run(tmp_path)) == uninterrupted
+    assert finish(new_run(tmp_path / "parts")) == whole
     assert max(drawn) == TRAINING.batch_size < TRAINING.boats // TRAINING.steps_per_update * max(drawn)
 
 
 def test_a_best_policy_of_steps_that_are_trained_again_is_dropped(tmp_path: Path) -> None:
     run = new_run(tmp_path)
     stop_at(304, run)
-    trainer = toy(run)
+    made = toy(run)
     for steps in (200, 9_000):
         with run.new_checkpoint("best") as folder:
-            card = trainer.card.model_copy(update={"env_steps": steps})
-            save_policy(folder, trainer.algorithm.policy_tensors(), card)
-    trainer.restore()
+            card = made.card.model_copy(update={"env_steps": steps})
+            save_policy(folder, made.algorithm.policy_tensors(), card)
+    made.restore()
     assert [saved_steps(folder) for folder in run.checkpoints("best")] == [200]
     assert saved_steps(find_policy(run.path).parent) == 200
 
@@ -220,3 +224,18 @@ def test_docking_boats_resume_in_the_middle_of_their_episodes(
         stop_at(steps, run, make, kill=kill)
     resumed = finish(run, make)
     assert [name for name in resumed if resumed[name] != whole[name]] == []
+
+
+@pytest.mark.slow
+def test_the_number_of_cores_does_not_change_a_training(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Even if the updates of a step take longer than the step."""
+    slow = ("training.hidden_sizes=[256, 256]", "training.batch_size=512", "training.steps_per_update=1")
+    make, results = docking("s3", (*OVERRIDES, *slow, "training.total_steps=400")), []
+    for cores in (2, 5):
+        monkeypatch.setattr(compute, "usable_cores", lambda cores=cores: cores)
+        monkeypatch.setattr(compute, "_WORKERS", [])
+        results.append(finish(new_run(tmp_path / str(cores)), make))
+        compute.workers().shutdown()
+    assert [name for name in results[0] if results[0][name] != results[1][name]] == []

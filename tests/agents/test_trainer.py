@@ -149,7 +149,7 @@ def test_the_policy_at_the_end_is_validated(tmp_path: Path) -> None:
 
 def test_nothing_is_learned_after_a_step_that_failed(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """The updates that were due before the step are made, and no others."""
-    made = trainer(tmp_path, steps_per_update=1, warmup_steps=200, boats=200)
+    made = trainer(tmp_path, steps_per_update=1, warmup_steps=200, boats=200, evaluate_every_steps=2_000)
 
     def step(action: Any) -> Any:
         if made.progress.env_steps == 1_000:
@@ -161,6 +161,25 @@ def test_nothing_is_learned_after_a_step_that_failed(tmp_path: Path, monkeypatch
     with pytest.raises(RuntimeError, match="the step failed"):
         made.run()
     assert made.algorithm.updates == made.training.updates_due(1_000) == 801
+
+
+def test_updates_are_made_ahead_while_a_policy_is_evaluated(tmp_path: Path) -> None:
+    """One percent of all steps, 200; then three quarters of the updates until the steps have caught up."""
+    made, ahead, updates = trainer(tmp_path, steps_per_update=2, stop=None), list[int](), list[int]()
+
+    def on_progress(progress: Progress) -> None:
+        ahead.append(progress.learned_steps - progress.env_steps)
+        updates.append(progress.updates)
+
+    made.on_progress = on_progress
+    made.run()
+    every = 1_000 // 8  # steps of 8 boats between two evaluations
+    for evaluation in range(1, 19):
+        last = evaluation * every - 1  # the step after which the policy is evaluated
+        assert ahead[last : last + 4] == [200, 198, 196, 194]
+        assert updates[last] == made.training.updates_due(1_000 * evaluation + 200)
+        assert ahead[last + 101 : last + every] == [-8] * (every - 101)
+    assert made.algorithm.updates == made.training.updates_due(20_000 - 8)
 
 
 def test_what_is_stored_of_a_step_that_ends_an_episode(
