@@ -237,19 +237,23 @@ def training_section(training: Json) -> str:
             f"{run['env_steps']:,}",
             f"{run['validation']:.0%}",
             f"{run['cores_used']:.2f}",
+            f"{run['cores_training']:.2f}",
             number(run["steps_per_second"]) if run["steps_per_second"] else "",
             f"{run['peak_memory_gb']:.2f}",
         ]
         for run in training["facts"]["runs"]
     ]
-    head = ("training", "seconds", "steps", "docked", "cores in use", "steps per second", "peak memory [GB]")
+    head = (
+        "training", "seconds", "steps", "docked", "cores, command", "cores, training", "steps per second",
+        "peak memory [GB]",
+    )  # fmt: skip
     return f"""## Training until mastery
 
 From the command to mastery: in scenarios 1 to 3 the stop rule ends the training, in the marina the first
 validation does that docks from 99 of 100 starts. "Docked" is the share of the last validation's starts. Steps
-per second are those from 20,000 to 90,000 steps, with the evaluations every 10,000 steps; cores in use are
-those of the whole process. [Acting while learning](choices.md#acting-while-learning) has both without
-start-up and evaluations.
+per second are those from 20,000 to 90,000 steps, with the evaluations every 10,000 steps. Cores in use are
+those of the whole command, which starts in one thread, and those of the training from 10,000 steps to its
+end, with evaluations and validations.
 
 {table(head, rows)}"""
 

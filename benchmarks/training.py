@@ -57,10 +57,14 @@ def train(scenario: str, seed: int, out: Path) -> dict[str, Any]:
     begin = time.perf_counter()
     process = psutil.Popen(command, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL)
     processor_s = peak_bytes = 0.0
+    started: tuple[float, float] | None = None  # wall and processor time at the first evaluation
     while process.poll() is None:
         with contextlib.suppress(psutil.Error):  # the process may have ended
             times, memory = process.cpu_times(), process.memory_info()
             processor_s, peak_bytes = times.user + times.system, max(peak_bytes, memory.rss)
+            if started is None and evaluated(out):
+                started = time.perf_counter(), processor_s
+            last = time.perf_counter()
         if scenario == "marina" and docked_share(out) >= ENOUGH:
             break
         time.sleep(POLL_S)
@@ -83,9 +87,15 @@ def train(scenario: str, seed: int, out: Path) -> dict[str, Any]:
         "validation": docked_share(out),
         "mastered": docked_share(out) >= ENOUGH if scenario == "marina" else stop_reason == "mastered",
         "cores_used": processor_s / wall,
+        "cores_training": (processor_s - started[1]) / (last - started[0]) if started else None,
         "peak_memory_gb": peak_bytes / 1e9,
         "steps_per_second": rate,
     }
+
+
+def evaluated(out: Path) -> bool:
+    """Return whether a policy has been evaluated."""
+    return any(len(path.read_bytes().splitlines()) > 1 for path in out.glob(f"*/*/{TIMING_CSV}"))
 
 
 def docked_share(out: Path) -> float:
@@ -125,10 +135,10 @@ def main() -> None:
         ]
     if third := [run for run in runs if run["scenario"] == "s3"]:
         cores, rate = (
-            statistics.median(run[key] for run in third) for key in ("cores_used", "steps_per_second")
+            statistics.median(run[key] for run in third) for key in ("cores_training", "steps_per_second")
         )
         report.targets += [
-            bench.Target("cores in use, of 2, in s3", cores, at_least=1.85),
+            bench.Target("cores in use, of 2, while training s3", cores, at_least=1.85),
             bench.Target("environment steps per second while learning s3", rate, at_least=4500),
         ]
     report.write()

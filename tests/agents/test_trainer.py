@@ -178,7 +178,7 @@ def test_updates_are_made_ahead_while_a_policy_is_evaluated(tmp_path: Path) -> N
         last = evaluation * every - 1  # the step after which the policy is evaluated
         assert ahead[last : last + 4] == [200, 198, 196, 194]
         assert updates[last] == made.training.updates_due(1_000 * evaluation + 200)
-        assert ahead[last + 101 : last + every] == [-8] * (every - 101)
+        assert ahead[last + 104 : last + every] == [-8] * (every - 104)
     assert made.algorithm.updates == made.training.updates_due(20_000 - 8)
 
 
