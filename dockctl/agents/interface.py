@@ -148,7 +148,9 @@ class Overlapping(Protocol):
     """An algorithm that can act and store the next step while an iterator of `learn` is still consumed.
 
     If `acts_while_learning` is true, all iterators of `learn` but the last are exhausted at each call to
-    `act`, whose result must not depend on the last one.
+    `act`, whose result must not depend on the last one. While a policy is evaluated, `learn` is called for
+    later steps as well, and then again for steps for which it has been called; it must not repeat updates,
+    or change what `policy` and `policy_tensors` returned.
     """
 
     @property

@@ -55,6 +55,9 @@ def check_algorithm(kind: str, action_space: Space[Any], **keys: Any) -> None:
     if isinstance(first, Overlapping) and first.acts_while_learning:
         late = _learned(spec.build(spaces, training, "cpu"), spec, spaces, training, range(SAVED_AT), late=1)
         _require_equal(require, "deterministic", first.policy_tensors(), late.policy_tensors())
+        ahead = _learned(spec.build(spaces, training, "cpu"), spec, spaces, training, range(SAVED_AT), ahead=2)
+        same = ahead.updates == first.updates
+        require("valid", same, "learn repeats updates that it has made for later steps")
 
     _check_greedy(require, first, spec, spaces, training)
 
@@ -116,10 +119,12 @@ def _learned(
     steps: range,
     *,
     late: int = 0,
+    ahead: int = 0,
 ) -> Algorithm:
     """Return the algorithm after learning from random data, which is the same for the same steps.
 
-    The iterator of a call to `learn` is consumed `late` steps later.
+    The iterator of a call to `learn` is consumed `late` steps later. In the middle of the steps, the updates of
+    the next `ahead` steps are made early.
     """
     learning: deque[Iterator[Metrics]] = deque()
 
@@ -141,6 +146,8 @@ def _learned(
         require("pure", np.array_equal(before, observation), "act changes the observation")
         _require_actions(require, action, space)
         learning.append(algorithm.learn(env_steps))
+        if ahead and step == steps[3 * len(steps) // 4]:
+            learning.append(algorithm.learn(env_steps + ahead * BOATS))
         consume(late)
         following = rng.uniform(-1, 1, observation.shape).astype(np.float32)
         terminated, truncated = rng.random((2, BOATS)) < 0.1
