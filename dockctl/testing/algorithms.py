@@ -53,9 +53,11 @@ def check_algorithm(kind: str, action_space: Space[Any], **keys: Any) -> None:
     require("valid", first.updates > 0, "performs no updates")
     _require_equal(require, "deterministic", first.policy_tensors(), second.policy_tensors())
     if isinstance(first, Overlapping) and first.acts_while_learning:
-        late = _learned(spec.build(spaces, training, "cpu"), spec, spaces, training, range(SAVED_AT), late=1)
+        late, ahead = (
+            _learned(spec.build(spaces, training, "cpu"), spec, spaces, training, range(SAVED_AT), **how)
+            for how in ({"late": 1}, {"ahead": 2})
+        )
         _require_equal(require, "deterministic", first.policy_tensors(), late.policy_tensors())
-        ahead = _learned(spec.build(spaces, training, "cpu"), spec, spaces, training, range(SAVED_AT), ahead=2)
         same = ahead.updates == first.updates
         require("valid", same, "learn repeats updates that it has made for later steps")
 
@@ -123,8 +125,8 @@ def _learned(
 ) -> Algorithm:
     """Return the algorithm after learning from random data, which is the same for the same steps.
 
-    The iterator of a call to `learn` is consumed `late` steps later. In the middle of the steps, the updates of
-    the next `ahead` steps are made early.
+    The iterator of a call to `learn` is consumed `late` steps later. In one of the steps, the updates of the
+    next `ahead` steps are made as well.
     """
     learning: deque[Iterator[Metrics]] = deque()
 
