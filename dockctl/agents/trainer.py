@@ -230,7 +230,10 @@ class Trainer:
         progress = self.progress
         action = self.algorithm.act(observation, progress.env_steps)
         fewer = self.training.boats * 3 // 4
-        learned = self._learn(max(progress.env_steps, progress.learned_steps + fewer))
+        due_at = self._due_at(max(progress.env_steps, progress.learned_steps + fewer))
+        learned = self._in_background(partial(list[Metrics], self.algorithm.learn(due_at)))
+        if not self._overlaps:
+            begin_background()
         next_observation, reward, terminated, truncated, info = self.environment.step(action)
         done = terminated | truncated
         if done.any() and "final_obs" not in info:
@@ -260,15 +263,26 @@ class Trainer:
         self.tables[EPISODES_CSV].append(rows)
         self._observation = np.asarray(next_observation)
 
-    def _learn(self, due_at: int) -> Future[list[Metrics]]:
-        """Make the updates due after `due_at` environment steps, which may be ahead of those made."""
+    def _due_at(self, steps: int) -> int:
+        """Return after how many environment steps the next updates are due; that may be later than now."""
         progress = self.progress
-        progress.learned_steps = min(max(due_at, progress.learned_steps), self.training.total_steps)
-        learn = partial(list[Metrics], self.algorithm.learn(progress.learned_steps))
+        progress.learned_steps = min(max(steps, progress.learned_steps), self.training.total_steps)
+        return progress.learned_steps
+
+    def _learn_ahead(self, steps: int) -> None:
+        """Make the updates of the next steps of all boats in the background, each at its turn."""
+        boats, most = self.training.boats, self.training.total_steps // MOST_AHEAD
+
+        def learn(due_at: int) -> list[Metrics]:  # draws the transitions only then
+            return list(self.algorithm.learn(due_at))
+
+        for number in range(1, min(steps, most // boats) + 1):
+            due_at = self._due_at(self.progress.env_steps + number * boats)
+            self._in_background(partial(learn, due_at))
+
+    def _in_background(self, learn: Callable[[], list[Metrics]]) -> Future[list[Metrics]]:
         learned = in_background(learn)
-        if not self._overlaps:
-            begin_background()
-        self._learning.append((progress.env_steps, self._observation, learned))
+        self._learning.append((self.progress.env_steps, self._observation, learned))
         return learned
 
     def _finish_learning(self) -> None:
@@ -302,9 +316,7 @@ class Trainer:
         policy, tensors = self.algorithm.policy, self.algorithm.policy_tensors()
         validated |= progress.crossed(every, since=progress.validated_at)
         if self._overlaps and progress.reached_limit(self.training) is None:
-            boats, ahead = self.training.boats, VALIDATING_AHEAD if validated else EVALUATING_AHEAD
-            for number in range(min(ahead, self.training.total_steps // (MOST_AHEAD * boats))):
-                self._learn(progress.env_steps + (number + 1) * boats)
+            self._learn_ahead(VALIDATING_AHEAD if validated else EVALUATING_AHEAD)
         poses, starts = list[dict[str, Value]](), list[dict[str, Value]]()
         if self.evaluate is not None and progress.evaluated_at < progress.env_steps:
             poses += self.evaluate(policy)
