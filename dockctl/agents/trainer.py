@@ -44,8 +44,9 @@ TABLES = {EPISODES_CSV: EPISODES, UPDATES_CSV: UPDATES, EVALUATIONS_CSV: EVALUAT
 UPDATE_ROWS = 2000
 """Approximate rows of ``updates.csv`` after ``training.total_steps``."""
 MAX_ROLLBACKS = 3
-EVALUATING_AHEAD, VALIDATING_AHEAD = 60, 400
-"""Steps of all boats whose updates are made while the policy is evaluated or validated, before their time."""
+EVALUATING_AHEAD, FAILING_AHEAD, VALIDATING_AHEAD = 60, 120, 400
+"""Steps of all boats whose updates are made ahead during an evaluation, during one after failures, as they
+last longer, and during a validation."""
 MOST_AHEAD = 100
 """They are at most one in so many of all steps."""
 NO_FINAL_OBSERVATION = (
@@ -314,14 +315,18 @@ class Trainer:
         self._record_updates()
         progress, every, is_best = self.progress, self.training.validation.every_steps, False
         policy, tensors = self.algorithm.policy, self.algorithm.policy_tensors()
-        validated |= progress.crossed(every, since=progress.validated_at)
-        if self._overlaps and progress.reached_limit(self.training) is None:
-            self._learn_ahead(VALIDATING_AHEAD if validated else EVALUATING_AHEAD)
+        validates = validated or progress.crossed(every, since=progress.validated_at)
+        evaluate = self.evaluate if progress.evaluated_at < progress.env_steps else None
+        validate = self.validate if validates else None
+        if (evaluate or validate) and self._overlaps and progress.reached_limit(self.training) is None:
+            failed = progress.evaluation_docked < progress.evaluation_episodes
+            ahead = FAILING_AHEAD if failed else EVALUATING_AHEAD
+            self._learn_ahead(VALIDATING_AHEAD if validate else ahead)
         poses, starts = list[dict[str, Value]](), list[dict[str, Value]]()
-        if self.evaluate is not None and progress.evaluated_at < progress.env_steps:
-            poses += self.evaluate(policy)
-        if self.validate is not None and validated:
-            starts += self.validate(policy)
+        if evaluate is not None:
+            poses += evaluate(policy)
+        if validate is not None:
+            starts += validate(policy)
             is_best = self._select(starts, tensors)
         if progress.evaluated_at < progress.env_steps:
             episodes = starts if self.evaluate is None else poses
