@@ -159,7 +159,7 @@ def test_a_rollback_continues_with_other_random_numbers_and_a_lower_rate(tmp_pat
     tables = [read_table(one.run_directory.path / "updates.csv") for one in (made, plain)]
     rates = [{int(row["env_steps"]): float(row["learning_rate"]) for row in table} for table in tables]
     for steps, rate in rates[1].items():
-        assert rates[0][steps] == pytest.approx(rate / 2 if steps > SAVED else rate, rel=1e-4)
+        assert rates[0][steps] == pytest.approx(rate / 2 if steps >= SAVED else rate, rel=1e-4)
     episodes = [read_table(one.run_directory.path / "episodes.csv") for one in (made, plain)]
     assert [row for row in episodes[0] if int(row["env_steps"]) <= SAVED] == [
         row for row in episodes[1] if int(row["env_steps"]) <= SAVED
