@@ -1,4 +1,4 @@
-"""Plans for the last meters to the final pose, with estimated wind and current."""
+"""Plans for the last meters to the final pose, and safe actions before, with estimated wind and current."""
 
 from __future__ import annotations
 
@@ -12,6 +12,8 @@ from dockctl.agents.interface import Info, Policy
 from dockctl.compute import map_on_all_cores
 from dockctl.envs.vector import DockingVectorEnv
 from dockctl.evaluation.forecast import Forecast
+from dockctl.evaluation.plans import RandomPlans
+from dockctl.evaluation.safety_filter import SafetyFilter
 from dockctl.evaluation.supervisor import chooses_commands
 from dockctl.geometry import Floats, Ints
 from dockctl.scenarios.schema import Scenario
@@ -21,8 +23,6 @@ WITHIN_M, PLAN_S = 7.0, 30.0
 """Distance from the final pose within which the boat plans, and the length of a plan."""
 PLANS = 1000
 """Number of random plans of which the best one is taken."""
-SECTIONS, LONGEST_SECTION_S, LONGEST_CHANGE_S = 5, 8.0, 6.0
-"""A plan is a random sequence of about so many commands, each held for a random time up to this."""
 GOOD, ENOUGH = 0.7, 1.0
 """Share of the final pose's limits that a plan should need, and up to which the boat follows it."""
 WEIGHT_S = 100.0
@@ -44,7 +44,7 @@ class Planner(Policy):
     Random-shooting model predictive control: a plan is a sequence of the policy's commands, predicted by a
     `Forecast`, and kept clear of the harbor, which the policy does not know. In every control step half of
     the plans are random changes of the best plan of the step before, without its first command. While no
-    plan reaches the final pose, the policy acts.
+    plan reaches the final pose, the policy acts. Farther away, a `SafetyFilter` may replace its actions.
 
     The plans are the same in every episode, so that an episode does not depend on those beside it.
 
@@ -60,9 +60,9 @@ class Planner(Policy):
         self._commands = env.scenario.actions.commands(actions, vessel)
         self._forecast, self._limit = Forecast(env.simulator, env.scenario), env.scenario.task.final_tolerance
         self._period_s = vessel.control_period_s
-        self._steps, self._section_steps, self._change_steps = (
-            max(1, round(time / self._period_s)) for time in (PLAN_S, LONGEST_SECTION_S, LONGEST_CHANGE_S)
-        )
+        self._steps = max(1, round(PLAN_S / self._period_s))
+        self._plans = RandomPlans(len(actions), self._steps, self._period_s)
+        self._filter = SafetyFilter(self._simulator, self._forecast, self._commands, self._period_s)
         self._rngs = [np.random.default_rng(0)] * env.num_envs
         self._best = dict[int, Ints]()
 
@@ -73,22 +73,28 @@ class Planner(Policy):
         for row in rows.tolist():
             self._rngs[row] = np.random.default_rng(0)
             self._best.pop(row, None)
+            self._filter.reset(row)
 
     def act(self, observation: NDArray[Any], info: Info) -> NDArray[np.int64]:
         """Return an action for each boat; see `Policy`."""
         simulator, actions = self._simulator, np.array(self._policy.act(observation, info))
-        self._forecast.measure(simulator.measured_pose(), simulator.measured_velocity())
-        near = (simulator.phase == TO_FINAL) & (simulator.distance_m < WITHIN_M) & ~simulator.resting
-        rows = np.flatnonzero(near).tolist()
-        for row, planned in zip(rows, map_on_all_cores(self._planned, rows), strict=True):
-            if planned is not None:
-                actions[row] = planned
+        poses = simulator.measured_pose()
+        self._forecast.measure(poses, simulator.measured_velocity())
+
+        def chosen(row: int) -> int:
+            if simulator.phase[row] == TO_FINAL and simulator.distance_m[row] < WITHIN_M:
+                planned = self._planned(row)
+                return int(actions[row]) if planned is None else planned
+            return self._filter.safe(row, poses[row], int(actions[row]))
+
+        rows = np.flatnonzero(~simulator.resting).tolist()
+        actions[rows] = map_on_all_cores(chosen, rows)
         self._forecast.command(self._commands[actions])
         return actions
 
     def _planned(self, row: int) -> int | None:
         """Return the first action of the best plan to the final pose, or None if none reaches it."""
-        plans = self._random_plans(row)
+        plans = self._plans.draw(self._rngs[row], PLANS, self._best.get(row))
         poses, velocities = self._forecast.poses(row, self._commands[plans])
         needed = self._needed(self._simulator.goal[[row]], poses[:, 1::2], velocities)
         cost = WEIGHT_S * np.maximum(needed - GOOD, 0) + self._period_s * np.arange(self._steps)
@@ -119,18 +125,3 @@ class Planner(Policy):
             if len(clear := np.flatnonzero(~touching.any(axis=1))):
                 return int(some[clear[0]])
         return None
-
-    def _random_plans(self, row: int) -> Ints:
-        """Return plans (plans, steps) of actions; half of them are changes of the best one so far, if any."""
-        rng, actions, steps = self._rngs[row], len(self._commands), self._steps
-        chosen = rng.integers(actions, size=PLANS * SECTIONS)
-        held = rng.integers(1, self._section_steps + 1, len(chosen))
-        plans: Ints = np.resize(np.repeat(chosen, held), (PLANS, steps))
-        if row in self._best:
-            changed, kept = PLANS // 2, np.append(self._best[row][1:], self._best[row][-1])
-            begin = rng.integers(steps, size=(changed, 1))
-            end = begin + rng.integers(1, self._change_steps + 1, (changed, 1))
-            end[0] = begin[0]  # the best plan itself
-            inside = (begin <= np.arange(steps)) & (np.arange(steps) < end)
-            plans[:changed] = np.where(inside, rng.integers(actions, size=(changed, 1)), kept)
-        return plans
