@@ -12,7 +12,7 @@ from dockctl.sim.simulator import Simulator
 SAFE_S, SAFE_M = 30.0, 0.15
 """Length and clearance of a safe plan; approximate clearances are about 0.05 m off."""
 NEAR_M = 2.5
-"""Clearance above which every action is safe."""
+"""Clearance above which actions are not checked."""
 LOST_M = 0.02
 """How much of its clearance a boat that has less than a safe plan may lose."""
 CONTINUATIONS, ESCAPES = (16, 112), 500
