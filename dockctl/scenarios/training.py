@@ -236,8 +236,8 @@ class Evaluation(Model):
     )
     planner: Flag | None = Field(
         default=None,
-        description="follow plans near the final pose, with a map of the harbor; null to do as in the"
-        " scenario that the policy was trained in",
+        description="follow plans near the final pose, and replace actions that lead to contact before, with"
+        " a map of the harbor; null to do as in the scenario that the policy was trained in",
     )
     max_steps: Count | None = Field(
         default=None,
