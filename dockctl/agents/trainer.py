@@ -4,11 +4,8 @@ from __future__ import annotations
 
 import shutil
 import time
-from collections import deque
 from collections.abc import Callable, Sequence
-from concurrent.futures import Future, wait
 from dataclasses import asdict
-from functools import partial
 from typing import Any
 
 import numpy as np
@@ -16,12 +13,11 @@ from gymnasium.vector import AutoresetMode, VectorEnv
 from numpy.typing import NDArray
 
 import dockctl
+from dockctl.agents.background_learning import BackgroundLearning
 from dockctl.agents.checkpoint import CheckpointError, PolicyCard, flatten, nest, save_policy, saved_steps
 from dockctl.agents.divergence import DivergenceError, Monitor
 from dockctl.agents.interface import (
     Algorithm,
-    Metrics,
-    Overlapping,
     Policy,
     Recoverable,
     Resumable,
@@ -32,7 +28,6 @@ from dockctl.agents.interface import (
 )
 from dockctl.agents.progress import EpisodeRecorder, Progress, UpdateRecorder
 from dockctl.agents.training_state import TrainingState, checked_table, load_state, save_state
-from dockctl.compute import begin_background, in_background
 from dockctl.errors import DockctlError, PluginError
 from dockctl.plugins import runtime_error
 from dockctl.run_files import BEST, EPISODES_CSV, EVALUATIONS_CSV, TIMING_CSV, UPDATES_CSV
@@ -44,11 +39,6 @@ TABLES = {EPISODES_CSV: EPISODES, UPDATES_CSV: UPDATES, EVALUATIONS_CSV: EVALUAT
 UPDATE_ROWS = 2000
 """Approximate rows of ``updates.csv`` after ``training.total_steps``."""
 MAX_ROLLBACKS = 3
-EVALUATING_AHEAD, FAILING_AHEAD, VALIDATING_AHEAD = 60, 120, 400
-"""Steps of all boats whose updates are made ahead during an evaluation, during one after failures, as they
-last longer, and during a validation."""
-MOST_AHEAD = 100
-"""They are at most one in so many of all steps."""
 NO_FINAL_OBSERVATION = (
     "the environment gives no final observations (final_obs): truncated episodes count as terminated"
 )
@@ -108,11 +98,9 @@ class Trainer:
         self.validate, self.evaluate = validate, evaluate
         self.on_progress, self.interrupted, self.until, self.warn = on_progress, interrupted, until, warn
         self._step_limit, self._warned = step_limit, set[str]()
-        self._overlaps = isinstance(algorithm, Overlapping) and algorithm.acts_while_learning
         self._monitor = self._new_monitor()
         self.progress = Progress()
-        self._learning: deque[tuple[int, NDArray[Any] | None, Future[list[Metrics]]]] = deque()
-        """Steps and observation before each call to `learn` that is not yet recorded, and its metrics."""
+        self._learning = BackgroundLearning(algorithm, training)
         self._observation: NDArray[Any] | None = None
         self._saved_at: int | None = None
         self._blocks = set[str]()  # of the latest checkpoint
@@ -140,7 +128,7 @@ class Trainer:
                     raise known from error
                 raise
             finally:  # no learning continues in the background after an error
-                self._finish_learning()
+                self._learning.finish()
 
     def _new_monitor(self) -> Monitor:
         numbers = [str(column) for column in range(self.card.observation_size)]
@@ -230,11 +218,7 @@ class Trainer:
         """Step all boats while the algorithm learns, and store the step."""
         progress = self.progress
         action = self.algorithm.act(observation, progress.env_steps)
-        fewer = self.training.boats * 3 // 4
-        due_at = self._due_at(max(progress.env_steps, progress.learned_steps + fewer))
-        learned = self._in_background(partial(list[Metrics], self.algorithm.learn(due_at)))
-        if not self._overlaps:
-            begin_background()
+        self._learning.step(progress, observation)
         next_observation, reward, terminated, truncated, info = self.environment.step(action)
         done = terminated | truncated
         if done.any() and "final_obs" not in info:
@@ -248,8 +232,8 @@ class Trainer:
         self._check(self._monitor.check_step, step, last)
         rows = self.episode_recorder.add(reward, last, done)
         self._record_updates(later=1)
-        if not self._overlaps:
-            learned.result()
+        if not self._learning.overlaps:
+            self._learning.finish()
         self.algorithm.store(step)
         progress.env_steps += self.training.boats
         progress.epsilon = self.algorithm.epsilon
@@ -264,39 +248,12 @@ class Trainer:
         self.tables[EPISODES_CSV].append(rows)
         self._observation = np.asarray(next_observation)
 
-    def _due_at(self, steps: int) -> int:
-        """Return after how many environment steps the next updates are due; that may be later than now."""
-        progress = self.progress
-        progress.learned_steps = min(max(steps, progress.learned_steps), self.training.total_steps)
-        return progress.learned_steps
-
-    def _learn_ahead(self, steps: int) -> None:
-        """Make the updates of the next steps of all boats in the background, each at its turn."""
-        boats, most = self.training.boats, self.training.total_steps // MOST_AHEAD
-
-        def learn(due_at: int) -> list[Metrics]:  # draws the transitions only then
-            return list(self.algorithm.learn(due_at))
-
-        for number in range(1, min(steps, most // boats) + 1):
-            due_at = self._due_at(self.progress.env_steps + number * boats)
-            self._in_background(partial(learn, due_at))
-
-    def _in_background(self, learn: Callable[[], list[Metrics]]) -> Future[list[Metrics]]:
-        learned = in_background(learn)
-        self._learning.append((self.progress.env_steps, self._observation, learned))
-        return learned
-
-    def _finish_learning(self) -> None:
-        begin_background()
-        wait([learned for *_, learned in self._learning])
-
     def _record_updates(self, later: int = 0) -> None:
         """Check and record the metrics of all calls to `learn` except the latest `later`."""
-        begin_background(later=later)
         progress = self.progress
-        while len(self._learning) > later:
-            logged, (env_steps, observation, learned) = False, self._learning.popleft()
-            for metrics in learned.result():
+        for env_steps, observation, learned in self._learning.learned(later=later):
+            logged = False
+            for metrics in learned:
                 progress.updates, progress.loss = progress.updates + 1, metrics["loss"]
                 self._check(self._monitor.check_update, metrics)
                 if row := self.update_recorder.add(metrics):
@@ -318,10 +275,8 @@ class Trainer:
         validates = validated or progress.crossed(every, since=progress.validated_at)
         evaluate = self.evaluate if progress.evaluated_at < progress.env_steps else None
         validate = self.validate if validates else None
-        if (evaluate or validate) and self._overlaps and progress.reached_limit(self.training) is None:
-            failed = progress.evaluation_docked < progress.evaluation_episodes
-            ahead = FAILING_AHEAD if failed else EVALUATING_AHEAD
-            self._learn_ahead(VALIDATING_AHEAD if validate else ahead)
+        if evaluate or validate:
+            self._learning.ahead(progress, self._observation, validated=validate is not None)
         poses, starts = list[dict[str, Value]](), list[dict[str, Value]]()
         if evaluate is not None:
             poses += evaluate(policy)
@@ -400,8 +355,7 @@ class Trainer:
         Raises:
             CheckpointError: there is no intact checkpoint, or it does not match.
         """
-        self._finish_learning()
-        self._learning.clear()
+        self._learning.forget()
         saved = load_state(self.run_directory)
         tensors, facts = nest(saved.tensors, "/"), saved.facts
         notes = [f"{text}; {saved.folder} is used instead" for text in saved.damaged]

@@ -6,7 +6,7 @@ from collections.abc import Iterator
 
 import pytest
 
-from dockctl.agents import trainer
+from dockctl.agents import background_learning, trainer
 from tests.agents.stops import TRAINING, finish, new_run
 
 
@@ -15,7 +15,7 @@ def rows_of_several_updates() -> Iterator[None]:
     """Most stops are between the updates of one row of updates.csv, and many updates are made ahead."""
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(trainer, "UPDATE_ROWS", TRAINING.updates_due(TRAINING.total_steps) // 7)
-        patch.setattr(trainer, "MOST_AHEAD", 5)
+        patch.setattr(background_learning, "MOST_AHEAD", 5)
         yield
 
 

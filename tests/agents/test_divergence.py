@@ -35,7 +35,7 @@ def trainer(root: Path, fault: Fault, *, times: int = 1, **changes: Any) -> Trai
     def inject(progress: Any) -> None:
         if progress.env_steps == INJECTED and left[0]:
             left[0] -= 1
-            made._finish_learning()
+            made._learning.finish()
             fault(made)
 
     made = trainer_in(

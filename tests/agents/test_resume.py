@@ -14,7 +14,8 @@ import pytest
 from gymnasium.vector import AutoresetMode, VectorEnv
 
 from dockctl import compute
-from dockctl.agents import trainer, training_state
+from dockctl.agents import training_state
+from dockctl.agents.background_learning import BackgroundLearning
 from dockctl.agents.checkpoint import find_policy, load_pair, save_pair, save_policy, saved_steps
 from dockctl.agents.dqn import algorithm
 from dockctl.agents.dqn.replay import Batch, Replay
@@ -116,8 +117,7 @@ def test_updates_in_parts_that_fit_into_memory_are_the_same(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """Apart from those made ahead, which need the parts of several steps at once."""
-    monkeypatch.setattr(trainer, "EVALUATING_AHEAD", 0)
-    monkeypatch.setattr(trainer, "VALIDATING_AHEAD", 0)
+    monkeypatch.setattr(BackgroundLearning, "ahead", lambda *arguments, **named: None)
     whole, drawn = finish(new_run(tmp_path / "whole")), list[int]()
 
     def sample(self: Replay, size: int) -> Batch:
