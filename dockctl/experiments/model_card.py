@@ -147,7 +147,8 @@ def _facts(
             "replaces actions that lead to contact, makes a waiting boat move, and knows the map",
         )
     if scenario.evaluation.planner:
-        yield "planner", "follows plans for the last meters, with the map, wind and current"
+        does = "plans the last meters and replaces actions that lead to contact"
+        yield "planner", f"{does}, with the map, wind and current"
     sectors = scenario.sensors.lidar.sectors
     parts = ", ".join(map(_part, scenario.observation))
     yield "observation", f"{card.observation_size} numbers: {parts}; {sectors} LiDAR sectors"
