@@ -15,9 +15,8 @@ from dockctl.agents.progress import Progress
 from dockctl.compute import begin_background, in_background
 from dockctl.scenarios.training import Training
 
-EVALUATING_AHEAD, FAILING_AHEAD, VALIDATING_AHEAD = 60, 120, 400
-"""Steps of all boats whose updates are made ahead during an evaluation, during one after failures, as they
-last longer, and during a validation."""
+EVALUATING_AHEAD, VALIDATING_AHEAD = 60, 400
+"""Steps of all boats whose updates are made ahead during an evaluation and during a validation."""
 MOST_AHEAD = 100
 """They are at most one in so many of all steps."""
 
@@ -60,8 +59,7 @@ class BackgroundLearning:
         """
         if not self.overlaps or progress.reached_limit(self._training) is not None:
             return
-        failed = progress.evaluation_docked < progress.evaluation_episodes
-        steps = VALIDATING_AHEAD if validated else FAILING_AHEAD if failed else EVALUATING_AHEAD
+        steps = VALIDATING_AHEAD if validated else EVALUATING_AHEAD
         boats, most = self._training.boats, self._training.total_steps // MOST_AHEAD
 
         def learn(due_at: int) -> list[Metrics]:  # draws the transitions only then
