@@ -246,7 +246,8 @@ def _step(observation: NDArray[Any], info: Info, reward: NDArray[Any]) -> dict[s
     """Return what is recorded of all boats after a step, (n, ...) by name."""
     terms = {f"reward_{name}": term for name, term in info.get("reward_terms", {}).items()}
     measured = {key: info[key] for key in (*RECORDED, *OPTIONAL) if key in RECORDED or key in info}
-    return {"observation": observation, **measured, **terms, "reward": reward}
+    recorded = {"observation": observation, **measured, **terms, "reward": reward}
+    return {key: np.asarray(values) for key, values in recorded.items()}
 
 
 class _Recorder:
