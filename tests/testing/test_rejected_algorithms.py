@@ -75,6 +75,12 @@ def learn_without_q(algorithm: DQN, env_steps: int) -> Any:
         yield {**metrics, "q_mean": np.nan}
 
 
+def learn_again(algorithm: DQN, env_steps: int) -> Any:
+    """Also what it has learned ahead."""
+    algorithm._scheduled = algorithm.training.updates_due(env_steps - algorithm.training.boats)
+    return LEARN(algorithm, env_steps)
+
+
 def store_and_change(algorithm: DQN, step: Any) -> None:
     STORE(algorithm, step)
     step.next_observation[:] = 0
@@ -102,6 +108,7 @@ LEARN, STORE, STATE, TENSORS = DQN.learn, DQN.store, DQN.state, DQN.policy_tenso
     [
         (DQN, "learn", learn_without_loss, "valid"),
         (DQN, "learn", learn_without_q, "finite"),
+        (DQN, "learn", learn_again, "valid"),
         (DQN, "store", store_and_change, "pure"),
         (DQN, "state", state_with_numpy, "resumable"),
         (DQN, "policy_tensors", tensors_that_are_in_use, "unshared"),
