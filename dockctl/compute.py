@@ -19,7 +19,6 @@ from weakref import WeakValueDictionary
 
 import numpy as np
 import platformdirs
-import psutil
 from numpy.typing import NDArray
 from threadpoolctl import threadpool_limits
 
@@ -41,7 +40,7 @@ log = logging.getLogger(__name__)
 @cache
 def usable_cores() -> int:
     """Return the number of cores that this process may use; cached because every scan needs it."""
-    return len(psutil.Process().cpu_affinity())
+    return len(os.sched_getaffinity(0))
 
 
 _WORKERS: list[ThreadPoolExecutor] = []
