@@ -72,7 +72,7 @@ def main() -> None:
     report.facts = {"boats": list(BOATS), "points": points}
     report.targets = [
         bench.Target(
-            "trainings that differ from the first", len({point["tables"] for point in points}) - 1, at_most=0
+            "trainings on more cores that differ", len({point["tables"] for point in points}) - 1, at_most=0
         )
     ]
     report.write()
