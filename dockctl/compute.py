@@ -5,6 +5,7 @@ from __future__ import annotations
 import hashlib
 import logging
 import os
+import sys
 import tempfile
 import zipfile
 from collections import deque
@@ -54,26 +55,33 @@ def workers() -> ThreadPoolExecutor:
     wait for a task of the pool that may not have started.
     """
     if not _WORKERS:
+        # They need the GIL for microseconds at a time, for which they would wait up to 5 ms by default.
+        sys.setswitchinterval(2e-5)
         _WORKERS.append(ThreadPoolExecutor(max(1, usable_cores() - 1), thread_name_prefix="core"))
     return _WORKERS[0]
 
 
-def on_all_cores(function: Callable[[T], object], items: Iterable[T]) -> None:
+def on_all_cores(function: Callable[[T], object], items: Iterable[T], *, work: int = 1) -> None:
     """Call a function that releases the GIL with each item; this thread and the pool share the items.
 
     The function may itself use all cores: it runs tasks that the pool has not started in its own thread.
+
+    Args:
+        function: called with each item.
+        items: in any number.
+        work: amount of work, after which functions of `in_background` begin.
     """
     items = list(items)
     remaining = iter(items)  # the iterator of a list may be used by several threads
 
-    def work() -> None:
+    def share() -> None:
         for item in remaining:
             function(item)
 
-    others = [workers().submit(work) for _ in range(min(usable_cores(), len(items)) - 1)]
-    _BACKGROUND.begin(1)
+    others = [workers().submit(share) for _ in range(min(usable_cores(), len(items)) - 1)]
+    _BACKGROUND.count(work)
     try:
-        work()
+        share()
     finally:
         for other in others:
             if not other.cancel():  # it started
@@ -95,18 +103,42 @@ class _Background:
     """Functions that the pool calls one after another, in the order in which they were given."""
 
     def __init__(self) -> None:
-        self._waiting, self._begun = deque[Callable[[], None]](), deque[Callable[[], None]]()
-        self._lock, self._running, self._owed = Lock(), False, 0
+        self._waiting = deque[tuple[Callable[[], None], int]]()  # each with the work that it waits for
+        self._begun = deque[Callable[[], None]]()
+        self._lock, self._running, self._owed, self._work = Lock(), False, 0, 0
 
-    def add(self, function: Callable[[], None]) -> None:
-        self._waiting.append(function)
+    def add(self, function: Callable[[], None], after: int) -> None:
+        with self._lock:
+            if not self._waiting:
+                self._work = 0
+            self._waiting.append((function, after))
 
-    def begin(self, most: int | None = None, *, later: int = 0) -> None:
-        """Let the pool call waiting functions: at most so many, all but the latest `later`."""
-        count = max(0, len(self._waiting) - later)
-        for _ in range(count if most is None else min(most, count)):
-            self._begun.append(self._waiting.popleft())
-            workers().submit(self._call_next)
+    def count(self, work: int) -> None:
+        """Let the pool call the next function if the work that it waits for has been done."""
+        with self._lock:
+            if self._waiting:
+                after = self._waiting[0][1]
+                self._work += min(work, after)
+                if self._work >= after:
+                    self._work -= after
+                    self._begin_next()
+
+    def begin(self, *, later: int) -> None:
+        """Let the pool call all but the latest `later`."""
+        with self._lock:
+            while len(self._waiting) > later:
+                self._begin_next()
+
+    def drop(self) -> int:
+        with self._lock:
+            dropped = len(self._waiting)
+            self._waiting.clear()
+            return dropped
+
+    def _begin_next(self) -> None:
+        function, _ = self._waiting.popleft()
+        self._begun.append(function)
+        workers().submit(self._call_next)
 
     def _call_next(self) -> None:
         """Call the next function, after the one that another thread of the pool may be calling."""
@@ -127,12 +159,16 @@ class _Background:
 _BACKGROUND = _Background()
 
 
-def in_background(function: Callable[[], T]) -> Future[T]:
+def in_background(function: Callable[[], T], *, after: int = 1) -> Future[T]:
     """Call a function in the pool, after the next tasks of `on_all_cores` or after `begin_background`.
 
     In training, the scan of a step then uses all cores, and the function runs in parallel with the
     single-threaded work until the scan of the next step. If it started at once, it would delay the scan.
-    Of several functions, each call to `on_all_cores` begins one. They run one after another.
+    Of several functions, a call to `on_all_cores` begins one at most. They run one after another.
+
+    Args:
+        function: called without arguments.
+        after: work of `on_all_cores` since the function before it began.
     """
     result: Future[T] = Future()
 
@@ -142,13 +178,18 @@ def in_background(function: Callable[[], T]) -> Future[T]:
         except BaseException as error:
             result.set_exception(error)
 
-    _BACKGROUND.add(run)
+    _BACKGROUND.add(run, after)
     return result
 
 
 def begin_background(*, later: int = 0) -> None:
     """Let the pool call what was given to `in_background` and has not begun, except the latest `later`."""
     _BACKGROUND.begin(later=later)
+
+
+def drop_background() -> int:
+    """Forget the functions given to `in_background` that have not begun, and return their number."""
+    return _BACKGROUND.drop()
 
 
 def _after_fork() -> None:

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections import deque
 from collections.abc import Callable, Iterator
 from concurrent.futures import Future, wait
+from contextlib import contextmanager
 from functools import partial
 from typing import Any, NamedTuple
 
@@ -12,13 +13,13 @@ from numpy.typing import NDArray
 
 from dockctl.agents.interface import Algorithm, Metrics, Overlapping
 from dockctl.agents.progress import Progress
-from dockctl.compute import begin_background, in_background
+from dockctl.compute import begin_background, drop_background, in_background
 from dockctl.scenarios.training import Training
 
-EVALUATING_AHEAD, VALIDATING_AHEAD = 60, 400
-"""Steps of all boats whose updates are made ahead during an evaluation and during a validation."""
 MOST_AHEAD = 100
-"""They are at most one in so many of all steps."""
+"""Updates are made ahead for at most one in so many of all steps."""
+SCANS = 5
+"""Scans of one boat in an evaluation, which take about as long as the updates of one step of all boats."""
 
 
 class Learned(NamedTuple):
@@ -30,7 +31,7 @@ class Learned(NamedTuple):
 
 
 class BackgroundLearning:
-    """Makes the updates that are due, and some ahead of time while a policy is evaluated.
+    """Makes the updates that are due, and those of the next steps while a policy is evaluated.
 
     Afterwards each step makes three quarters of its updates until the steps have caught up.
 
@@ -48,26 +49,34 @@ class BackgroundLearning:
         """Make the updates due now, from what is stored now; they begin after the next scan."""
         fewer = self._training.boats * 3 // 4
         due_at = self._due_at(progress, max(progress.env_steps, progress.learned_steps + fewer))
+        progress.learned_steps = due_at
         self._call(progress, observation, partial(list[Metrics], self._algorithm.learn(due_at)))
         if not self.overlaps:
             begin_background()
 
-    def ahead(self, progress: Progress, observation: NDArray[Any] | None, *, validated: bool) -> None:
-        """Make the updates of the next steps while a policy is evaluated or validated.
+    @contextmanager
+    def ahead(self, progress: Progress, observation: NDArray[Any] | None) -> Iterator[None]:
+        """Evaluate policies in the block, and make the updates of the next steps meanwhile.
 
-        Nothing is stored meanwhile; each scan of the evaluation begins the updates of one step.
+        Nothing is stored meanwhile. The number of scans in the block determines the number of updates.
         """
-        if not self.overlaps or progress.reached_limit(self._training) is not None:
-            return
-        steps = VALIDATING_AHEAD if validated else EVALUATING_AHEAD
-        boats, most = self._training.boats, self._training.total_steps // MOST_AHEAD
+        boats, steps = self._training.boats, 0
+        if self.overlaps and progress.reached_limit(self._training) is None:
+            steps = self._training.total_steps // MOST_AHEAD // boats
 
         def learn(due_at: int) -> list[Metrics]:  # draws the transitions only then
             return list(self._algorithm.learn(due_at))
 
-        for number in range(1, min(steps, most // boats) + 1):
-            due_at = self._due_at(progress, progress.env_steps + number * boats)
-            self._call(progress, observation, partial(learn, due_at))
+        due_at = [self._due_at(progress, progress.env_steps + number * boats) for number in range(steps + 1)]
+        for due in due_at[1:]:
+            self._call(progress, observation, partial(learn, due), after=SCANS)
+        try:
+            yield
+        finally:
+            for _ in range(drop_background()):
+                self._calls.pop()
+                due_at.pop()
+            progress.learned_steps = due_at[-1]
 
     def finish(self) -> None:
         """Wait for all updates."""
@@ -90,10 +99,14 @@ class BackgroundLearning:
 
     def _due_at(self, progress: Progress, steps: int) -> int:
         """Return after how many environment steps the next updates are due; that may be later than now."""
-        progress.learned_steps = min(max(steps, progress.learned_steps), self._training.total_steps)
-        return progress.learned_steps
+        return min(max(steps, progress.learned_steps), self._training.total_steps)
 
     def _call(
-        self, progress: Progress, observation: NDArray[Any] | None, learn: Callable[[], list[Metrics]]
+        self,
+        progress: Progress,
+        observation: NDArray[Any] | None,
+        learn: Callable[[], list[Metrics]],
+        *,
+        after: int = 1,
     ) -> None:
-        self._calls.append((progress.env_steps, observation, in_background(learn)))
+        self._calls.append((progress.env_steps, observation, in_background(learn, after=after)))

@@ -275,13 +275,13 @@ class Trainer:
         validates = validated or progress.crossed(every, since=progress.validated_at)
         evaluate = self.evaluate if progress.evaluated_at < progress.env_steps else None
         validate = self.validate if validates else None
-        if evaluate or validate:
-            self._learning.ahead(progress, self._observation, validated=validate is not None)
         poses, starts = list[dict[str, Value]](), list[dict[str, Value]]()
-        if evaluate is not None:
-            poses += evaluate(policy)
+        with self._learning.ahead(progress, self._observation):
+            if evaluate is not None:
+                poses += evaluate(policy)
+            if validate is not None:
+                starts += validate(policy)
         if validate is not None:
-            starts += validate(policy)
             is_best = self._select(starts, tensors)
         if progress.evaluated_at < progress.env_steps:
             episodes = starts if self.evaluate is None else poses

@@ -179,7 +179,7 @@ class SpinningSensor:
             work = work_arrays(tables[0])
             sector_ranges(*tables, self.spec.range_m, poses[rows], own, *work, out[rows])
 
-        on_all_cores(fill, _blocks(len(poses)))
+        on_all_cores(fill, _blocks(len(poses)), work=len(poses))
         return out
 
     def sector_ranges_by_full_scan(self, eta: Floats, noise: RangeNoise | None = None) -> Floats:
