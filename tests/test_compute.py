@@ -7,7 +7,7 @@ import subprocess
 import sys
 import time
 from collections.abc import Iterator
-from concurrent.futures import ProcessPoolExecutor, ThreadPoolExecutor
+from concurrent.futures import ProcessPoolExecutor, ThreadPoolExecutor, wait
 from functools import partial
 from pathlib import Path
 from threading import Event, Lock, current_thread, main_thread
@@ -224,6 +224,26 @@ def test_functions_in_the_background_run_one_after_another(monkeypatch: pytest.M
     compute.begin_background()
     results[-1].result(10)
     compute.workers().shutdown()
+
+
+@pytest.mark.usefixtures("_two_cores")
+def test_a_function_in_the_background_waits_for_an_amount_of_work() -> None:
+    """Work beyond what the next function waits for does not count for the one after it."""
+    order = list[int]()
+    results = [compute.in_background(partial(order.append, number), after=6) for number in range(5)]
+    for work in (6, 5, 1, 100, 5):
+        compute.on_all_cores(lambda item: None, range(1), work=work)
+    wait(results[:3])
+    assert compute.drop_background() == 2
+    compute.begin_background()
+    assert order == [0, 1, 2]
+    assert not any(result.done() for result in results[3:])
+    following = compute.in_background(partial(order.append, 5), after=2)
+    compute.on_all_cores(lambda item: None, range(1))
+    assert not following.done()
+    compute.on_all_cores(lambda item: None, range(1))
+    following.result(10)
+    assert order == [0, 1, 2, 5]
 
 
 @pytest.mark.usefixtures("_two_cores")

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 from collections.abc import Sequence
+from contextlib import nullcontext
 from itertools import pairwise
 from pathlib import Path
 from typing import Any
@@ -117,7 +118,7 @@ def test_updates_in_parts_that_fit_into_memory_are_the_same(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """Apart from those made ahead, which need the parts of several steps at once."""
-    monkeypatch.setattr(BackgroundLearning, "ahead", lambda *arguments, **named: None)
+    monkeypatch.setattr(BackgroundLearning, "ahead", lambda *arguments: nullcontext())
     whole, drawn = finish(new_run(tmp_path / "whole")), list[int]()
 
     def sample(self: Replay, size: int) -> Batch:

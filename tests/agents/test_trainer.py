@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import csv
+from collections import defaultdict
 from itertools import pairwise
 from pathlib import Path
 from typing import Any
@@ -12,10 +13,12 @@ import numpy as np
 import pytest
 from gymnasium.vector import AutoresetMode
 
+from dockctl.agents.background_learning import BackgroundLearning
 from dockctl.agents.checkpoint import CheckpointError, PolicyCard, load_policy
 from dockctl.agents.interface import Policy, Spaces
 from dockctl.agents.progress import Progress
 from dockctl.agents.trainer import Trainer
+from dockctl.compute import on_all_cores
 from dockctl.errors import DockctlError
 from dockctl.evaluation.rollout import evaluation_rows, run_episodes
 from dockctl.runs.directory import RunDirectory
@@ -164,7 +167,10 @@ def test_nothing_is_learned_after_a_step_that_failed(tmp_path: Path, monkeypatch
 
 
 def test_updates_are_made_ahead_while_a_policy_is_evaluated(tmp_path: Path) -> None:
-    """One percent of all steps, 200; then three quarters of the updates until the steps have caught up."""
+    """Those of a step in every five scans of a boat, for up to one percent of all steps, which are 200.
+
+    Then each step makes three quarters of its updates until the steps have caught up.
+    """
     made, ahead, updates = trainer(tmp_path, steps_per_update=2, stop=None), list[int](), list[int]()
 
     def on_progress(progress: Progress) -> None:
@@ -173,13 +179,37 @@ def test_updates_are_made_ahead_while_a_policy_is_evaluated(tmp_path: Path) -> N
 
     made.on_progress = on_progress
     made.run()
+    steps = defaultdict[int, list[int]](list)  # of the episodes of each evaluation
+    for row in read_table(made.run_directory.path / "evaluations.csv"):
+        steps[int(row["env_steps"])].append(int(row["steps"]))
     every = 1_000 // 8  # steps of 8 boats between two evaluations
+    seen = set[int]()
     for evaluation in range(1, 19):
         last = evaluation * every - 1  # the step after which the policy is evaluated
-        assert ahead[last : last + 4] == [200, 198, 196, 194]
-        assert updates[last] == made.training.updates_due(1_000 * evaluation + 200)
-        assert ahead[last + 104 : last + every] == [-8] * (every - 104)
+        scans = 2 * max(steps[1_000 * evaluation])  # of two boats
+        expected = min(8 * (scans // 5), 200)
+        assert ahead[last : last + 4] == [expected - 2 * i if expected > 2 * i else -8 for i in range(4)]
+        assert updates[last] == made.training.updates_due(1_000 * evaluation + expected)
+        assert ahead[last + expected // 2 + 4 : last + every] == [-8] * (every - expected // 2 - 4)
+        seen.add(expected)
+    assert len(seen) > 1
     assert made.algorithm.updates == made.training.updates_due(20_000 - 8)
+
+
+@pytest.mark.parametrize(
+    ("scans", "expected"), [(0, 0), (4, 0), (5, 8), (124, 192), (125, 200), (1_000, 200)]
+)
+def test_only_updates_that_begin_during_the_evaluation_are_made(
+    tmp_path: Path, scans: int, expected: int
+) -> None:
+    made = trainer(tmp_path, steps_per_update=2, stop=None)
+    made.progress.env_steps = made.progress.learned_steps = 1_000
+    learning = BackgroundLearning(made.algorithm, made.training)
+    with learning.ahead(made.progress, None):
+        for _ in range(scans):
+            on_all_cores(lambda boat: None, range(1))
+    assert made.progress.learned_steps == 1_000 + expected
+    assert len([*learning.learned()]) == expected // 8
 
 
 def test_what_is_stored_of_a_step_that_ends_an_episode(
