@@ -67,8 +67,8 @@ class BackgroundLearning:
         def learn(due_at: int) -> list[Metrics]:  # draws the transitions only then
             return list(self._algorithm.learn(due_at))
 
-        due_at = [self._due_at(progress, progress.env_steps + number * boats) for number in range(steps + 1)]
-        for due in due_at[1:]:
+        due_at = [self._due_at(progress, progress.env_steps + (i + 1) * boats) for i in range(steps)]
+        for due in due_at:
             self._call(progress, observation, partial(learn, due), after=SCANS)
         try:
             yield
@@ -76,7 +76,8 @@ class BackgroundLearning:
             for _ in range(drop_background()):
                 self._calls.pop()
                 due_at.pop()
-            progress.learned_steps = due_at[-1]
+            if due_at:
+                progress.learned_steps = due_at[-1]
 
     def finish(self) -> None:
         """Wait for all updates."""
