@@ -22,10 +22,9 @@ from rich.console import Console
 from rich.progress import track
 from rich.table import Table
 
-from dockctl.runs.provenance import git_commit, hardware, now
+os.environ.update(dict.fromkeys(("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS"), "1"))
 
-for _variable in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS"):
-    os.environ.setdefault(_variable, "1")
+from dockctl.runs.provenance import git_commit, hardware, now  # imports numpy
 
 RESULTS = Path(__file__).parent / "results"
 BUSY = 0.2  # cores used by other processes, above which wall-clock times are unreliable
