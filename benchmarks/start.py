@@ -1,4 +1,4 @@
-"""Seconds from the command to the first gradient step, with warm caches and without caches.
+"""Seconds from the command to the first gradient step, with and without caches, and of short commands.
 
     python benchmarks/start.py
 
@@ -23,6 +23,16 @@ from dockctl.scenarios.loader import load
 
 WARM_S = {"s3": 3, "marina": 8}
 """Largest time to the first gradient step with cached tables and code [s], by scenario."""
+
+SHORT_S = {"evaluate --ckpt s3 --episodes 0": 2.5, "validate s3": 0.5}
+"""Largest duration with cached tables and code [s], by command; the first runs the test episode."""
+
+
+def duration(command: str) -> float:
+    """Return the duration of a command of dockctl [s]."""
+    begin = time.perf_counter()
+    subprocess.run([sys.executable, "-m", "dockctl", *command.split()], check=True, capture_output=True)
+    return time.perf_counter() - begin
 
 
 def seconds_to_first_update(scenario: str, caches: Path) -> float:
@@ -51,7 +61,7 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("--rounds", type=int, default=3)
     arguments = parser.parse_args()
-    report = bench.Report("start", "From the command to the first gradient step")
+    report = bench.Report("start", "Start of trainings, and short commands")
     for scenario in bench.track(WARM_S, "starts", console=bench.console, transient=True):
         first, warm = [], []
         for _ in range(arguments.rounds):
@@ -64,6 +74,13 @@ def main() -> None:
             bench.Target(f"{scenario}, cached", statistics.median(warm), at_most=WARM_S[scenario], unit="s"),
             bench.Target(f"{scenario}, first start: tables and compilation", more, at_most=25, unit="s"),
         ]
+    for command, limit in SHORT_S.items():
+        duration(command)  # fills the caches
+        times = [duration(command) for _ in range(arguments.rounds)]
+        report.seconds[f"dockctl {command}"] = times
+        report.targets.append(
+            bench.Target(f"dockctl {command}", statistics.median(times), at_most=limit, unit="s")
+        )
     report.write()
 
 
