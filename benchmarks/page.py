@@ -23,7 +23,7 @@ SCRIPTS = (
     "optimal_control",
 )  # fmt: skip
 
-ELSEWHERE = ("cores", "gpu")
+OTHER_MACHINE = ("cores", "gpu")
 """Scripts that run on another machine, with many cores and a GPU."""
 
 
@@ -73,7 +73,7 @@ def machine_section(found: dict[str, Json]) -> str:
         for name, result in found.items()
     ]
     missing = ", ".join(f"`benchmarks/{name}.py`" for name in SCRIPTS if name not in found)
-    others = (result for name, result in found.items() if name not in ELSEWHERE)
+    others = (result for name, result in found.items() if name not in OTHER_MACHINE)
     in_order = sorted(others, key=lambda result: result["when"])
     latest, versions = in_order[-1], {}
     for result in in_order:  # a script needs only some of them

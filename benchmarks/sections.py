@@ -145,7 +145,7 @@ def cores_section(found: Json) -> str:
     return f"""On 1 to {machine["cores"]} cores of another machine, {machine["processor"]}, with slower cores.
 With 16 boats, a step takes as long as its slowest scan and its serial part; with more, steps per second grow
 with the cores. A training of `s3` from the command to mastery gains little from more than two, because its
-updates follow each other, each on one core. Its tables are the same bytes with any number of cores.
+updates follow each other, each on one core. Its tables were the same bytes each time.
 
 {table(head, rows)}"""
 
