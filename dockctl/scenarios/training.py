@@ -104,10 +104,15 @@ class Ensemble(Model):
 
     With ``mirrored``, the mean includes the mirror image of the observation. After averaged DQN (Anschel et
     al. 2017) and snapshot ensembles (Huang et al. 2017).
+
+    With ``restarts``, the training has equal parts. In each the network begins with its first parameters and
+    the first learning rate, and learns from all episodes, also those of earlier parts; the policy acts on the
+    mean over the last networks of every part. After resets (Nikishin et al. 2022).
     """
 
     networks: int = Field(default=4, ge=1, le=64, strict=True, description="the current one and earlier ones")
     every_steps: Count = Field(default=100_000, description="environment steps between two networks")
+    restarts: int = Field(default=0, ge=0, le=16, strict=True, description="how often learning begins anew")
 
 
 THESIS: dict[str, Any] = {
@@ -166,7 +171,7 @@ class Training(Model):
     )
     optimizer: Literal["adam", "rmsprop"] = "adam"
     learning_rate: Positive = 5e-4
-    final_learning_rate: Positive = Field(default=5e-5, description="reached linearly at total_steps")
+    final_learning_rate: Positive = Field(default=5e-5, description="reached linearly at the end")
     huber_delta: Positive | None = Field(default=10.0, description="null for the squared error")
     gradient_clip: Positive | None = Field(default=10.0, description="maximum L2 norm; null for none")
     reward_scale: Positive = 1e-3
@@ -199,9 +204,19 @@ class Training(Model):
         """Norm to which gradients are clipped; infinite without `gradient_clip`."""
         return math.inf if self.gradient_clip is None else self.gradient_clip
 
+    @property
+    def parts(self) -> int:
+        """Number of parts of the training, in each of which learning begins anew."""
+        return 1 if self.ensemble is None else self.ensemble.restarts + 1
+
+    def part_at(self, env_steps: float) -> int:
+        """Return the number of the part of the training after `env_steps`, from 0."""
+        return min(int(env_steps * self.parts / self.total_steps), self.parts - 1)
+
     def learning_rate_at(self, env_steps: float) -> float:
         """Return the learning rate after `env_steps`."""
-        return _linear(self.learning_rate, self.final_learning_rate, env_steps / self.total_steps)
+        progress = env_steps * self.parts / self.total_steps - self.part_at(env_steps)
+        return _linear(self.learning_rate, self.final_learning_rate, progress)
 
     def updates_due(self, env_steps: int) -> int:
         """Return the number of updates after `env_steps`; the first one is due when the warm-up ends."""

@@ -24,7 +24,7 @@ TRAINING = Training(
         "replay_capacity": 700,  # overwrites the oldest after 712 steps
         "warmup_steps": 100,
         "steps_per_update": 4,
-        "ensemble": {"networks": 3, "every_steps": 200},
+        "ensemble": {"networks": 3, "every_steps": 200, "restarts": 1},
         "final_learning_rate": 1e-4,
         "epsilon": {"decay_steps": 900},
         "stop": None,

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
-from dataclasses import replace
+from dataclasses import asdict, replace
 from typing import Annotated, Any
 
 import numpy as np
@@ -28,10 +28,20 @@ DRAWN_BYTES = 2**25
 
 @pydantic.dataclasses.dataclass
 class _Counted:
-    """Counters of a saved state: updates so far, and the factor on the learning rate after rollbacks."""
+    """Counters of a saved state.
+
+    Attributes:
+        updates: so far.
+        slowdown: factor on the learning rate after rollbacks.
+        part, begun: number of the part of the training, and of updates before it.
+        finished: number of networks of earlier parts.
+    """
 
     updates: NonNegativeInt
     slowdown: Annotated[float, Field(gt=0, le=1)]
+    part: NonNegativeInt = 0
+    begun: NonNegativeInt = 0
+    finished: NonNegativeInt = 0
 
 
 class DQN:
@@ -95,7 +105,8 @@ class DQN:
         due = max(0, self.training.updates_due(env_steps) - self._scheduled) if len(self.replay) else 0
         slot, self._calls, self._scheduled = self._calls % 2, self._calls + 1, self._scheduled + due
         rate = self.slowdown * self.training.learning_rate_at(env_steps)
-        return self._update(self._draw(due) if due else None, due, rate, slot)
+        part = self.training.part_at(env_steps)
+        return self._update(self._draw(due) if due else None, due, rate, slot, part)
 
     @property
     def _drawn_updates(self) -> int:
@@ -118,10 +129,7 @@ class DQN:
         weights[:, known] = first[:, inputs[known]]
         own = numpy_tensors(self.learner.online.state_dict())
         given = {**newest, FIRST_LAYER: weights}
-        started = {name: widened(array, own[name]) for name, array in given.items()}
-        for network in (self.learner.online, self.learner.target, self.learner.evaluated):
-            load_parameters(network, started)
-        self.learner.publish_all()
+        self.learner.start_from({name: widened(array, own[name]) for name, array in given.items()})
 
     def learn_mirrored(self, mirror: Mirror) -> None:
         """Replace half of the transitions by their mirror images; see `Mirrorable`."""
@@ -132,8 +140,10 @@ class DQN:
         self.hysteresis = hysteresis
 
     def _update(
-        self, transitions: Batch | None, due: int, learning_rate: float, slot: int
+        self, transitions: Batch | None, due: int, learning_rate: float, slot: int, part: int
     ) -> Iterator[Metrics]:
+        if part > self.learner.part:
+            self.learner.begin(part)
         while due:
             transitions = transitions or self._draw(due)
             steps = len(transitions.action) // self.training.batch_size
@@ -169,21 +179,25 @@ class DQN:
         newest = numpy_tensors(self.learner.evaluated.state_dict())
         if self.training.ensemble is None:
             return join([newest], hysteresis=self.hysteresis)
-        return join([newest, *self.learner.snapshots], self.mirror, self.hysteresis)
+        networks = [newest, *self.learner.snapshots, *self.learner.finished]
+        return join(networks, self.mirror, self.hysteresis)
 
     def state(self) -> tuple[Tensors, dict[str, Any]]:
         """Return the other networks, optimizer, replay, n-step windows and generators; see `Algorithm`."""
+        learner = self.learner
         tensors = {
-            "online": numpy_tensors(self.learner.online.state_dict()),
-            "target": numpy_tensors(self.learner.target.state_dict()),
-            "acting": numpy_tensors(self.learner.acting[self._calls % 2].state_dict()),
-            "optimizer": self.learner.steps.moments(),
+            "first": learner.first if self.training.parts > 1 else {},
+            "online": numpy_tensors(learner.online.state_dict()),
+            "target": numpy_tensors(learner.target.state_dict()),
+            "acting": numpy_tensors(learner.acting[self._calls % 2].state_dict()),
+            "optimizer": learner.steps.moments(),
             "replay": self.replay.state(),
             "unfinished": self.n_step.state(),
         }
         generators = {"exploration": self.exploration, "sampling": self.replay.rng}
         states = {name: generator.bit_generator.state for name, generator in generators.items()}
-        return flatten(tensors), {"updates": self.updates, "slowdown": self.slowdown, **states}
+        counted = _Counted(self.updates, self.slowdown, learner.part, learner.begun, len(learner.finished))
+        return flatten(tensors), {**asdict(counted), **states}
 
     def restore(self, policy: Tensors, tensors: Tensors, facts: Mapping[str, Any]) -> None:
         """Continue from a saved state; see `Algorithm`."""
@@ -192,7 +206,13 @@ class DQN:
             raise KeyError("online")
         load_parameters(self.learner.online, nested["online"])
         load_parameters(self.learner.target, nested["target"])
-        (newest, *self.learner.snapshots), *_ = split(policy)
+        counted = _Counted(**{name: facts[name] for name in _Counted.__dataclass_fields__ if name in facts})
+        (newest, *earlier), *_ = split(policy)
+        kept = len(earlier) - counted.finished
+        self.learner.snapshots, self.learner.finished = earlier[:kept], earlier[kept:]
+        self.learner.part, self.learner.begun = counted.part, counted.begun
+        if first := nested["first"]:
+            self.learner.first = first
         load_parameters(self.learner.evaluated, newest)
         self.learner.publish_all()
         if acting := nested["acting"]:  # not in states of early versions
@@ -201,7 +221,6 @@ class DQN:
         self.replay.load(nested["replay"], self.actions)
         if unfinished := nested["unfinished"]:
             self.n_step.load(unfinished, self.actions)
-        counted = _Counted(facts["updates"], facts["slowdown"])
         self.learner.updates = self._scheduled = counted.updates
         self.slowdown = counted.slowdown
         self.exploration.bit_generator.state = facts["exploration"]

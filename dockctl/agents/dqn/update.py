@@ -18,7 +18,7 @@ from dockctl.agents.dqn.compiled import DECAYS, CompiledSteps
 from dockctl.agents.dqn.network import DuelingQNetwork
 from dockctl.agents.dqn.replay import Batch, Transitions
 from dockctl.agents.interface import Metrics, Tensors
-from dockctl.agents.tensors import load_optimizer, numpy_tensors, optimizer_tensors
+from dockctl.agents.tensors import load_optimizer, load_parameters, numpy_tensors, optimizer_tensors
 from dockctl.scenarios.training import Training
 
 QFunction = Callable[[Tensor], Tensor]
@@ -116,7 +116,10 @@ class DoubleDQN:
 
     Attributes:
         acting: two copies of the online network, from different times, which act while it learns.
+        first: parameters with which each part of the training begins.
+        part, begun: number of the part, and of updates before it.
         snapshots: parameters of the evaluated network at earlier times, newest first, for an ensemble.
+        finished: parameters of the evaluated networks of earlier parts, newest first.
 
     Args:
         online: trained in place, on the device where it is.
@@ -126,7 +129,10 @@ class DoubleDQN:
     def __init__(self, online: DuelingQNetwork, training: Training) -> None:
         self.online, self.target, self.training, self.updates = online, copy.deepcopy(online), training, 0
         self.evaluated = online if training.averaged_copies is None else copy.deepcopy(online)
+        self.first: Tensors = numpy_tensors(online.state_dict())
+        self.part, self.begun = 0, 0
         self.snapshots: list[Tensors] = []
+        self.finished: list[Tensors] = []
         self.acting = copy.deepcopy(online), copy.deepcopy(online)
         on_cpu = next(online.parameters()).device.type == "cpu"
         steps = CompiledSteps if on_cpu else AutogradSteps
@@ -173,7 +179,8 @@ class DoubleDQN:
     def _copy(self) -> None:
         """Copy the online network to the target network, and average the copies, the first ones equally."""
         self.target.load_state_dict(self.online.state_dict())
-        copies = self.updates // self.training.target_update_interval
+        interval = self.training.target_update_interval
+        copies = self.updates // interval - self.begun // interval
         if self.training.averaged_copies is not None:
             weight = 1 / min(copies, self.training.averaged_copies)
             for average, copied in zip(self.evaluated.parameters(), self.target.parameters(), strict=True):
@@ -182,3 +189,24 @@ class DoubleDQN:
         if ensemble is not None and copies % self.training.copies_between_snapshots == 0:
             newest = numpy_tensors(self.evaluated.state_dict())
             self.snapshots = [newest, *self.snapshots][: ensemble.networks - 1]
+
+    def start_from(self, parameters: Tensors) -> None:
+        """Begin each part of the training with these parameters."""
+        self.first = parameters
+        self._reset()
+        self.publish_all()
+
+    def begin(self, part: int) -> None:
+        """Begin a part of the training; the networks of the part before are kept.
+
+        Acting copies change only with `publish`, because one of them may be acting.
+        """
+        newest = numpy_tensors(self.evaluated.state_dict())
+        self.finished, self.snapshots = [newest, *self.snapshots, *self.finished], []
+        self._reset()
+        self.steps.load_moments({})
+        self.part, self.begun = part, self.updates
+
+    def _reset(self) -> None:
+        for network in (self.online, self.target, self.evaluated):
+            load_parameters(network, self.first)

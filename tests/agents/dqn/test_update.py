@@ -191,6 +191,28 @@ def test_snapshots_of_the_evaluated_network_are_kept_for_an_ensemble() -> None:
             np.testing.assert_array_equal(given, parameters)
 
 
+@pytest.mark.parametrize("steps", [AutogradSteps, CompiledSteps])
+def test_a_new_part_is_learned_like_the_first_and_the_networks_of_the_one_before_are_kept(
+    steps: type,
+) -> None:
+    """With averages, moments of the optimizer and snapshots; both with 15 updates and 5 copies."""
+    ensemble = {"networks": 3, "every_steps": 12, "restarts": 1}
+    dqn = learner(averaged_copies=4, steps_per_update=4, ensemble=ensemble)
+    dqn.steps = steps(dqn.online, dqn.target, dqn.acting, dqn.training)
+    networks = dict[int, list[np.ndarray]]()
+    for part in (0, 1):
+        if part:
+            dqn.begin(part)
+        for seed in range(15):
+            dqn.update(batch(seed), 1e-2)
+        kept = [torch.nn.utils.parameters_to_vector(map(torch.from_numpy, s.values())) for s in dqn.snapshots]
+        networks[part] = [each.numpy().copy() for each in (flat(dqn.evaluated), *kept)]
+    assert len(dqn.finished) == len(networks[1]) == 3
+    for first, again, finished in zip(networks[0], networks[1], dqn.finished, strict=True):
+        np.testing.assert_array_equal(np.concatenate([a.ravel() for a in finished.values()]), first)
+        np.testing.assert_array_equal(again, first)
+
+
 def test_the_evaluated_network_without_averaging() -> None:
     dqn = learner(averaged_copies=None)
     dqn.update(batch(), 1e-2)
@@ -262,3 +284,10 @@ def test_schedules() -> None:
     assert [training.epsilon.at(t) for t in (0, 250, 500, 900)] == pytest.approx([1, 0.55, 0.1, 0.1])
     assert [training.learning_rate_at(t) for t in (0, 500, 1000)] == pytest.approx([5e-4, 2.75e-4, 5e-5])
     assert [training.updates_due(t) for t in (4999, 5000, 5015, 5016)] == [0, 1, 1, 2]
+
+
+def test_the_learning_rate_of_each_part() -> None:
+    training = Training(total_steps=1200, ensemble={"restarts": 2})
+    assert [training.part_at(t) for t in (0, 399, 400, 799, 800, 1200)] == [0, 0, 1, 1, 2, 2]
+    rates = [training.learning_rate_at(t) for t in (0, 200, 400, 600, 1000, 1200)]
+    assert rates == pytest.approx([5e-4, 2.75e-4, 5e-4, 2.75e-4, 2.75e-4, 5e-5])
