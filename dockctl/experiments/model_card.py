@@ -137,7 +137,8 @@ def _facts(
     layers = f"{learner}, layers of {', '.join(map(str, card.hidden_sizes))}"
     if ensemble := scenario.training.ensemble:
         layers += f"; an ensemble of {ensemble.networks}, {ensemble.every_steps:,} steps apart"
-        layers += f", from each of {scenario.training.parts} parts of the training" * (ensemble.restarts > 0)
+        if ensemble.restarts:
+            layers += f", from each of {scenario.training.parts} parts of the training"
         layers += ", and of their mirror images" if scenario.training.mirrored else ""
     if hysteresis := scenario.training.hysteresis:
         layers += f"; it keeps its last action until another one is better by {hysteresis:g}"

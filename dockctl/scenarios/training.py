@@ -112,7 +112,7 @@ class Ensemble(Model):
 
     networks: int = Field(default=4, ge=1, le=64, strict=True, description="the current one and earlier ones")
     every_steps: Count = Field(default=100_000, description="environment steps between two networks")
-    restarts: int = Field(default=0, ge=0, le=16, strict=True, description="how often learning begins anew")
+    restarts: int = Field(default=0, ge=0, le=16, strict=True, description="how often learning starts over")
 
 
 THESIS: dict[str, Any] = {
@@ -171,7 +171,9 @@ class Training(Model):
     )
     optimizer: Literal["adam", "rmsprop"] = "adam"
     learning_rate: Positive = 5e-4
-    final_learning_rate: Positive = Field(default=5e-5, description="reached linearly at the end")
+    final_learning_rate: Positive = Field(
+        default=5e-5, description="reached linearly at the end of each part"
+    )
     huber_delta: Positive | None = Field(default=10.0, description="null for the squared error")
     gradient_clip: Positive | None = Field(default=10.0, description="maximum L2 norm; null for none")
     reward_scale: Positive = 1e-3
@@ -206,7 +208,7 @@ class Training(Model):
 
     @property
     def parts(self) -> int:
-        """Number of parts of the training, in each of which learning begins anew."""
+        """Number of parts of the training, in each of which learning starts over."""
         return 1 if self.ensemble is None else self.ensemble.restarts + 1
 
     def part_at(self, env_steps: float) -> int:

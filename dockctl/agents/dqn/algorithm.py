@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
-from dataclasses import asdict, replace
+from dataclasses import asdict, fields, replace
 from typing import Annotated, Any
 
 import numpy as np
@@ -206,7 +206,7 @@ class DQN:
             raise KeyError("online")
         load_parameters(self.learner.online, nested["online"])
         load_parameters(self.learner.target, nested["target"])
-        counted = _Counted(**{name: facts[name] for name in _Counted.__dataclass_fields__ if name in facts})
+        counted = _Counted(**{each.name: facts[each.name] for each in fields(_Counted) if each.name in facts})
         (newest, *earlier), *_ = split(policy)
         kept = len(earlier) - counted.finished
         self.learner.snapshots, self.learner.finished = earlier[:kept], earlier[kept:]
