@@ -35,6 +35,7 @@ from dockctl.scenarios.base import FieldError
 from dockctl.scenarios.extensions import ActionType, RangeSensorSpec
 from dockctl.scenarios.layouts import layouts
 from dockctl.scenarios.loader import LoadedScenario
+from dockctl.scenarios.schema import TRAINING_CONDITIONS
 from dockctl.sim.conditions.lidar_faults import SectorError
 from dockctl.sim.simulator import IntegrationError
 from dockctl.sim.vessel import ReferenceVesselModel
@@ -64,6 +65,11 @@ def dry_run(loaded: LoadedScenario) -> None:
     with _located(loaded):
         _step(loaded)
         _integrate(loaded)
+    if loaded.scenario.training.conditions:
+        with _located(loaded, TRAINING_CONDITIONS):
+            trained = replace(loaded, scenario=loaded.scenario.with_training_conditions())
+            _step(trained)
+            _integrate(trained)
 
 
 def _in_open_water(loaded: LoadedScenario, boats: int) -> DockingVectorEnv:
@@ -270,7 +276,7 @@ def build_algorithm(loaded: LoadedScenario, spaces: Spaces, boats: int, device: 
 
 
 @contextmanager
-def _located(loaded: LoadedScenario) -> Iterator[None]:
+def _located(loaded: LoadedScenario, conditions: str = "conditions") -> Iterator[None]:
     """Convert a `FieldError` or `SectorError` in the block to an `InputError` at the location of the field.
 
     Divergence of the integration is attributed to the conditions: the vessel's validator checked the rest.
@@ -281,9 +287,10 @@ def _located(loaded: LoadedScenario) -> Iterator[None]:
         problem = loaded.problem(error.field, error.message, error.code, error.suggestion)
         raise InputError([problem]) from None
     except IntegrationError as error:
-        raise InputError([loaded.problem("conditions", error.message, error.code)]) from None
+        raise InputError([loaded.problem(conditions, error.message, error.code)]) from None
     except SectorError as error:
-        raise InputError([loaded.problem(error.field, error.reason, error.code)]) from None
+        field = error.field.replace("conditions", conditions)
+        raise InputError([loaded.problem(field, error.reason, error.code)]) from None
 
 
 def _require_finite_terms(by_term: dict[str, Any]) -> None:

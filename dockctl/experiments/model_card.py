@@ -160,7 +160,8 @@ def _facts(
     commit = f"commit `{provenance['git_commit']}`, " if provenance.get("git_commit") else ""
     yield "trained with", f"dockctl {provenance.get('dockctl')}, {commit}{provenance.get('started')}"
     yield "exported with", f"dockctl {dockctl.__version__}, commit `{git_commit()}`"
-    yield "training data", "simulation only"
+    own = ", ".join(f"`{name}`" for name in scenario.training.conditions)
+    yield "training data", "simulation only" + (f"; {own} from `training.conditions`" if own else "")
 
 
 def _rate(shares: Mapping[str, float], kind: str) -> str:

@@ -51,7 +51,7 @@ def scenario_schema() -> Schema:
     schema["required"].remove("name")  # the file name by default
     properties["vessel"] = {"anyOf": [_name_of(VESSELS), properties["vessel"]]}
     properties["harbor"] = {"anyOf": [_name_of(HARBORS), properties["harbor"]]}
-    properties["conditions"] = _conditions()
+    properties["conditions"] = definitions["Training"]["properties"]["conditions"] = _conditions()
     text = {"type": "string", "pattern": rf"^\s*{PATTERN}\s*$", "description": "move the poses to this berth"}
     properties[BERTH] = {"anyOf": [text, {"type": "null"}]}
     definitions["ObservationPart"] = _observation_part()

@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from typing import Annotated, Any, ClassVar, Self, TypeVar
 
-from pydantic import Field, ValidationError, field_validator, model_validator
+from pydantic import Field, ValidationError, model_validator
 
 from dockctl.errors import DockctlError
 from dockctl.plugins import ACTIONS, CONDITIONS, RANGE_SENSORS, Guard, Registry
@@ -25,10 +25,11 @@ from dockctl.scenarios.berths import Berths, require_berths
 from dockctl.scenarios.extensions import ActionType, Condition, RangeSensorSpec, Sectors
 from dockctl.scenarios.harbor import Generated, HarborSpec
 from dockctl.scenarios.kinds import Kinds
-from dockctl.scenarios.training import Evaluation, Training
+from dockctl.scenarios.training import Conditions, Evaluation, Training
 from dockctl.scenarios.vessel import Vessel
 
 Part = TypeVar("Part", ActionType, Condition)
+TRAINING_CONDITIONS = "training.conditions"
 BERTH_MARGIN_M = 1.0
 """Total clearance beside the boat in the narrowest generated berth, and when it turns in a fairway."""
 
@@ -157,25 +158,13 @@ class Scenario(Model):
     vessel: Vessel
     harbor: HarborSpec
     sensors: Sensors = Field(default_factory=Sensors)
-    conditions: dict[str, Annotated[Condition, Kinds(CONDITIONS)]] = {}
+    conditions: Conditions = {}
     actions: Annotated[ActionType, ACTION_KINDS] = Field(default_factory=ACTION_KINDS.make_default)
     observation: tuple[ObservationPart, ...] = Field(min_length=1)
     task: Task
     reward: Reward
     training: Training = Field(default_factory=Training)
     evaluation: Evaluation = Evaluation()
-
-    @field_validator("conditions", mode="before")
-    @classmethod
-    def _conditions_by_name(cls, given: Any) -> Any:
-        """Use the key as the kind of a condition that has no `kind`; null removes a condition."""
-        if not isinstance(given, dict):
-            return given
-        return {
-            name: {"kind": name, **body} if isinstance(body, dict) else body
-            for name, body in given.items()
-            if body is not None
-        }
 
     @model_validator(mode="after")
     def _commands_within_limits(self) -> Self:
@@ -185,15 +174,20 @@ class Scenario(Model):
 
     @model_validator(mode="after")
     def _conditions_fit(self) -> Self:
+        conditions = {"conditions": self._fitted_conditions(self.conditions, "conditions")}
+        own = {"conditions": self._fitted_conditions(self.training.conditions, TRAINING_CONDITIONS)}
+        self.__dict__.update(conditions, training=self.training.model_copy(update=own))
+        return self
+
+    def _fitted_conditions(self, given: Conditions, field: str) -> Conditions:
         fitted = {}
-        for name, condition in self.conditions.items():
+        for name, condition in given.items():
             try:
                 fitted[name] = _fitted(condition, CONDITIONS, self.vessel)
             except FieldError as error:
-                field = f"conditions.{name}.{error.field}"
-                raise FieldError(field, error.message, error.code, error.suggestion) from None
-        self.__dict__["conditions"] = fitted
-        return self
+                where = f"{field}.{name}.{error.field}"
+                raise FieldError(where, error.message, error.code, error.suggestion) from None
+        return fitted
 
     @model_validator(mode="after")
     def _berths_exist(self) -> Self:
@@ -206,10 +200,15 @@ class Scenario(Model):
         steps = self.evaluation.max_steps
         return self.task if steps is None else self.task.model_copy(update={"max_steps": steps})
 
-    def in_training(self) -> Self:
-        """Return the scenario with a control period that is longer by a factor of `training.action_repeat`.
+    def with_training_conditions(self) -> Self:
+        """Return the scenario with the conditions of its training."""
+        return self.model_copy(update={"conditions": {**self.conditions, **self.training.conditions}})
 
-        Its step limits are reduced by the same factor.
+    def in_training(self) -> Self:
+        """Return the scenario of the training environment.
+
+        It has the conditions of the training, and a control period that is longer by a factor of
+        `training.action_repeat`. Its step limits are reduced by the same factor.
         """
         repeat, vessel, task, exploring = (
             self.training.action_repeat, self.vessel, self.task, self.training.exploring_starts
@@ -219,7 +218,7 @@ class Scenario(Model):
         if exploring is not None:
             steps = -(-exploring.steps // repeat)
             training["exploring_starts"] = exploring.model_copy(update={"steps": steps})
-        return self.model_copy(
+        return self.with_training_conditions().model_copy(
             update={
                 "vessel": vessel.model_copy(update=period),
                 "task": task.model_copy(update={"max_steps": -(-task.max_steps // repeat)}),

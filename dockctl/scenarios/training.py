@@ -5,9 +5,9 @@ from __future__ import annotations
 import math
 from typing import Annotated, Any, Literal, Self
 
-from pydantic import Field, model_validator
+from pydantic import BeforeValidator, Field, model_validator
 
-from dockctl.plugins import ALGORITHMS
+from dockctl.plugins import ALGORITHMS, CONDITIONS
 from dockctl.scenarios.base import (
     Count,
     FieldError,
@@ -20,11 +20,28 @@ from dockctl.scenarios.base import (
     Speed,
     Turn,
 )
-from dockctl.scenarios.extensions import Kind
+from dockctl.scenarios.extensions import Condition, Kind
 from dockctl.scenarios.kinds import Kinds
 
 ALGORITHM = Kinds(ALGORITHMS, default="dqn")
 Layer = Annotated[Count, Field(le=8192)]
+
+
+def _conditions_by_name(given: Any) -> Any:
+    """Use the key as the kind of a condition that has no `kind`; null removes a condition."""
+    if not isinstance(given, dict):
+        return given
+    return {
+        name: {"kind": name, **body} if isinstance(body, dict) else body
+        for name, body in given.items()
+        if body is not None
+    }
+
+
+Conditions = Annotated[
+    dict[str, Annotated[Condition, Kinds(CONDITIONS)]], BeforeValidator(_conditions_by_name)
+]
+"""Conditions by name."""
 
 
 def _linear(start: float, end: float, fraction: float) -> float:
@@ -179,6 +196,9 @@ class Training(Model):
     reward_scale: Positive = 1e-3
     largest_return: Positive | None = Field(
         default=None, description="upper bound on the TD targets; null for none"
+    )
+    conditions: Conditions = Field(
+        default={}, description="conditions of training alone: added, or instead of those of the same name"
     )
     epsilon: Epsilon = Epsilon()
     exploring_starts: ExploringStarts | None = ExploringStarts()

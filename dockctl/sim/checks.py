@@ -16,7 +16,7 @@ from dockctl.scenarios.base import Pose
 from dockctl.scenarios.harbor import Generated
 from dockctl.scenarios.layouts import layouts
 from dockctl.scenarios.loader import LoadedScenario, load
-from dockctl.scenarios.schema import Scenario
+from dockctl.scenarios.schema import TRAINING_CONDITIONS, Scenario
 from dockctl.sim.collision import CollisionChecker, collision_checker
 from dockctl.sim.harbor.build import Harbor, build_harbor, open_bodies
 from dockctl.sim.harbor.solids import hull_outline
@@ -134,8 +134,12 @@ def notes(loaded: LoadedScenario) -> list[str]:
             for field, number in open_bodies(scenario.harbor, loaded.base_dir).items()
         ]
         + [
-            str(loaded.problem(f"conditions.{name}.{field}", message))
-            for name, condition in scenario.conditions.items()
+            str(loaded.problem(f"{section}.{name}.{field}", message))
+            for section, conditions in (
+                ("conditions", scenario.conditions),
+                (TRAINING_CONDITIONS, scenario.training.conditions),
+            )
+            for name, condition in conditions.items()
             for field, message in condition.notes(scenario.vessel)
         ]
         + [str(loaded.problem("conditions", message)) for message in _together(scenario)]
