@@ -94,6 +94,22 @@ def test_best_policy_that_docks_from_its_training_poses_is_exported(
     assert {path.name for path in Path().iterdir()} == {*export.CHECKPOINT}
 
 
+def test_the_card_names_conditions_and_parts_of_the_training(runs: MakeRun, tmp_path: Path) -> None:
+    run = runs(0, "+", "+++")
+    text = (run / "scenario.yaml").read_text()
+    for before, after in (
+        ("  conditions: {}", "  conditions: {current: {speed_mps: 0.1, direction_deg: 0}}"),
+        ("  ensemble: null", "  ensemble: {networks: 2, every_steps: 100, restarts: 2}"),
+    ):
+        assert text.count(f"\n{before}\n") == 1
+        text = text.replace(f"\n{before}\n", f"\n{after}\n")
+    (run / "scenario.yaml").write_text(text)
+    assert dockctl("export", run, "--name", "mine", "--out", tmp_path / "out").code == 0
+    card = (tmp_path / "out" / "mine" / "card.md").read_text()
+    assert "an ensemble of 2, 100 steps apart, from each of 3 parts of the training |" in card
+    assert "| training data | simulation only; `current` from `training.conditions` |" in card
+
+
 def test_a_note_tells_when_the_name_is_that_of_a_shipped_policy(runs: MakeRun, tmp_path: Path) -> None:
     given = runs(0, "+", "+++")
     for name, noted in (("s1", True), ("mine", False)):
