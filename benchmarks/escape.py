@@ -13,7 +13,7 @@ from __future__ import annotations
 
 import argparse
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from typing import Any
 
 import bench  # before numpy
@@ -22,12 +22,12 @@ from rich.progress import track
 
 from dockctl.evaluation import Rollout, load_policy
 from dockctl.evaluation.starts import evaluation_starts, testing_starts
-from dockctl.geometry import Floats, Ints
+from dockctl.geometry import Ints
 from dockctl.scenarios.schema import Scenario
 from dockctl.sim.goal import TO_INTERMEDIATE
 from dockctl.sim.simulator import Simulator
 from dockctl.sim.starts import Start
-from dockctl.sim.world import World
+from dockctl.sim.world import NothingInRange, World
 
 BOATS, COMMANDS, HELD_S, SEARCHED_S = 4096, 32, 2.0, 200.0
 """Copies of the boat, commands that each tries, for how long it holds one, and length of the search."""
@@ -35,26 +35,6 @@ OPEN_M = 2.5
 """Clearance of a boat in open water."""
 CELL = np.array([0.15, 0.15, 4.0, 0.12])
 """Size of a cell: x, y [m], heading [deg], surge [m/s]."""
-
-
-@dataclass(frozen=True)
-class Blind:
-    """A range sensor in which nothing is ever in range; scans would take most of the time."""
-
-    sectors: int
-    table_bytes = 0
-
-    def sector_ranges(self, eta: Floats) -> Floats:
-        """Return what no caller uses."""
-        return np.full((len(eta), self.sectors), 100.0)
-
-    def noisy_sector_ranges(self, eta: Floats, noise: object) -> Floats:
-        """Return the same."""
-        return self.sector_ranges(eta)
-
-    def points(self, pose: Floats, every: int = 1) -> Floats:
-        """Return no points."""
-        return np.empty((0, 3))
 
 
 def chosen(value: Any, rows: Ints) -> Any:
@@ -68,7 +48,7 @@ def chosen(value: Any, rows: Ints) -> Any:
 
 def seconds_to_open_water(scenario: Scenario, world: World, start: Start) -> float | None:
     """Return when a copy of the boat is first in open water [s], or None if none gets there."""
-    blind = replace(world, lidar=Blind(scenario.sensors.lidar.sectors))
+    blind = replace(world, lidar=NothingInRange(scenario.sensors.lidar))  # scans would take most of the time
     simulator, rng = Simulator(scenario, [blind], BOATS), np.random.default_rng(0)
     simulator.reset(np.arange(BOATS), [replace(start, harbor=0)] * BOATS)
     commands = scenario.actions.commands(
