@@ -11,7 +11,7 @@ from __future__ import annotations
 
 import argparse
 import math
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from typing import Any
 
 import bench  # before numpy
@@ -26,6 +26,8 @@ from dockctl.sim.starts import given_start, own_site
 
 CASES = (("s1", "s1"), ("s2", "s2-poses"), ("s3", "s3"), ("s3-direct", "s3-direct"))
 """Shipped policy and scenario."""
+DIRECT_STARTS = 20
+"""Number of random starts of the scenario without an intermediate pose."""
 SPEEDS_MPS = (0.3, 0.15)
 """Average speeds of the first guesses along straight lines; a plan has at most the time of its guess."""
 WEATHER = {
@@ -88,8 +90,7 @@ def calm(paths: dict[str, Any]) -> Iterator[dict[str, Any]]:
                 guesses.append(followed(docking, episode))
             if len(docking.goals) == 1:  # what docks by way of the intermediate pose also docks without it
                 guesses += [plan.in_one_leg for plan in plans if (plan.states[0, :3] == start.eta).all()]
-            tried = [optimum(docking, guess) for guess in guesses]
-            found = min((one for one in tried if one), key=lambda one: one.time_s, default=None)
+            found = fastest(docking, guesses)
             if found:
                 plans.append(found.plan)
             if scenario.startswith("s3"):
@@ -97,6 +98,26 @@ def calm(paths: dict[str, Any]) -> Iterator[dict[str, Any]]:
                     paths[scenario] = path(found.plan.states[:, :3], docking.control_period_s)
                 paths[f"{scenario}, policy"] = path(episode.trajectory["pose"], docking.control_period_s)
             yield {"scenario": scenario, "policy": name, **result(docking, found, episode)}
+
+
+def direct() -> Iterator[dict[str, Any]]:
+    """Yield a row for each of some random test starts of scenario 3 without its intermediate pose."""
+    policy = load_policy("s3-direct")
+    loaded = policy.scenario()
+    rollout, tests = Rollout(loaded), loaded.scenario.evaluation.random_starts
+    starts = testing_starts(loaded.scenario, rollout.worlds, DIRECT_STARTS, tests.seed)
+    for start, episode in zip(starts, rollout.run(policy.make(rollout.env()), starts), strict=True):
+        docking = Docking(loaded, rollout.worlds, start)
+        guesses = [straight(docking, mps) for mps in SPEEDS_MPS]
+        if episode.docked:
+            guesses.append(followed(docking, episode))
+        yield result(docking, fastest(docking, guesses), episode)
+
+
+def fastest(docking: Docking, guesses: Iterable[Plan]) -> Optimum | None:
+    """Return the fastest of the plans that are found from some guesses, or None."""
+    tried = [optimum(docking, guess) for guess in guesses]
+    return min((one for one in tried if one), key=lambda one: one.time_s, default=None)
 
 
 def weather() -> Iterator[dict[str, Any]]:
@@ -134,18 +155,18 @@ def weather() -> Iterator[dict[str, Any]]:
 def storms() -> Iterator[dict[str, Any]]:
     """Yield a row for each draw: scenario 1 in constant wind and current at once, from random directions.
 
-    The policy is the one for weather, whose commands last 1 s; those of the plan 0.5 s, as in scenario 1.
+    The policy is the one for weather with its planner. Its commands last 1 s, those of the optimum 0.5 s.
     """
     base, policy, rng = load_policy("s1"), load_policy("marinas-weather"), np.random.default_rng(0)
     worlds = Rollout(base.scenario()).worlds
-    period = [f"vessel.{key}={value}" for key, value in (("control_period_s", 1.0), ("substeps", 10))]
+    own = ["vessel.control_period_s=1.0", "vessel.substeps=10", "evaluation.planner=true"]
     for wind, current in STORMS:
         for toward in rng.uniform(0, 360, (DRAWS, 2)).round().tolist():
             weather = [
                 constant(kind, speed, direction)
                 for kind, speed, direction in zip(VARIATION, (wind, current), toward, strict=True)
             ]
-            loaded, given = base.scenario("s1", weather), policy.scenario("s1", [*weather, *period])
+            loaded, given = base.scenario("s1", weather), policy.scenario("s1", [*weather, *own])
             site, task = own_site(loaded.scenario), loaded.scenario.task
             start, rollout = given_start(site, task, site.initial[0], 0), Rollout(given)
             (episode,) = rollout.run(policy.make(rollout.env()), [start], clearance=False)
@@ -204,14 +225,17 @@ def main() -> None:
     argparse.ArgumentParser(description=__doc__.splitlines()[0]).parse_args()
     report = bench.Report("optimal_control", "Docking in minimum time, planned with full knowledge")
     paths: dict[str, Any] = {}
-    tables = calm(paths), weather(), storms(), missed()
-    rows, strengths, drawn, failed = (list(shown(each)) for each in tables)
-    report.facts = {
-        "calm": rows, "weather": strengths, "storms": drawn, "missed": failed,
-        "paths": paths, "clearance_m": CLEARANCE_M
-    }  # fmt: skip
-    found = [row for row in rows + strengths + drawn + failed if "optimum_s" in row]
-    first = next(row for row in found if row["scenario"] == "s1")
+    tables = {
+        "calm": calm(paths),
+        "direct": direct(),
+        "weather": weather(),
+        "storms": storms(),
+        "missed": missed(),
+    }
+    rows = {name: list(shown(table)) for name, table in tables.items()}
+    report.facts = {**rows, "paths": paths, "clearance_m": CLEARANCE_M}
+    found = [row for table in rows.values() for row in table if "optimum_s" in row]
+    first = next(row for row in found if row.get("scenario") == "s1")
     report.targets = [
         bench.Target(
             f"minimum time of scenario 1, relative to {KNOWN_S} s of another program",
