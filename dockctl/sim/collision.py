@@ -26,7 +26,7 @@ SIZE_BY_TRIANGLES = 8
 """Memory of a checker, relative to the harbor's triangle array; measured on the reference marina."""
 CONTACT_RESOLUTION_M = 0.002
 """Motion of the hull between the poses at which contact is tested."""
-KEPT_TRIANGLES = 700_000
+KEPT_TRIANGLES = 350_000
 """Maximum number of triangles kept as fcl objects, in all harbors together; about 600 bytes each."""
 MAX_BOXES = 128
 """Maximum number of cached bounding boxes of hulls with a margin."""
