@@ -289,7 +289,7 @@ def _located(loaded: LoadedScenario, conditions: str = "conditions") -> Iterator
     except IntegrationError as error:
         raise InputError([loaded.problem(conditions, error.message, error.code)]) from None
     except SectorError as error:
-        field = error.field.replace("conditions", conditions)
+        field = conditions + error.field.removeprefix("conditions")
         raise InputError([loaded.problem(field, error.reason, error.code)]) from None
 
 

@@ -133,28 +133,27 @@ def notes(loaded: LoadedScenario) -> list[str]:
             )
             for field, number in open_bodies(scenario.harbor, loaded.base_dir).items()
         ]
-        + [
-            str(loaded.problem(f"{section}.{name}.{field}", message))
-            for section, conditions in (
-                ("conditions", scenario.conditions),
-                (TRAINING_CONDITIONS, scenario.training.conditions),
-            )
-            for name, condition in conditions.items()
-            for field, message in condition.notes(scenario.vessel)
-        ]
-        + [str(loaded.problem("conditions", message)) for message in _together(scenario)]
+        + [str(loaded.problem(*note)) for note in _beyond_authority(scenario)]
     )
 
 
-def _together(scenario: Scenario) -> Iterator[str]:
-    """Yield a message if conditions exceed the control authority together but not individually."""
-    vessel = scenario.vessel
-    forces = [condition.side_force_n(vessel) for condition in scenario.conditions.values()]
-    if max(forces, default=0.0) <= vessel.max_side_n < sum(forces):
-        yield (
-            f"together they take up to {sum(forces):.0f} N sideways to hold the boat in place; the vessel has"
-            f" {vessel.max_side_n:.0f} N"
-        )
+def _beyond_authority(scenario: Scenario) -> Iterator[tuple[str, str]]:
+    """Yield field and message for conditions beyond the vessel's control authority, alone or together."""
+    vessel, trained = scenario.vessel, scenario.with_training_conditions().conditions
+    for section, given, effective in (
+        ("conditions", scenario.conditions, scenario.conditions),
+        (TRAINING_CONDITIONS, scenario.training.conditions, trained),
+    ):
+        for name, condition in given.items():
+            for field, message in condition.notes(vessel):
+                yield f"{section}.{name}.{field}", message
+        forces = [condition.side_force_n(vessel) for condition in effective.values()] if given else []
+        if max(forces, default=0.0) <= vessel.max_side_n < sum(forces):
+            yield (
+                section,
+                f"together they take up to {sum(forces):.0f} N sideways to hold the boat in place; the vessel"
+                f" has {vessel.max_side_n:.0f} N",
+            )
 
 
 def _poses(scenario: Scenario) -> Iterator[tuple[str, Pose]]:

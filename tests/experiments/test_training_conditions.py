@@ -91,6 +91,21 @@ def test_a_note_says_that_they_exceed_the_control_authority(file: Path) -> None:
     assert "current of 0.3 m/s" in note
 
 
+def test_a_note_says_that_they_exceed_it_together_with_the_others(tmp_path: Path) -> None:
+    file = tmp_path / "mine.yaml"
+    file.write_text(
+        "extends: s1\nconditions: {wind: {speed_mps: 4, direction_deg: 90}}\n"
+        "training: {conditions: {current: {speed_mps: 0.05, direction_deg: 180}}}\n"
+    )
+    (note,) = notes(load_checked(file))
+    scenario = load(file).scenario
+    wind, current = scenario.with_training_conditions().conditions.values()
+    force, other = wind.side_force_n(scenario.vessel), current.side_force_n(scenario.vessel)
+    assert max(force, other) < scenario.vessel.max_side_n < force + other
+    assert "mine.yaml:3:24: training.conditions: together they take up to " in note
+    assert f"{force + other:.0f} N sideways" in note
+
+
 def test_a_run_evaluates_in_the_conditions_of_its_scenario(file: Path, tmp_path: Path) -> None:
     assert quick_train(tmp_path / "runs", file, "--steps", 300).code == 0
     (run,) = (tmp_path / "runs" / "mine").iterdir()
