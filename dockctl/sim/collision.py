@@ -27,7 +27,7 @@ SIZE_BY_TRIANGLES = 8
 CONTACT_RESOLUTION_M = 0.002
 """Motion of the hull between the poses at which contact is tested."""
 KEPT_TRIANGLES = 350_000
-"""Maximum number of triangles kept as fcl objects, in all harbors together; about 600 bytes each."""
+"""Maximum number of triangles kept as fcl objects, in all harbors together; about 490 bytes each."""
 MAX_BOXES = 128
 """Maximum number of cached bounding boxes of hulls with a margin."""
 SLACK_M = 1e-3

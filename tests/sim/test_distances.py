@@ -29,6 +29,14 @@ def test_before_a_quay(pose: tuple[float, float, float], expected: float) -> Non
     assert DistanceField(QUAY, SLENDER).clearance(np.array([pose])) == pytest.approx([expected], abs=0.06)
 
 
+def test_what_is_farther_than_the_map_reaches_is_infinitely_far() -> None:
+    quays = np.concatenate([QUAY, box((-30, -20, -2), (-20, 20, 1)).triangles])
+    ahead_m = np.array([3.0, 3.1, 3.3, 8.5])
+    found = DistanceField(quays, SLENDER).clearance(np.array([(-1.5 - gap, 0.0, 0.0) for gap in ahead_m]))
+    assert found[:2] == pytest.approx(ahead_m[:2], abs=0.06)
+    assert np.isinf(found[2:]).all()
+
+
 def test_a_hull_on_the_edge_of_a_quay_has_no_clearance() -> None:
     astride = np.array([[0.2, 0.0, heading] for heading in np.linspace(0, 3, 20)])
     assert (DistanceField(QUAY, SLENDER).clearance(astride) < 0.15).all()

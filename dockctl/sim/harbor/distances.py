@@ -66,7 +66,7 @@ class DistanceField:
             cells = (points_along(edges, self._cell / 2) - self._low) / self._cell
             open_water[tuple(cells.astype(int).T)] = False
             distances = STEPS * distance_transform_edt(open_water)
-            self._distances = np.minimum(distances, FARTHEST).astype(np.uint8)  # 2 to 3.5 MB for a marina
+            self._distances = np.minimum(distances, FARTHEST).astype(np.uint8)  # about 2.7 MB for a marina
         else:
             self._distances = np.full(open_water.shape, FARTHEST, np.uint8)
         outline = hull_outline(hull)
