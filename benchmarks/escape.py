@@ -37,6 +37,15 @@ CELL = np.array([0.15, 0.15, 4.0, 0.12])
 """Size of a cell: x, y [m], heading [deg], surge [m/s]."""
 
 
+def evaluated_starts(rollout: Rollout, seed: int | None = None) -> list[Start]:
+    """Return the random starts of ``dockctl evaluate``, with the same weather."""
+    scenario, worlds = rollout.loaded.scenario, rollout.worlds
+    random = scenario.evaluation.random_starts
+    before = len(evaluation_starts(scenario, worlds))  # they run first, and start i has the weather of seed i
+    drawn = testing_starts(scenario, worlds, random.episodes, random.seed if seed is None else seed)
+    return [replace(start, seed=before + i) for i, start in enumerate(drawn)]
+
+
 def chosen(value: Any, rows: Ints) -> Any:
     """Return the rows of every array in the state of a simulator."""
     if isinstance(value, dict):
@@ -84,10 +93,7 @@ def main(policy: str, seed: int | None, overrides: Sequence[str]) -> None:
     given = load_policy(policy)
     rollout = Rollout(given.scenario(None, tuple(overrides)))
     scenario, worlds = rollout.loaded.scenario, rollout.worlds
-    random = scenario.evaluation.random_starts
-    before = len(evaluation_starts(scenario, worlds))  # they run first, and start i has the weather of seed i
-    drawn = testing_starts(scenario, worlds, random.episodes, random.seed if seed is None else seed)
-    starts = [replace(start, seed=before + i) for i, start in enumerate(drawn)]
+    starts = evaluated_starts(rollout, seed)
     episodes = rollout.run(given.make(rollout.env()), starts)
     docked = sum(episode.docked for episode in episodes)
     bench.console.print(f"docked from {docked} of {len(starts)} starts")

@@ -16,6 +16,7 @@ from typing import Any
 
 import bench  # before numpy
 import numpy as np
+from escape import evaluated_starts
 from planning import CLEARANCE_M, Docking, Optimum, Plan, followed, optimum, straight
 
 from dockctl.evaluation import Rollout, load_policy
@@ -185,11 +186,9 @@ def missed() -> Iterator[dict[str, Any]]:
     Plan and policy get the mean wind and current of the failed episode, without any other condition.
     """
     policy = load_policy("marinas-weather")
-    given = policy.scenario()
-    rollout, tests = Rollout(given), given.scenario.evaluation.random_starts
-    starts = testing_starts(given.scenario, rollout.worlds, tests.episodes, tests.seed)
-    episodes = rollout.run(policy.make(rollout.env(len(starts))), starts, clearance=False)
-    null = {name: f"conditions.{name}=null" for name in given.scenario.conditions}
+    rollout = Rollout(policy.scenario())
+    episodes = rollout.run(policy.make(rollout.env()), evaluated_starts(rollout), clearance=False)
+    null = {name: f"conditions.{name}=null" for name in rollout.loaded.scenario.conditions}
     for episode in [episode for episode in episodes if not episode.docked]:
         flows = {kind: episode.trajectory[kind].mean(axis=0) for kind in VARIATION}
         steady = dict(null)
