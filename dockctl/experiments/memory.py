@@ -18,6 +18,7 @@ from dockctl.sim.world import World
 
 # Measured on the reference marina with full LiDARs.
 BOAT_BYTES = 20_000  # state, observation, info and reward sums, per boat
+HARBOR_BYTES = 5_400_000  # collision surfaces and distance maps, per harbor; of 64 generated ones
 WORKING_BYTES = 80_000_000  # compiled kernels, thread stacks, buffers of validations and tables
 
 GB = 1e9
@@ -51,12 +52,14 @@ def estimate(scenario: Scenario, worlds: Sequence[World]) -> Estimate:
     Args:
         worlds: built, but without the tables of their range sensors.
     """
-    training = scenario.training
-    observation = ObservationEncoder(scenario.observation, scenario.sensors.lidar.sectors).space
+    training, lidar = scenario.training, scenario.sensors.lidar
+    observation = ObservationEncoder(scenario.observation, lidar.sectors).space
+    own = sum(world.lidar.table_bytes for world in worlds)
     spaces = Spaces(observation, scenario.actions.space(scenario.vessel))
     boats = training.boats * (BOAT_BYTES + 4 * training.n_step * observation.shape[0])
     parts = (
-        MemoryUse("LiDAR tables", sum(world.lidar.table_bytes for world in worlds), "sensors.lidar"),
+        MemoryUse("LiDAR tables", lidar.shared_bytes + own, "sensors.lidar"),
+        MemoryUse("collisions", HARBOR_BYTES * len(worlds), "harbor"),
         *algorithm_of(training).memory(spaces, training),
         MemoryUse("boats", boats, "training.boats"),
         MemoryUse("work", WORKING_BYTES, ""),

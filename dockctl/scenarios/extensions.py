@@ -150,7 +150,7 @@ class RangeSensor(Protocol):
 
     @property
     def table_bytes(self) -> int:
-        """Memory that the sensor takes in use [bytes], for the estimate before training."""
+        """Memory of the sensor in use [bytes], without what it shares with those in other harbors."""
         ...
 
     def sector_ranges(self, eta: Floats) -> Floats:
@@ -198,6 +198,11 @@ class RangeSensorSpec(Kind, ABC):
     def origins(self) -> tuple[tuple[float, float, float], ...]:
         """Origins of its rays, x, y, z in the body frame [m], for drawings; by default none are drawn."""
         return ()
+
+    @property
+    def shared_bytes(self) -> int:
+        """Memory that its sensors in all harbors share [bytes], for the estimate before training."""
+        return 0
 
     @abstractmethod
     def build(self, triangles: Floats) -> RangeSensor:

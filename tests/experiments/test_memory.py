@@ -30,13 +30,21 @@ def test_the_default_training_needs_half_a_gigabyte() -> None:
     assert estimated.peak == estimated.needed + estimated.resident
 
 
-def test_the_size_of_the_lidar_tables() -> None:
-    loaded = load("s1")
-    (world,) = build_worlds(loaded.scenario, loaded.base_dir)
-    assert isinstance(world.lidar, SpinningSensor)
-    arrays = [array for table in world.lidar._tables for array in table if isinstance(array, np.ndarray)]
-    taken = sum(array.nbytes for array in arrays)
-    assert world.lidar.table_bytes == pytest.approx(taken, rel=0.25)
+@pytest.mark.parametrize(("name", "overrides"), [("s1", []), ("marinas", ["harbor.layouts=2"])])
+def test_the_size_of_the_lidar_tables(name: str, overrides: list[str]) -> None:
+    """The harbors share the table of rays, and each has its own grid."""
+    loaded = load(name, overrides=overrides)
+    worlds = build_worlds(loaded.scenario, loaded.base_dir)
+    (estimated,) = (u for u in estimate(loaded.scenario, worlds).parts if u.name == "LiDAR tables")
+    arrays = {
+        id(array): array.nbytes
+        for world in worlds
+        if isinstance(world.lidar, SpinningSensor)
+        for table in world.lidar._tables
+        for array in table
+        if isinstance(array, np.ndarray)
+    }
+    assert estimated.size == pytest.approx(sum(arrays.values()), rel=0.25)
 
 
 def test_the_replay_is_no_longer_than_the_training() -> None:

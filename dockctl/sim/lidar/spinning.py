@@ -32,6 +32,10 @@ class LidarMount(Model):
     z_m: Annotated[NonNegative, Field(le=MAX_ARM_M)]
 
 
+# Of the table of rays; measured.
+RAY_BYTES = 40  # per ray of a scan
+RUN_BYTES = 29_000  # per channel and sector, for the cells in which it has rays
+
 THESIS_MOUNTS = (
     LidarMount(pitch_deg=27.0, yaw_deg=0.0, x_m=1.0, y_m=0.0, z_m=3.0),
     LidarMount(pitch_deg=50.0, yaw_deg=90.0, x_m=0.0, y_m=0.5, z_m=3.0),
@@ -73,6 +77,10 @@ class SpinningLidars(RangeSensorSpec):
     def rays(self) -> int:
         """Number of rays of a scan."""
         return len(self.mounts) * self.channels * self.azimuth_steps
+
+    @property
+    def shared_bytes(self) -> int:
+        return RAY_BYTES * self.rays + RUN_BYTES * len(self.mounts) * self.channels * self.sectors
 
     def build(self, triangles: Floats) -> RangeSensor:
         from dockctl.sim.lidar.spinning_sensor import (

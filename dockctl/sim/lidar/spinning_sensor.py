@@ -34,7 +34,6 @@ Ints = NDArray[np.int32]
 Tables = tuple[ShellTable, HeightGrid, Levels]
 
 # Measured on the reference marina with full LiDARs.
-RAY_BYTES = 160  # of the table of rays, per ray of a scan
 CELL_BYTES = 13  # of the grid of the harbor, per cell
 GRID_MARGIN_M = 7.0  # of the grid around the harbor, both sides together
 
@@ -113,10 +112,10 @@ class SpinningSensor:
 
     @property
     def table_bytes(self) -> int:
-        """Memory of the tables [bytes], from the number of rays and the extent of the harbor."""
+        """Memory of the grid of the harbor [bytes], from its extent."""
         extent = np.ptp(self.triangles[:, :, :2], axis=(0, 1))
         cells = min(np.prod(extent + GRID_MARGIN_M) / FINEST_CELL_M**2, MAX_CELLS)
-        return RAY_BYTES * self.spec.rays + CELL_BYTES * int(cells)
+        return CELL_BYTES * int(cells)
 
     @property
     def _tables(self) -> Tables:
