@@ -46,6 +46,8 @@ def main(policy: str, parts: Sequence[str]) -> None:
     starts = evaluated_starts(rollout)
     env = rollout.env()
     own = np.array(env.observation_parts)
+    if unknown := set(parts) - set(own.tolist()):
+        raise SystemExit(f"not in the observation of {policy}: {', '.join(sorted(unknown))}")
     for part in ["nothing", *(parts or dict.fromkeys(own.tolist()))]:
         episodes = rollout.run(Swapped(given.make(env), own == part), starts, clearance=False)
         docked = sum(episode.docked for episode in episodes)
