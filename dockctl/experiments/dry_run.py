@@ -119,9 +119,10 @@ def _step(loaded: LoadedScenario) -> None:
         scan_points(env.worlds[0].lidar, lidar.kind, env.simulator.eta[0])
         scan_sectors(env.worlds[0].lidar, lidar, env.simulator.eta[0])
         with Guard(RANGE_SENSORS, lidar.kind):
-            size = env.worlds[0].lidar.table_bytes
-            if np.asarray(size).dtype.kind not in "iuf" or not size >= 0:
-                raise ValueError(f"table_bytes is {size!r}, expected a number of bytes")
+            sizes = {"table_bytes": env.worlds[0].lidar.table_bytes, "shared_bytes": lidar.shared_bytes}
+            for name, size in sizes.items():
+                if np.asarray(size).dtype.kind not in "iuf" or not size >= 0:
+                    raise ValueError(f"{name} is {size!r}, expected a number of bytes")
         for part, values in zip(env.observation_parts, observation.T, strict=True):
             _require_finite(OBSERVATION_PARTS, part, values)
         _require_finite_terms(info["reward_terms"])

@@ -51,6 +51,7 @@ class Sensor:
 @register(RANGE_SENSORS)
 class Mine(RangeSensorSpec):
     kind: Literal['mine'] = 'mine'
+    shared_bytes = {shared}
     def build(self, triangles): return {build}
 """,
     "algorithm": KIND
@@ -93,6 +94,7 @@ GOOD = {
         "points": "np.empty((0, 3))",
         "build": "Sensor()",
         "bytes": "0",
+        "shared": "property(lambda self: 0)",
     },
     "algorithm": {
         "act": "np.zeros(len(observation), int)",
@@ -177,6 +179,7 @@ FAULTS = [
     ("sensor", {"ranges": "np.full((len(eta), 8), 101.0)"}, None),
     ("sensor", {"bytes": "'few'"}, None),
     ("sensor", {"bytes": "-1"}, None),
+    ("sensor", {"shared": "property(lambda self: 'few')"}, None),
     ("sensor", {"build": "triangles.__iadd__(1)"}, "triangles.__iadd__(1)"),
     ("algorithm", {"build": "1 / 0"}, "1 / 0"),
     ("algorithm", {"describe": "1 / 0"}, "1 / 0"),
