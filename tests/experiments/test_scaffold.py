@@ -99,7 +99,7 @@ def test_a_policy_runs_an_episode() -> None:
 
 
 @pytest.mark.slow
-@pytest.mark.thorough  # tests/test_plugins.py installs the example package
+@pytest.mark.thorough  # tests/plugins/test_examples.py installs the example package
 def test_a_plugin_is_a_package_that_installs(folder: Path) -> None:
     outcome = dockctl("init", "plugin", "dockctl-mine", "--out", "work")
     assert outcome.code == 0
