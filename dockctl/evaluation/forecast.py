@@ -8,7 +8,7 @@ from itertools import product
 import numpy as np
 from pydantic import ValidationError
 
-from dockctl.geometry import Floats, Ints, rotate
+from dockctl.geometry import Floats, Ints, rotate, wrap
 from dockctl.scenarios.schema import Scenario
 from dockctl.scenarios.vessel import Vessel
 from dockctl.sim.conditions.actuators import Actuators, RealActuators
@@ -17,6 +17,10 @@ from dockctl.sim.vessel import VesselModel
 
 AVERAGED_S = 20.0
 """Time constant with which current and wind are averaged; the first values are plain means."""
+GUST_S = 2.0
+"""Time constant with which the force of the wind is predicted to return to its mean, that of gusts in VRX."""
+CORRECTED = 0.35
+"""Share of the difference between a measured and a predicted pose by which the prediction is corrected."""
 LAGS = 3
 """Propeller lags that are compared, over their range."""
 USUAL_ERROR = np.array([0.01, 0.01, 0.01])
@@ -28,12 +32,15 @@ ASTERN_SPREAD = 0.1
 class Forecast:
     """Estimates what acts on n boats and how their actuators respond, and predicts their poses with it.
 
-    The current is the difference of the velocities over ground and through the water, and the force of the
-    wind that at the measured wind; both are averaged. The speed log measures without error. The ranges of
-    delay, lag and rudder rate are those of the scenario's actuators: each delay with each of some lags
-    predicts every step, and the pair with the smallest squared error so far in the episode is used. Each pair
-    has its own astern factor, the least-squares estimate, to which the middle of its range is added like a
-    measurement. Masses and damping are the vessel's own.
+    The current is the difference of the velocities over ground and through the water, averaged. The force of
+    the wind is that at the measured wind for one control step, and then returns to its average. Each pose is
+    the one predicted from the pose before and the measured velocities, corrected towards the measured one.
+    The speed log measures without error.
+
+    The ranges of delay, lag and rudder rate are those of the scenario's actuators: each delay with each of
+    some lags predicts every step, and the pair with the smallest squared error so far in the episode is used.
+    Each pair has its own astern factor, the least-squares estimate, to which the middle of its range is added
+    like a measurement. Masses and damping are the vessel's own.
 
     Args:
         simulator: of the n boats; its sensors measure.
@@ -54,7 +61,8 @@ class Forecast:
         self._shape = 2, len(self._pairs), boats
         self._actuators = self._built(np.tile(self._pairs.repeat(boats, axis=0), (2, 1)))
         self._actuators.astern[: boats * len(self._pairs)] = 0.0
-        self._current, self._force = np.zeros((boats, 2)), np.zeros((boats, 3))  # world frame
+        # World frame.
+        self._current, self._wind, self._mean_wind = np.zeros((boats, 2)), *np.zeros((2, boats, 3))
         self._averaged = np.zeros(boats, np.int64)
         self._state = np.full((boats, 6), np.nan)  # pose, velocity through the water
         self._tau: Floats | None = None
@@ -75,13 +83,14 @@ class Forecast:
         own, heading = simulator.nu.copy(), simulator.eta[:, 2]
         through_water = own[:, :2] - _turned(simulator.current(), -heading)
         force = simulator.disturbances.sum("force", 3, simulator.eta.copy(), own)
-        share = np.maximum(1 / (self._averaged + 1), self._period_s / AVERAGED_S)[:, None]
-        self._current += share * (_turned(nu[:, :2] - through_water, eta[:, 2]) - self._current)
-        self._force += share * (_turned(force, heading) - self._force)
-        self._averaged += 1
         measured = np.column_stack([through_water, nu[:, 2]])
         self._compare(measured)
-        self._state = np.hstack([eta, measured])
+        share = np.maximum(1 / (self._averaged + 1), self._period_s / AVERAGED_S)[:, None]
+        self._current += share * (_turned(nu[:, :2] - through_water, eta[:, 2]) - self._current)
+        self._wind = _turned(force, heading)
+        self._mean_wind += share * (self._wind - self._mean_wind)
+        self._averaged += 1
+        self._state = np.hstack([self._corrected(eta, measured), measured])
 
     def command(self, commands: Floats) -> None:
         """Record the commands (n, 2) [N, rad] of the next control step."""
@@ -108,12 +117,13 @@ class Forecast:
         state = [each[index] for each in (actuators.thrust, actuators.angle, actuators.lag, actuators.rate)]
         delayed = actuators.past[index, : int(self._pairs[pair, 0]), 0][::-1]
         wanted = np.concatenate([np.tile(delayed, (len(commands), 1, 1)), commands], axis=1)
+        gust = np.exp(-self._period_s / GUST_S * np.arange(commands.shape[1]))[:, None]
         predicted: tuple[Floats, Floats] = predict(
             self._state[row],
             wanted[:, : commands.shape[1]],
             np.array([*state, astern[row]]),
             self._current[row],
-            self._force[row],
+            self._mean_wind[row] + gust * (self._wind - self._mean_wind)[row],
             self._vessel.coefficients,
             vessel.propeller_arm_m,
             self._period_s,
@@ -137,6 +147,17 @@ class Forecast:
         best = cost.argmin(axis=0)
         return best, astern[best, np.arange(len(best))]
 
+    def _corrected(self, eta: Floats, measured: Floats) -> Floats:
+        """Return measured poses (n, 3) with less noise, from the velocities through the water (n, 3)."""
+        before = self._state
+        velocity = (before[:, 3:] + measured) / 2
+        half_turned = before[:, 2] + velocity[:, 2] * self._period_s / 2
+        predicted = before[:, :3] + self._period_s * _turned(velocity, half_turned)
+        predicted[:, :2] += self._period_s * self._current
+        x, y, heading = (eta - predicted).T
+        error = np.column_stack([x, y, wrap(heading)])
+        return np.where(np.isnan(before[:, :3]), eta, predicted + CORRECTED * error)
+
     def _compare(self, measured: Floats) -> None:
         """Compare velocities through the water (n, 3) with those predicted from the measurement before."""
         known = np.flatnonzero(~np.isnan(self._state[:, 0]))
@@ -144,7 +165,7 @@ class Forecast:
             return
         tau = self._tau[:, :, known]
         copies = tau.shape[0] * tau.shape[1]
-        state, force = (np.tile(each[known], (copies, 1)) for each in (self._state, self._force))
+        state, force = (np.tile(each[known], (copies, 1)) for each in (self._state, self._wind))
         path = self._path(state, tau.reshape(-1, *tau.shape[3:]), force)
         without, full = path[:, -1, 3:].reshape(2, -1, len(known), 3) / USUAL_ERROR
         error, effect = measured[known] / USUAL_ERROR - without, full - without

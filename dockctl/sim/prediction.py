@@ -34,8 +34,8 @@ def predict(
         response: (5,) thrust and rudder angle now, propeller lag, rudder rate and astern factor, as in
             `respond`.
         current: (2,) constant, world frame [m/s].
-        force: (3,) constant force and moment, world frame [N, N, N m]; in a control step they are constant in
-            the body frame, as in the simulator.
+        force: (k, 3) force and moment in each control step, world frame [N, N, N m]; during a step they are
+            constant in the body frame, as in the simulator.
         coefficients: (1, 17), as in `integrate`.
         arm_m: of the propeller.
         period_s: control period.
@@ -57,11 +57,11 @@ def predict(
         for k in range(steps):
             commands[0, :] = wanted[i, k]
             respond(commands, thrust, angle, lag, rate, astern, part_s, actual)
-            wind = _rotate(force[0], force[1], -eta[0, 2])
+            wind = _rotate(force[k, 0], force[k, 1], -eta[0, 2])
             for part in range(substeps):
                 surge, sway, yaw = propeller(actual[0, part, 0], actual[0, part, 1], arm_m)
                 tau[0, part, 0], tau[0, part, 1] = surge + wind[0], sway + wind[1]
-                tau[0, part, 2] = yaw + force[2]
+                tau[0, part, 2] = yaw + force[k, 2]
             advance(0, eta, nu, tau, coefficients, part_s, substeps, 0.0, states)
             for half in range(2):
                 pose, time_s = states[0, substeps // 2 * (half + 1)], (k + (half + 1) / 2) * period_s

@@ -11,6 +11,7 @@ from dockctl.evaluation.forecast import Forecast
 from dockctl.scenarios.loader import load
 from dockctl.scenarios.schema import Scenario
 from dockctl.sim.conditions.actuators import RealActuators
+from dockctl.sim.conditions.wind import UniformWind
 from dockctl.sim.simulator import Simulator
 from dockctl.sim.starts import given_start, own_site
 from tests.sim.worlds import walled
@@ -114,6 +115,33 @@ def test_noise_is_averaged() -> None:
         simulator.step(still[:, 0])
     off = np.hypot(*(poses[:, -1] - simulator.eta)[:, :2].T)
     assert np.sqrt((off**2).mean()) == pytest.approx(30 * 0.05 * np.sqrt(2 / 21), rel=0.35)
+
+
+def test_a_gust_acts_in_the_next_step_and_then_fades() -> None:
+    """Two boats adrift in the same wind, the second in a gust that fades without noise."""
+    simulator, scenario = boats(2, "wind: {speed_mps: 4, direction_deg: 200, gust_mps: 0}")
+    simulator.eta[1] = simulator.eta[0]
+    wind = next(each for each in simulator.disturbances if isinstance(each, UniformWind))
+    forecast, still = Forecast(simulator, scenario), np.zeros((2, 8, 2))
+    for gust_mps in (*[0.0] * 20, 1.5):
+        wind.gust[1] = gust_mps
+        forecast.measure(simulator.eta, simulator.nu)
+    predicted = np.concatenate([forecast.poses(row, still[:1])[1] for row in range(2)])
+    for step in range(8):
+        simulator.step(still[:, step])
+        assert predicted[:, step] == pytest.approx(simulator.nu[:, :2], abs=0.0015)
+    assert np.hypot(*(predicted[1] - predicted[0]).T).max() > 0.01
+
+
+def test_noise_of_poses_is_reduced() -> None:
+    noise = "navigation: {position_m: 0.1, heading_deg: 0.5, velocity_mps: 0.03, yaw_rate_degps: 0.1}"
+    simulator, scenario = boats(100, *FLOWS, noise)
+    forecast, still = sailed((simulator, scenario), 20), np.zeros((100, 1, 2))
+    poses = np.concatenate([forecast.poses(row, still[:1])[0] for row in range(100)])
+    simulator.step(still[:, 0])
+    x, y, heading = (poses[:, 1] - simulator.eta).std(axis=0)
+    assert max(x, y) < 0.7 * 0.1
+    assert heading < 0.7 * np.radians(0.5)
 
 
 def test_a_new_episode_knows_nothing_of_the_last() -> None:

@@ -15,7 +15,8 @@ from dockctl.sim.vessel import ReferenceVesselModel, VesselModel
 from tests.sim.vessels import THESIS
 
 VESSEL = THESIS.model_copy(update={"control_period_s": 1.0, "substeps": 10})
-CURRENT, FORCE = np.array([0.08, -0.05]), np.array([3.0, -2.0, 0.5])
+CURRENT = np.array([0.08, -0.05])
+FORCE = np.random.default_rng(2).uniform(-3, 3, (6, 3))  # of each step
 RESPONSE = np.array([12.0, -0.1, 0.4, math.radians(20), 0.8])
 """Thrust [N] and rudder angle [rad] at the start, propeller lag [s], rudder rate [rad/s], astern factor."""
 
@@ -40,8 +41,8 @@ def test_predictions_follow_the_reference_model() -> None:
         actual = np.empty((3, 10, 2))
         held = np.repeat(wanted[:, step, None], 10, axis=1)
         respond(held, thrust, angle, lag, rate, astern, part_s, actual)
-        surge, sway = rotate(FORCE[0], FORCE[1], -eta[:, 2])
-        wind = np.column_stack([surge, sway, np.full(3, FORCE[2])])
+        surge, sway = rotate(*FORCE[step, :2], -eta[:, 2])
+        wind = np.column_stack([surge, sway, np.full(3, FORCE[step, 2])])
         path = model.path(eta, nu, model.tau(actual) + wind[:, None])
         for half, row in ((1, 5), (2, 10)):
             drift = np.append(CURRENT * (step + half / 2), 0)
