@@ -55,9 +55,8 @@ def no_events(boats: int, terms: Sequence[str]) -> Info:
 def events_of(status: StepStatus, truncated: Bools, by_term: dict[str, Floats], simulator: Simulator) -> Info:
     """Return how episodes ended in a step, what was hit, and the reward by term, (n,) each."""
     collided_with = np.full(len(truncated), "", object)
-    for row in np.flatnonzero(status.collided):
-        obstacles = simulator.worlds[int(simulator.harbor[row])].obstacles
-        collided_with[row] = obstacles.collided_part(simulator.eta[row]) or ""
+    for row in np.flatnonzero(status.collided).tolist():
+        collided_with[row] = simulator.obstacles(row).collided_part(simulator.eta[row]) or ""
     return {"outcome": status.outcome(truncated), "collided_with": collided_with, "reward_terms": by_term}
 
 

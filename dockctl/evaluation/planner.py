@@ -118,7 +118,7 @@ class Planner(Policy):
 
     def _first_clear(self, row: int, poses: Floats, order: Ints, last: Ints) -> int | None:
         """Return the first plan of an order that stays clear up to its last step, or None."""
-        obstacles = self._simulator.worlds[int(self._simulator.harbor[row])].obstacles
+        obstacles = self._simulator.obstacles(row)
         for some in np.array_split(order, max(1, len(order) // CHECKED_AT_ONCE)):
             touching = obstacles.approximate_clearance(poses[some]) < MARGIN_M
             touching &= np.arange(poses.shape[1]) <= 2 * last[some, None] + 1

@@ -78,5 +78,4 @@ class SafetyFilter:
         return plans[safest], until[safest] / 2
 
     def _clearance(self, row: int, poses: Floats) -> Floats:
-        obstacles = self._simulator.worlds[int(self._simulator.harbor[row])].obstacles
-        return np.asarray(obstacles.approximate_clearance(poses))
+        return self._simulator.obstacles(row).approximate_clearance(poses)

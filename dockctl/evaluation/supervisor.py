@@ -137,5 +137,4 @@ class Supervisor(Policy):
 
     def _is_free(self, row: int, path: Floats) -> bool:
         """Return whether the hull of a boat touches nothing on a path (k, 3)."""
-        obstacles = self._simulator.worlds[int(self._simulator.harbor[row])].obstacles
-        return first_contact(path, obstacles, self._hull) is None
+        return first_contact(path, self._simulator.obstacles(row), self._hull) is None

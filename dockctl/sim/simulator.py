@@ -14,7 +14,7 @@ from dockctl.geometry import Bools, Floats, Ints, rotate
 from dockctl.plugins import RANGE_SENSORS, Guard
 from dockctl.scenarios.extensions import NoisyRangeSensor
 from dockctl.scenarios.schema import Scenario
-from dockctl.sim.collision import first_contact, rounded_up
+from dockctl.sim.collision import Obstacles, first_contact, rounded_up
 from dockctl.sim.devices import CPU, require_device, sensor_on, vessel_model
 from dockctl.sim.disturbances import Disturbances
 from dockctl.sim.goal import TO_FINAL, StepStatus, measure, reached
@@ -273,6 +273,10 @@ class Simulator:
             answers = [*map(query, worlds, groups)]
         return cast(Answer, np.concatenate(answers)[np.argsort(order)])
 
+    def obstacles(self, row: int) -> Obstacles:
+        """Return what the boat `row` can collide with."""
+        return self.worlds[int(self.harbor[row])].obstacles
+
     def _move(self) -> Bools:
         """Integrate the equations of motion over one control period; return which boats collided, (n,).
 
@@ -302,8 +306,8 @@ class Simulator:
         collided = self.in_harbors(lambda world, rows: world.obstacles.near(eta[rows], farthest))
         collided |= self.steps == 0  # a start may be inside an obstacle; later, getting there requires `near`
         collided &= ~self.resting
-        for row in np.flatnonzero(collided):
-            obstacles = self.worlds[int(self.harbor[row])].obstacles
+        for row in np.flatnonzero(collided).tolist():
+            obstacles = self.obstacles(row)
             if obstacles.blocked(eta[[row]])[0]:
                 continue
             own = None if self._coefficients is None else self._coefficients[[row]]
