@@ -140,7 +140,8 @@ def _scan_shells(table: Any, grid: Any, levels: Any, edges: Any, noises: Any, po
     upcoming = shell
     while shell < shells:
         inner, outer = table.radii[shell], table.radii[shell + 1]
-        margin = 0 if noise is None else 1 + floor(angle_of(most, inner) * bins / (2 * math.pi))
+        turned = angle_of(most, inner, table.radii[0])
+        margin = 0 if noise is None else 1 + floor(turned * bins / (2 * math.pi))
         waiting = farthest_of(best, _sectors_near(index, margin)) + most > inner
         # By vote, because the threads may see different returns of other warps.
         if not cuda.any_sync(ALL_THREADS, waiting):

@@ -84,7 +84,7 @@ def sector_ranges(
     radii, middles = table.radii, table.bins
     sectors, shells = out.shape[1], len(radii) - 1
     bins = len(middles) // sectors
-    half_width = math.pi / len(middles)  # of a bin [rad]
+    half_width, bins_per_radian = math.pi / len(middles), len(middles) / (2 * math.pi)
     widening = 1.0 + half_width  # a cell grows with the radius
     for row in range(len(poses)):
         x, y = poses[row, 0], poses[row, 1]
@@ -105,7 +105,7 @@ def sector_ranges(
             inner, outer = radii[shell], radii[shell + 1]
             middle = (inner + outer) / 2
             depth, width = half_sides(inner, outer, half_width)
-            margin = 0 if noise is None else math.ceil(angle_of(error, inner) * len(middles) / (2 * math.pi))
+            margin = 0 if noise is None else math.ceil(angle_of(error, inner, radii[0]) * bins_per_radian)
             index = first[shell]
             while index >= 0:
                 after = following[index]
@@ -151,9 +151,20 @@ def half_sides(inner: float, outer: float, half_width: float) -> tuple[float, fl
 
 
 @compiled(inline="always")
-def angle_of(error: float, radius: float) -> float:
-    """Return the largest azimuth change [rad] of a point outside a radius [m] that moves by an error [m]."""
-    return math.asin(error / radius) if error < radius else math.pi
+def angle_of(error: float, radius: float, offset: float) -> float:
+    """Return how far [rad] the azimuth of a point of a ray changes at most if the point moves along the ray.
+
+    If it moves by e between the radii r and q, on a line at a distance d from the center, the sine of the
+    change is d e / (r q). The line of a ray is no farther from the center than its origin, or the point.
+
+    Args:
+        error: largest distance that the point moves [m].
+        radius: smallest distance of the point from the center [m].
+        offset: largest distance of an origin from the center [m].
+    """
+    if error >= radius:
+        return math.pi
+    return math.asin(error / radius * min(1.0, offset / (radius - error)))
 
 
 @compiled(inline="always")
@@ -183,7 +194,7 @@ def _search_core(
     for index in range(len(table.core)):
         ahead, lateral = table.core[index, 0], table.core[index, 1]
         distance = math.sqrt(ahead * ahead + lateral * lateral) - CORE_REACH_M
-        margin = 0.0 if noise is None else angle_of(most, distance)
+        margin = 0.0 if noise is None else angle_of(most, distance, table.radii[0])
         low, high = table.core_edges[index]
         reached = sectors_between(low - margin, high + margin, len(best))
         if distance - most > farthest_of(best, reached):

@@ -14,6 +14,7 @@ from dockctl.noise import may_exceed, normal
 from dockctl.scenarios.extensions import RangeNoise
 from dockctl.scenarios.loader import load
 from dockctl.sim.lidar.planar import PlanarScanner
+from dockctl.sim.lidar.scan import angle_of
 from dockctl.sim.lidar.spinning import THESIS_MOUNTS, LidarMount, SpinningLidars
 from dockctl.sim.lidar.spinning_sensor import SpinningSensor
 from tests.sim.lidar.test_spinning_sensor import clutter
@@ -75,6 +76,20 @@ def test_may_exceed_holds_of_every_number_that_does(error: float) -> None:
     kept = np.array([may_exceed(7, index, share) for index in range(20_000)])
     assert kept[abs(numbers) > error].all()
     assert kept.mean() == pytest.approx(share, abs=4 * math.sqrt(share / 20_000))
+
+
+def test_no_point_of_a_ray_turns_farther_than_the_bound_and_some_nearly_as_far() -> None:
+    """Points outside 2 m, of rays from 1.2 m, moved by 0.15 m; angles by products."""
+    rng, count, (error, radius, offset) = np.random.default_rng(0), 500_000, (0.15, 2.0, 1.2)
+    at, towards = rng.uniform(-math.pi, math.pi, (2, count))
+    origin = offset * np.array([np.cos(at), np.sin(at)])
+    ray = np.array([np.cos(towards), np.sin(towards)])
+    x, y = origin + ray * rng.uniform(0, 4, count)
+    far = np.hypot(x, y) >= radius
+    moved_x, moved_y = np.array([x, y]) + ray * rng.choice([-error, error], count)
+    turned = np.abs(np.arctan2(x * moved_y - y * moved_x, x * moved_x + y * moved_y))[far]
+    assert 0.95 * angle_of(error, radius, offset) < turned.max() <= angle_of(error, radius, offset)
+    assert angle_of(3.0, radius, offset) == math.pi
 
 
 def test_without_noise_it_is_the_scan() -> None:
