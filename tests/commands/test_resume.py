@@ -8,7 +8,6 @@ import shutil
 import signal
 import subprocess
 import sys
-import time
 from pathlib import Path
 from typing import Any
 
@@ -53,10 +52,18 @@ def test_a_run_killed_at_its_end_is_completed(tmp_path: Path, monkeypatch: pytes
         assert contents(run) == whole
 
 
-def start(out: Path, *arguments: str) -> subprocess.Popen[bytes]:
-    settings = [word for setting in QUICK for word in ("--set", setting)]
-    command = [sys.executable, "-m", "dockctl", "train", "s1", "--out", str(out), *settings, *arguments]
-    return subprocess.Popen(command, stdout=subprocess.DEVNULL)
+KILLED = """
+import os, sys
+from dockctl.__main__ import main
+number, replace = int(sys.argv.pop(1)), os.replace
+def watched(source, target, **named):
+    replace(source, target, **named)
+    if os.path.basename(target) == "last-2":
+        os.kill(os.getpid(), number)
+os.replace = watched
+main()
+"""
+"""Runs dockctl, and sends it a signal when it makes room for its third complete state."""
 
 
 STEPS = 1000
@@ -74,15 +81,13 @@ STEPS = 1000
 def test_a_killed_process_resumes_exactly(tmp_path: Path, number: signal.Signals, code: int) -> None:
     assert quick_train(tmp_path / "whole", "s1", "--steps", STEPS).code == 0
     out = tmp_path / number.name
-    process = start(out, "--steps", f"{STEPS}")
-    while not list(out.glob("*/*/checkpoints/last-1")):
-        assert process.poll() is None
-        time.sleep(0.01)
-    process.send_signal(number)
-    assert process.wait(60) == code
+    settings = [word for setting in QUICK for word in ("--set", setting)]
+    arguments = ["train", "s1", "--out", f"{out}", "--steps", f"{STEPS}", *settings]
+    killed = [sys.executable, "-c", KILLED, f"{int(number)}", *arguments]
+    assert subprocess.run(killed, stdout=subprocess.DEVNULL).returncode == code
     run = only_run(out)
     saved = json.loads((RunDirectory(run).checkpoint("last") / "policy.json").read_text())["env_steps"]
-    assert 100 <= saved < STEPS
+    assert 200 <= saved < STEPS
     assert dockctl("train", "--resume", run).code == 0
     assert contents(run) == contents(only_run(tmp_path / "whole"))
 
