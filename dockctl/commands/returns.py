@@ -51,7 +51,8 @@ def returns(
     """Compare the discounted returns of docking, colliding and loitering.
 
     The return of docking is taken from a greedy episode of the policy; the other behaviors apply constant
-    commands. All start at the first initial pose, and the reward is computed with each distance unit.
+    commands. All start at the first initial pose, and the reward is computed with each distance unit, and
+    per step as in the training: with `training.action_repeat: 2`, every two control periods.
 
     Example: dockctl returns s3 --units 20
     """

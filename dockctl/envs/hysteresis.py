@@ -13,7 +13,6 @@ from dockctl.envs.observation import ObservationEncoder
 from dockctl.geometry import Ints
 from dockctl.scenarios.base import FieldError
 from dockctl.scenarios.schema import Scenario
-from dockctl.sim.vessel import VesselModel
 
 FIELD = "training.hysteresis"
 
@@ -45,5 +44,5 @@ def action_hysteresis(
         )
         raise FieldError(FIELD, message, "mismatch")
     commands = scenario.actions.commands(np.arange(space.n), scenario.vessel)
-    observed = (commands / VesselModel(scenario.vessel).command_limit).astype(np.float32)
+    observed = (commands / scenario.vessel.command_limit).astype(np.float32)
     return columns[:2], observed, np.where(commands[:, 0] == 0, 0, margin).astype(np.float32)

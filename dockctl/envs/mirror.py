@@ -18,7 +18,6 @@ from dockctl.geometry import Bools, Floats, Ints
 from dockctl.scenarios.base import FieldError
 from dockctl.scenarios.schema import Scenario
 from dockctl.sim.goal import measure
-from dockctl.sim.vessel import VesselModel
 
 TRIALS, SAME = 32, 1e-5
 FIELD = "training.mirrored"
@@ -65,7 +64,7 @@ def _mirrored_actions(scenario: Scenario) -> Ints:
     if not isinstance(space, Discrete):
         raise FieldError(FIELD, f"needs discrete actions, not {space}", "mismatch")
     actions = np.arange(space.n)
-    previous = VesselModel(scenario.vessel).command_limit * np.array([[0, 0], [0.5, 0.3], [-0.2, -0.4]])
+    previous = scenario.vessel.command_limit * np.array([[0, 0], [0.5, 0.3], [-0.2, -0.4]])
 
     def commands(side: Floats) -> list[tuple[float, ...]]:
         each = [
@@ -91,7 +90,7 @@ def _random_view(scenario: Scenario, past_steps: int, rng: np.random.Generator) 
     goal = rng.uniform([-5, -5, -3], [5, 5, 3], (TRIALS, 3))
     eta = goal + rng.uniform([-5, -5, -1], [5, 5, 1], (TRIALS, 3))
     distance, heading_error = measure(eta, goal)
-    limit = VesselModel(scenario.vessel).command_limit
+    limit = scenario.vessel.command_limit
     view = View(
         phase=rng.integers(2, size=TRIALS),
         distance_m=distance,

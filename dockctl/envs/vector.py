@@ -126,9 +126,6 @@ class DockingVectorEnv(VectorEnv[Observations, NDArray[Any], NDArray[Any]]):
     def __getstate__(self) -> dict[str, Any]:
         return {name: value for name, value in vars(self).items() if name != "_sampler"}
 
-    def __setstate__(self, state: dict[str, Any]) -> None:
-        vars(self).update(state)
-
     def reset(
         self, *, seed: int | Sequence[int | None] | None = None, options: dict[str, Any] | None = None
     ) -> tuple[Observations, Info]:
@@ -263,10 +260,9 @@ class DockingVectorEnv(VectorEnv[Observations, NDArray[Any], NDArray[Any]]):
         self._trails = [[eta.copy()] for eta in self.simulator.eta]
         return self._observe(), self._info(no_events(self.num_envs, self.reward.names))
 
-    def clearance(self) -> Floats:
-        """Return the clearance (n,) [m]: the minimum distance between each hull and its harbor."""
-        eta = self.simulator.eta
-        return self.simulator.in_harbors(lambda world, rows: world.obstacles.clearance(eta[rows]))
+    def observe(self, sector_ranges_m: Floats) -> Observations:
+        """Return the observations (n, k) of the boats where they are, with these ranges (n, sectors) [m]."""
+        return self._encoder(View.of(self.simulator, sector_ranges_m, self._past))
 
     def render(self) -> tuple[NDArray[np.uint8], ...] | None:
         """Return a plan view (height, width, 3) for each boat, or None without a render mode."""
@@ -359,7 +355,7 @@ class DockingVectorEnv(VectorEnv[Observations, NDArray[Any], NDArray[Any]]):
         return commands
 
     def _observe(self) -> Observations:
-        return self._encoder(self._view())
+        return self.observe(self.simulator.sector_ranges_m)
 
     def _view(self) -> View:
         return View.of(self.simulator, self.simulator.sector_ranges_m, self._past)

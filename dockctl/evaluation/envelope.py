@@ -34,49 +34,54 @@ class Factor:
     Attributes:
         label: description of the values, with their unit.
         values: in increasing order.
-        settings: returns the scenario overrides, ``key=value``, for a value.
+        settings: returns the overrides of a scenario, ``key=value``, for a value.
     """
 
     label: str
     values: tuple[float, ...]
-    settings: Callable[[float], list[str]]
+    settings: Callable[[Scenario, float], list[str]]
 
 
-def _noise(times: float) -> list[str]:
+def _key(scenario: Scenario, kind: str) -> str:
+    """Return the key of the scenario's condition of this kind, or that of a new one."""
+    return f"conditions.{next((name for name, c in scenario.conditions.items() if c.kind == kind), kind)}"
+
+
+def _noise(scenario: Scenario, times: float) -> list[str]:
     """Return overrides for multiples of the errors in the data sheets (docs/conditions.md)."""
     navigation = f"position_m: {0.02 * times}, heading_deg: {0.5 * times}, velocity_mps: {0.03 * times}"
     return [
-        f"conditions.lidar_noise={{sigma_m: {0.03 * times}}}",
-        f"conditions.navigation={{{navigation}}}",
+        f"{_key(scenario, 'lidar_noise')}={{sigma_m: {0.03 * times}}}",
+        f"{_key(scenario, 'navigation')}={{{navigation}}}",
     ]
 
 
 FACTORS = {
     "distance": Factor(
-        "largest distance of the start from the initial pose [m]",
+        "largest offset of the start from the initial pose, in x and in y [m]",
         (0, 1, 2, 3, 5, 7.5, 10),
-        lambda value: [f"evaluation.random_starts.position_m={value}"],
+        lambda _, value: [f"evaluation.random_starts.position_m={value}"],
     ),
     "heading": Factor(
         "largest heading offset of the start [°]",
         (0, 10, 20, 45, 90, 180),
-        lambda value: [f"evaluation.random_starts.heading_deg={value}"],
+        lambda _, value: [f"evaluation.random_starts.heading_deg={value}"],
     ),
     "wind": Factor(
         "mean wind from any direction [m/s]",
         (0, 2, 4, 6, 8, 10),
-        lambda value: [f"conditions.wind={{speed_mps: {value}, {ANY_DIRECTION}}}"],
+        lambda scenario, value: [f"{_key(scenario, 'wind')}={{speed_mps: {value}, {ANY_DIRECTION}}}"],
     ),
     "current": Factor(
         "current in any direction [m/s]",
         (0, 0.05, 0.1, 0.15, 0.2, 0.3),
-        lambda value: [f"conditions.current={{speed_mps: {value}, {ANY_DIRECTION}}}"],
+        lambda scenario, value: [f"{_key(scenario, 'current')}={{speed_mps: {value}, {ANY_DIRECTION}}}"],
     ),
     "noise": Factor("noise of LiDAR and navigation, relative to data sheets", (0, 1, 2, 4), _noise),
     "delay": Factor(
         "delay of the actuators [control steps]",
         (0, 1, 2, 3),
-        lambda value: [f"conditions.actuators={{delay_steps: {value:g}}}"],
+        lambda scenario, value: [f"{_key(scenario, 'actuators')}={{delay_steps: {value:g}}}"],
     ),
 }
 
@@ -145,7 +150,7 @@ def envelope(
     rows = []
     for name in factors:
         for value in FACTORS[name].values:
-            changed = loaded.scenario(scenario, [*overrides, *FACTORS[name].settings(value)])
+            changed = loaded.scenario(scenario, [*overrides, *FACTORS[name].settings(own.scenario, value)])
             outcomes = _outcomes(loaded, Rollout(changed, worlds), episodes, on)
             rows.append({"factor": name, "value": value, "episodes": episodes, **outcomes})
     return Envelope(loaded, own.scenario, tuple(overrides), rows)

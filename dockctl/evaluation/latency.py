@@ -13,7 +13,6 @@ import pandas as pd
 
 from dockctl.agents.interface import Policy
 from dockctl.analysis.latency import PARTS, summarize
-from dockctl.envs.observation import ObservationEncoder, View
 from dockctl.envs.vector import DockingVectorEnv
 from dockctl.evaluation.loading import load_policy
 from dockctl.evaluation.policies import LoadedPolicy
@@ -97,7 +96,6 @@ def time_decisions(env: DockingVectorEnv, policy: Policy, decisions: int) -> pd.
         one row per decision, columns `dockctl.analysis.latency.PARTS` [ms].
     """
     scenario, simulator = env.scenario, env.simulator
-    encoder = ObservationEncoder(scenario.observation, scenario.sensors.lidar.sectors)
     starts = evaluation_starts(scenario, env.worlds)
     rows: list[tuple[float, ...]] = []
     info: dict[str, Any] = {}
@@ -110,7 +108,7 @@ def time_decisions(env: DockingVectorEnv, policy: Policy, decisions: int) -> pd.
         begin = perf_counter()
         ranges = simulator.scan()
         scanned = perf_counter()
-        observation = encoder(View.of(simulator, ranges))
+        observation = env.observe(ranges)
         observed = perf_counter()
         action = policy.act(observation, info)
         done = perf_counter()

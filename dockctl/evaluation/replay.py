@@ -16,18 +16,17 @@ from dockctl.agents.interface import Policy, QPolicy
 from dockctl.analysis.episodes import describe_outcome
 from dockctl.compute import workers
 from dockctl.drawing import palette
-from dockctl.drawing.scene import Scene
+from dockctl.drawing.scene import Scene, water
 from dockctl.evaluation.loading import load_policy
 from dockctl.evaluation.policies import LoadedPolicy, distinct_names
 from dockctl.evaluation.rollout import Episode, Rollout
-from dockctl.evaluation.starts import checked_starts, trajectory_starts
+from dockctl.evaluation.starts import checked_starts, layout_harbor, trajectory_starts
 from dockctl.geometry import Floats, pose_label, sector_edges_deg
 from dockctl.scenarios.base import Pose
 from dockctl.scenarios.extensions import RangeSensor
-from dockctl.scenarios.layouts import layouts
 from dockctl.scenarios.loader import LoadedScenario
 from dockctl.scenarios.schema import Scenario, Task
-from dockctl.sim.harbor.build import Harbor, build_harbor, build_scene
+from dockctl.sim.harbor.build import Harbor, build_scene
 from dockctl.sim.harbor.solids import hull_mesh, hull_outline
 from dockctl.sim.starts import Start
 from dockctl.sim.world import scan_points
@@ -40,7 +39,6 @@ FARTHEST_M = 327.0
 """Maximum coordinate of the points in the page, which are 16-bit centimeters."""
 MAX_TRIANGLES = 200_000
 """Maximum number of triangles of a harbor in the page; in larger harbors the smallest are omitted."""
-OPEN_WATER_M = 15.0
 REWARD = "reward_"
 FLOWS = ("current", "wind")
 """Velocities (n, 2) in the world frame [m/s], drawn as arrows."""
@@ -55,8 +53,10 @@ class Track:
         policy, caption: name and description of the policy; empty for a boat at its start.
         scans: points (k, 3) [m] in the body frame, by the step at which they were measured.
         q_values: (steps + 1, actions), for policies that have them.
+        scenario: the one that the policy ran in; that of the replay, with the policy's own interface.
     """
 
+    scenario: Scenario
     policy: str
     caption: str
     start: Start
@@ -143,14 +143,16 @@ def _replay(loaded: LoadedScenario, runs: Sequence[_Run]) -> Replay:
     for run in runs:
         measured = range(0, run.episode.steps + 1, stride)
         lidar = run.rollout.worlds[run.start.harbor].lidar
-        cloud = partial(_cloud, lidar, scenario.sensors.lidar.kind, MAX_POINTS * stride // rows)
+        own = run.rollout.scenario
+        cloud = partial(_cloud, lidar, own.sensors.lidar.kind, MAX_POINTS * stride // rows)
         clouds = workers().map(cloud, run.episode.trajectory["pose"][measured])
         scans = dict(zip(measured, clouds, strict=True))
         tracks.append(
-            Track(run.name, run.caption, run.start, run.episode, scans, _q_values(run.policy, run.episode))
+            Track(
+                own, run.name, run.caption, run.start, run.episode, scans, _q_values(run.policy, run.episode)
+            )
         )
-    layout = layouts(scenario.harbor, scenario.task.berths)[runs[0].start.harbor]
-    return Replay(scenario, build_harbor(layout.harbor, loaded.base_dir), tracks)
+    return Replay(scenario, layout_harbor(loaded, runs[0].start.harbor), tracks)
 
 
 def _cloud(lidar: RangeSensor, kind: str, count: int, pose: Floats) -> Floats:
@@ -174,12 +176,10 @@ def page_data(replay: Replay) -> dict[str, Any]:
     return {
         "title": f"Scenario {scenario.name}, harbor {replay.harbor.name}",
         "subtitle": ", ".join(filter(None, captions)) or "the boat at its start",
-        "bounds": _bounds(replay.harbor),
+        "bounds": list(water(replay.scene)),
         "harbor": _harbor(replay.harbor),
         "boat": _boat(scenario),
         "limits": {name: getattr(scenario.vessel, f"max_{name}") for name in ("propeller_n", "rudder_deg")},
-        "grid": scenario.actions.grid,
-        "range_m": scenario.sensors.lidar.range_m,
         "period_s": scenario.vessel.control_period_s,
         "terms": _terms(replay.tracks[0]),
         "episodes": [
@@ -229,16 +229,6 @@ def _boat(scenario: Scenario) -> dict[str, Any]:
     }
 
 
-def _bounds(harbor: Harbor) -> list[float]:
-    """Return x_min, y_min, x_max, y_max [m] of the water around everything."""
-    if harbor.basin:
-        return list(harbor.basin)
-    if not len(harbor.triangles):
-        return [-2 * OPEN_WATER_M, -2 * OPEN_WATER_M, 2 * OPEN_WATER_M, 2 * OPEN_WATER_M]
-    low, high = harbor.triangles.min((0, 1)), harbor.triangles.max((0, 1))
-    return [*(low[:2] - OPEN_WATER_M).tolist(), *(high[:2] + OPEN_WATER_M).tolist()]
-
-
 def _terms(track: Track) -> list[str]:
     names = (key.removeprefix(REWARD) for key in track.episode.trajectory if key.startswith(REWARD))
     return [name for name in names if not name.startswith("_")]
@@ -286,6 +276,8 @@ def _episode(task: Task, track: Track, label: str, color: str) -> dict[str, Any]
         "policy": track.policy or "none",
         "label": label,
         "color": color,
+        "grid": track.scenario.actions.grid,
+        "range_m": track.scenario.sensors.lidar.range_m,
         "outcome": episode.outcome,
         "text": text,
         "goals": goals,

@@ -23,7 +23,6 @@ from dockctl.scenarios.schema import Reward, Scenario
 from dockctl.sim.goal import StepStatus
 from dockctl.sim.simulator import Simulator
 from dockctl.sim.starts import Start, given_start, own_site
-from dockctl.sim.vessel import VesselModel
 from dockctl.sim.world import World
 
 UNITS_M = (20.0, 1.0)
@@ -101,6 +100,9 @@ def returns(
 ) -> Returns:
     """Simulate the policy and other behaviors and compute their returns with every distance unit.
 
+    They are the returns that a training maximizes: commands last as long as in the training, an episode ends
+    with its step limit, and its discount is per step.
+
     Args:
         policy: its greedy episode gives the return of docking, if it docks; see
             `dockctl.evaluation.loading.load_policy`.
@@ -112,7 +114,8 @@ def returns(
         DockctlError: there is no such policy or scenario, or they do not match.
     """
     loaded_policy = load_policy(policy)
-    rollout = Rollout(loaded_policy.scenario(scenario, overrides))
+    loaded = loaded_policy.scenario(scenario, overrides)
+    rollout = Rollout(replace(loaded, scenario=loaded.scenario.in_training()))
     simulated = list(behaviors(rollout, loaded_policy))
     rows = [row for unit_m in units_m for row in evaluate_behaviors(rollout.scenario, unit_m, simulated)]
     return Returns(loaded_policy, rollout.scenario, to_csv(rows, all_columns(RETURNS, rows)))
@@ -137,7 +140,7 @@ def behaviors(rollout: Rollout, policy: LoadedPolicy) -> Iterator[Behavior]:
     reached = greedy.intermediate_step
     if reached is not None and (loitering := loiter_before_intermediate(simulation, commands, reached)):
         yield loitering
-    limits = VesselModel(scenario.vessel).command_limit
+    limits = scenario.vessel.command_limit
     constant = [
         simulation.run(name, limits * [[propeller, rudder]]) for name, propeller, rudder in CONSTANT_COMMANDS
     ]

@@ -17,7 +17,7 @@ from dockctl.scenarios.layouts import layouts
 from dockctl.scenarios.loader import LoadedScenario
 from dockctl.scenarios.schema import Scenario
 from dockctl.sim.checks import PoseCheck
-from dockctl.sim.harbor.build import build_harbor
+from dockctl.sim.harbor.build import Harbor, build_harbor
 from dockctl.sim.starts import (
     Site,
     Start,
@@ -163,9 +163,17 @@ def pose_check(loaded: LoadedScenario) -> PoseCheck:
     Raises:
         DockctlError: a mesh file cannot be read, or the final pose is not at a berth.
     """
-    scenario = loaded.scenario
-    layout = layouts(scenario.harbor, scenario.task.berths)[own_site(scenario).harbor]
-    return PoseCheck.build(scenario, build_harbor(layout.harbor, loaded.base_dir))
+    return PoseCheck.build(loaded.scenario, layout_harbor(loaded, own_site(loaded.scenario).harbor))
+
+
+def layout_harbor(loaded: LoadedScenario, index: int) -> Harbor:
+    """Return one of the harbors of a scenario, which `Start.harbor` numbers.
+
+    Raises:
+        DockctlError: a mesh file cannot be read.
+    """
+    every = layouts(loaded.scenario.harbor, loaded.scenario.task.berths)
+    return build_harbor(every[index].harbor, loaded.base_dir)
 
 
 def random_starts(

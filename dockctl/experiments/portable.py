@@ -30,7 +30,6 @@ from dockctl.plugins import OBSERVATION_PARTS, PACKAGE_ORIGIN
 from dockctl.policy_files import FORMAT
 from dockctl.runs.files import require_writable_file, write_atomically
 from dockctl.scenarios.schema import Scenario, Tolerance
-from dockctl.sim.vessel import VesselModel
 
 OPSET, IR_VERSION = 17, 8
 """ONNX versions that runtimes have supported since 2022."""
@@ -231,7 +230,7 @@ def description(policy: CheckpointPolicy, scenario: Scenario) -> dict[str, Any]:
 def _columns(scenario: Scenario) -> list[dict[str, Any]]:
     """Return name, unit, scale, and bounds (after scaling) of each column of the observation."""
     vessel, sectors = scenario.vessel, scenario.sensors.lidar.sectors
-    limit = VesselModel(vessel).command_limit
+    limit = vessel.command_limit
     encoder = ObservationEncoder(scenario.observation, sectors)
     low, high = (
         [bound if math.isfinite(bound) else None for bound in bounds.tolist()]

@@ -9,6 +9,7 @@ import numpy as np
 
 from dockctl.drawing.scene import Scene
 from dockctl.errors import DockctlError
+from dockctl.evaluation.starts import layout_harbor
 from dockctl.geometry import Floats, pose_array
 from dockctl.reports.show import MAX_LAYOUTS, Scan, figures, layouts_figures
 from dockctl.reports.style import Draw
@@ -21,7 +22,7 @@ from dockctl.scenarios.schema import Scenario
 from dockctl.sim.checks import PoseCheck
 from dockctl.sim.harbor.build import Harbor, build_harbor, build_scene
 from dockctl.sim.harbor.solids import hull_mesh
-from dockctl.sim.starts import sites
+from dockctl.sim.starts import own_site, sites
 from dockctl.sim.world import build_sensor, scan_points, scan_sectors
 
 
@@ -41,10 +42,10 @@ def show(loaded: LoadedScenario, pose: Pose | None = None) -> Shown:
         DockctlError: the pose that the user gave with ``--pose`` is not free.
     """
     scenario = loaded.scenario
-    harbor = build_harbor(scenario.harbor, loaded.base_dir)
+    harbor = layout_harbor(loaded, own_site(scenario).harbor)
     start = pose or scenario.task.initial[0]
     if problem := PoseCheck.build(scenario, harbor).problem(start):
-        raise DockctlError(f"--pose: {problem}")
+        raise DockctlError(f"--pose: {problem}" if pose else problem)
     eta, spec = pose_array(start), scenario.sensors.lidar
     sensor = build_sensor(harbor, spec)
     points = scan_points(sensor, spec.kind, eta)

@@ -96,7 +96,7 @@ def check_action_type(kind: str, *, vessel: str | Path = "eilbrecht", **keys: An
     require(
         "shape", commands.shape == (BOATS, 2), f"commands of shape {commands.shape}, expected {(BOATS, 2)}"
     )
-    limit = VesselModel(boat).command_limit
+    limit = boat.command_limit
     if spec.has_memory:
         previous = np.random.default_rng(0).uniform(-1, 1, (BOATS, 2)) * limit
         commands = _check_rows(

@@ -14,6 +14,9 @@ from dockctl.evaluation import load_policy
 from dockctl.evaluation.envelope import FACTORS
 from dockctl.experiments.export import export_checkpoint
 from dockctl.runs.tables import ENVELOPE
+from dockctl.scenarios.loader import load
+from dockctl.sim.conditions.lidar_noise import LidarNoise
+from dockctl.sim.conditions.wind import Wind
 from tests.commands.conftest import Outcome, dockctl
 
 
@@ -52,10 +55,29 @@ def test_without_wind_or_delay_it_is_the_evaluation(measured: Path) -> None:
 @pytest.mark.thorough
 def test_every_value_is_a_scenario(run: Path) -> None:
     policy = load_policy(run)
+    own = policy.scenario().scenario
     for name, factor in FACTORS.items():
         for value in factor.values:
-            scenario = policy.scenario(None, factor.settings(value)).scenario
+            scenario = policy.scenario(None, factor.settings(own, value)).scenario
             assert (name in ("distance", "heading")) is not bool(scenario.conditions)
+
+
+def test_a_condition_of_another_name_is_the_one_that_is_varied() -> None:
+    """Without the name of their condition, a second wind and a second sensor noise would be added."""
+    breeze, rain = "{kind: wind, speed_mps: 3, direction_deg: 0, gust_mps: 1}", "{kind: lidar_noise}"
+    given = (f"conditions={{breeze: {breeze}, rain: {rain}}}",)
+    own = load("s1", overrides=given).scenario
+    changed = [
+        load("s1", overrides=[*given, *FACTORS[name].settings(own, 2)]).scenario.conditions
+        for name in ("wind", "noise")
+    ]
+    assert [set(conditions) for conditions in changed] == [
+        {"breeze", "rain"},
+        {"breeze", "rain", "navigation"},
+    ]
+    wind, noise = changed[0]["breeze"], changed[1]["rain"]
+    assert isinstance(wind, Wind) and isinstance(noise, LidarNoise)
+    assert (wind.speed_mps, wind.gust_mps, noise.sigma_m) == ((2,), (1,), (0.06,))
 
 
 def test_the_card_has_the_figure(measured: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

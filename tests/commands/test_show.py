@@ -11,13 +11,16 @@ from matplotlib.figure import Figure
 from dockctl.commands.options import parse_pose
 from dockctl.commands.show import sector_table
 from dockctl.errors import DockctlError
-from dockctl.experiments.show import berths
+from dockctl.experiments.show import berths, show
+from dockctl.geometry import pose_array
 from dockctl.reports import style
 from dockctl.reports.show import Scan, harbor_figure
 from dockctl.reports.style import figure_style
 from dockctl.scenarios.loader import load
 from dockctl.sim.harbor.build import build_harbor
 from dockctl.sim.lidar.spinning_sensor import SpinningSensor
+from dockctl.sim.starts import own_site
+from dockctl.sim.world import build_worlds
 from tests.commands.conftest import SAVEFIG, dockctl
 from tests.reports.synthetic import marina
 
@@ -40,6 +43,18 @@ def test_the_berths_of_a_task_by_kind() -> None:
             poses = found[kind][np.isclose(found[kind][:, 0], x)]
             np.testing.assert_allclose(np.sort(poses[:, 1]), y, atol=1e-9)
     assert berths(load("s3").scenario) == {}
+
+
+def test_poses_are_free_as_in_an_evaluation() -> None:
+    """Where other boats of the marina are moored depends on the berth of the task."""
+    loaded = load("marina")
+    world = build_worlds(loaded.scenario, loaded.base_dir)[own_site(loaded.scenario).harbor]
+    for pose in ("36,-23,180", "7,7,0"):
+        assert not world.obstacles.blocked(pose_array(show(loaded, parse_pose(pose)).pose)[None])
+    blocked = parse_pose("7,-2,0")
+    assert world.obstacles.blocked(pose_array(blocked)[None])
+    with pytest.raises(DockctlError, match=r"--pose: .* is blocked by the moored sailing boat"):
+        show(loaded, blocked)
 
 
 def test_berths_are_drawn_with_a_legend() -> None:

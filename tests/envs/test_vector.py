@@ -226,12 +226,6 @@ def test_a_boat_without_a_start_rests_and_leaves_the_others_as_they_are(scenario
     assert not np.array_equal(among.step(np.array([60, 60, 73]))[4]["pose"][1], first.eta)
 
 
-def test_clearance_of_the_boats() -> None:
-    vector = env(2)
-    vector.reset(options={"poses": np.array([[20.0, 3.0, 2.5], [19.0, -1.0, 3.0]])})
-    assert vector.clearance().tolist() == [4, 5]
-
-
 def test_an_action_type_that_returns_another_shape_is_reported(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(GridActions, "commands", lambda self, actions, vessel: np.zeros((len(actions), 3)))
     vector = env(2)

@@ -15,6 +15,7 @@ from dockctl.evaluation.returns import (
     discounted,
     evaluate_behaviors,
     loiter_before_intermediate,
+    returns,
 )
 from dockctl.scenarios.loader import load
 from dockctl.scenarios.schema import Scenario
@@ -64,6 +65,16 @@ def test_a_collision_has_no_other_reward_in_its_step() -> None:
     by_hand = sum(-150 * d / 20 * GAMMA**t for t, d in enumerate(distances))
     assert row["reward_distance"] == pytest.approx(by_hand)
     assert row["return"] == pytest.approx(sum(row[name] for name in row.index if name.startswith("reward_")))
+
+
+def test_the_returns_are_those_of_the_training() -> None:
+    """In s1 a command lasts 0.5 s, in its training 1 s, and there each step is discounted."""
+    scenario = load("s1").scenario
+    assert (scenario.vessel.control_period_s, scenario.training.action_repeat) == (0.5, 2)
+    row = returns("s1", units_m=[20.0]).table.iloc[0]
+    assert (row["behavior"], row["outcome"]) == (DOCKING, "docked")
+    assert row["steps"] == row["time_s"] > 30
+    assert row["reward_final"] == pytest.approx(30_000 * GAMMA ** (row["steps"] - 1), rel=1e-5)
 
 
 def through_the_intermediate_pose(scenario: Scenario) -> tuple[BehaviorSimulation, np.ndarray, Behavior]:

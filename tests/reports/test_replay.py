@@ -26,6 +26,7 @@ from dockctl.runs.directory import SHIPPED
 from dockctl.scenarios.base import Pose
 from dockctl.scenarios.extensions import RangeSensor
 from dockctl.scenarios.loader import load
+from tests.commands.conftest import only_run, quick_train
 from tests.reports.browser import opened, wait
 
 POSES = [Pose(x_m=24.0, y_m=0.5, heading_deg=178.0), Pose(x_m=26.0, y_m=1.0, heading_deg=170.0)]
@@ -90,13 +91,26 @@ def test_policies_of_the_same_scenario_and_seed_are_told_apart(tmp_path: Path) -
 
 def test_the_largest_q_value_is_that_of_the_command(played: Replay, html: str) -> None:
     header, block = contents(html)
-    forces, angles = header["grid"]["propeller_n"], header["grid"]["rudder_deg"]
     shown = [given for given in header["episodes"] if "q" in given["arrays"]]
     assert [given["policy"] for given in shown] == ["s1", "s1"]
     for given in shown:
+        forces, angles = given["grid"]["propeller_n"], given["grid"]["rudder_deg"]
         chosen = stored(block, given["arrays"]["q"]).argmax(axis=1)[:-1]
         command = stored(block, given["arrays"]["command"])[1:]
         assert command[:, 0].tolist() == [forces[i // len(angles)] for i in chosen]
+
+
+@pytest.mark.thorough
+def test_each_policy_has_its_own_actions_and_sensor(tmp_path: Path) -> None:
+    """A policy with a coarser grid and a sensor of shorter range, beside one with the scenario's own."""
+    settings = ("actions.propeller_n=[-50,0,50]", "actions.rudder_deg=[-30,0,30]", "sensors.lidar.range_m=40")
+    assert quick_train(tmp_path, "s1", "--steps", 60, *(w for s in settings for w in ("--set", s))).code == 0
+    header, _ = contents(page(page_data(replay(["s1", only_run(tmp_path)], "s1", POSES[:1]))))
+    for given in header["episodes"]:
+        forces, angles = given["grid"]["propeller_n"], given["grid"]["rudder_deg"]
+        assert given["arrays"]["q"]["shape"][1] == len(forces) * len(angles)
+    assert [len(given["grid"]["propeller_n"]) for given in header["episodes"]] == [11, 3]
+    assert [given["range_m"] for given in header["episodes"]] == [100, 40]
 
 
 def test_points_are_those_of_the_sensor(played: Replay) -> None:

@@ -261,7 +261,7 @@ function place(index) {
   }
   parts.arcs.children.forEach((arc, sector) => {
     const range = episode.ranges.row(i)[sector];
-    arc.visible = range < header.range_m;
+    arc.visible = range < episode.range_m;
     arc.scale.set(range, range, 1);
     arc.material.color.set(tone(range));
   });
@@ -481,7 +481,7 @@ function drawSectors(episode, i) {
   for (let sector = 0; sector < ranges.length; sector++) {
     // Body angle a (counterclockwise from the bow) is drawn at -90° - a.
     const [to, from] = episode.sector_edges.slice(sector, sector + 2).map((angle) => -Math.PI / 2 - angle);
-    const known = ranges[sector] < header.range_m;
+    const known = ranges[sector] < episode.range_m;
     c.globalAlpha = known ? 0.8 : 0.15;
     c.fillStyle = known ? tone(ranges[sector]) : ink("soft");
     c.beginPath();
@@ -544,9 +544,9 @@ function drawReward(episode, i) {
 
 /** Forces by rows, rudder angles by columns; the frame marks the largest value. */
 function drawQ(episode, i) {
-  $("q-section").hidden = !(episode.q && header.grid);
-  if (!episode.q || !header.grid) return;
-  const { propeller_n: forces, rudder_deg: angles } = header.grid, values = episode.q.row(i);
+  $("q-section").hidden = !(episode.q && episode.grid);
+  if (!episode.q || !episode.grid) return;
+  const { propeller_n: forces, rudder_deg: angles } = episode.grid, values = episode.q.row(i);
   const { context: c, width, height } = pencil("q"), left = 34, top = 2, w = (width - left) / angles.length, h = (height - top - 16) / forces.length;
   const low = Math.min(...values), high = Math.max(...values), best = values.indexOf(high);
   const [from, to] = [ink("low"), ink("high")].map((hex) => new THREE.Color(hex));
