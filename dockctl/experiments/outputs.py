@@ -20,7 +20,7 @@ from dockctl.runs.files import (
     write_atomically,
     writing,
 )
-from dockctl.runs.results import require_same_policy, result_stem, setting_names, write_measurement
+from dockctl.runs.results import file_stem, require_same_policy, result_stem, write_measurement
 
 
 @dataclass(frozen=True)
@@ -113,7 +113,7 @@ def recording_folder(
     Raises:
         DockctlError: it contains something else, or the recording of a different policy.
     """
-    name = "-".join([policy.scenario(scenario, overrides).scenario.name, *setting_names(overrides)])
+    name = file_stem([policy.scenario(scenario, overrides).scenario.name], overrides)
     if policy.results and not given:
         folder = policy.results / TRANSFER / name
     else:

@@ -80,9 +80,16 @@ def read_results(path: Path) -> dict[str, Any]:
     return facts
 
 
-def setting_names(overrides: Sequence[str]) -> list[str]:
-    """Return changed values of a scenario, ``key=value``, as parts of a file name."""
-    return [re.sub(r"[^\w.=-]+", "_", override) for override in overrides]
+def file_stem(names: Sequence[str], overrides: Sequence[str]) -> str:
+    """Return a file name, without suffix, of some names and changed values of a scenario, ``key=value``.
+
+    A long one is cut off and ends with a hash of the whole.
+    """
+    stem = "-".join([*names, *(re.sub(r"[^\w.=-]+", "_", override) for override in overrides)])
+    if len(stem) <= MAX_STEM:
+        return stem
+    digest = hashlib.sha256("\n".join([*names, *overrides]).encode()).hexdigest()[:8]
+    return f"{stem[: MAX_STEM - len(digest) - 1]}-{digest}"
 
 
 def result_stem(measurement: str, scenario: str = "", overrides: Sequence[str] = ()) -> str:
@@ -93,8 +100,7 @@ def result_stem(measurement: str, scenario: str = "", overrides: Sequence[str] =
         scenario: its name, unless it is the policy's own and unchanged.
         overrides: changed values of the scenario, ``key=value``.
     """
-    place = [scenario] if scenario else []
-    return "-".join([measurement, *place, *setting_names(overrides)])[:MAX_STEM]
+    return file_stem([measurement, *filter(None, [scenario])], overrides)
 
 
 def require_same_policy(path: Path, policy: Mapping[str, Any]) -> None:

@@ -9,9 +9,11 @@ import pytest
 
 from dockctl.errors import DockctlError
 from dockctl.runs.results import (
+    file_stem,
     is_outdated,
     read_results,
     require_same_policy,
+    result_stem,
     write_measurement,
     write_results,
 )
@@ -21,6 +23,16 @@ def code_of(path: Path) -> str:
     with pytest.raises(DockctlError) as caught:
         read_results(path)
     return caught.value.code
+
+
+def test_long_settings_that_differ_have_different_names() -> None:
+    settings = [f"conditions.wind.speed_mps={speed}" for speed in range(4)]
+    stems = {result_stem("evaluation", "s1", [*settings, f"task.max_steps={last}"]) for last in (3, 30, 300)}
+    assert len(stems) == 3
+    assert all(stem.startswith("evaluation-s1-conditions.wind.speed_mps=0-") for stem in stems)
+    folder = file_stem(["s1"], settings * 9)
+    assert max(map(len, [folder, *stems])) <= 150
+    assert result_stem("evaluation", "", ["task.max_steps=5"]) == "evaluation-task.max_steps=5"
 
 
 def test_a_table_and_its_facts_belong_together(tmp_path: Path) -> None:
