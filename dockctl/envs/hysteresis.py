@@ -6,7 +6,6 @@ Where two action values are nearly equal, a greedy policy can alternate between 
 from __future__ import annotations
 
 import numpy as np
-from gymnasium.spaces import Discrete
 from numpy.typing import NDArray
 
 from dockctl.envs.observation import ObservationEncoder
@@ -37,12 +36,11 @@ def action_hysteresis(
     columns = np.flatnonzero(np.array(encoder.parts) == "command")
     if not len(columns):
         raise FieldError(FIELD, "needs the last command: the part 'command' in the observation", "mismatch")
-    space = scenario.actions.space(scenario.vessel)
-    if not isinstance(space, Discrete) or scenario.actions.has_memory:
+    commands = scenario.actions.command_table(scenario.vessel)
+    if commands is None:
         message = (
             f"needs discrete actions that are commands, such as kind 'grid', not '{scenario.actions.kind}'"
         )
         raise FieldError(FIELD, message, "mismatch")
-    commands = scenario.actions.commands(np.arange(space.n), scenario.vessel)
     observed = (commands / scenario.vessel.command_limit).astype(np.float32)
     return columns[:2], observed, np.where(commands[:, 0] == 0, 0, margin).astype(np.float32)

@@ -11,13 +11,13 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from dockctl.analysis.episodes import summarize
+from dockctl.control.planner import has_planner
+from dockctl.control.supervisor import has_supervisor
 from dockctl.evaluation.loading import load_policy
-from dockctl.evaluation.planner import has_planner
 from dockctl.evaluation.policies import CheckpointPolicy, LoadedPolicy
 from dockctl.evaluation.record import Recording
 from dockctl.evaluation.rollout import Episode, Rollout
 from dockctl.evaluation.starts import checked_starts, evaluation_starts, testing_starts, trajectory_starts
-from dockctl.evaluation.supervisor import has_supervisor
 from dockctl.run_files import EVALUATION
 from dockctl.runs.results import result_stem
 from dockctl.runs.tables import EVALUATION as EVALUATION_COLUMNS

@@ -49,18 +49,27 @@ def load_policy(
 
     Raises:
         UntrustedError: it contains code that is not trusted; none of it has run.
-        DockctlError: there is no such policy, or it cannot be loaded.
+        DockctlError: there is no such policy, it cannot be loaded, or it takes no parameters.
     """
     if isinstance(policy, LoadedPolicy):
+        _require_none(params, policy.name)
         return policy
     files = tuple(map(Path, plugin_files))
     for file in files:
         plugins.load_file(file)
     loaded = None if policy is None else _from_code(str(policy), params, trust=trust)
+    if loaded is None or not loaded.params:
+        _require_none(params, "the latest run" if policy is None else policy)
     if loaded is None:
         path = None if policy is None else Path(policy)
         return load_checkpoint(path, plugin_files=files, trust=trust)
     return replace(loaded, plugin_files=files, trust=trust)
+
+
+def _require_none(params: Mapping[str, Any], policy: str | Path) -> None:
+    if params:
+        message = f"{policy}: only a factory takes parameters, found {', '.join(params)}"
+        raise DockctlError(message, code="unknown_key")
 
 
 def is_scenario(given: str) -> bool:

@@ -13,9 +13,9 @@ from gymnasium.vector import AutoresetMode, VectorEnv
 from numpy.typing import NDArray
 
 from dockctl.agents.interface import Info, Policy
+from dockctl.control.planner import Planner, has_planner
+from dockctl.control.supervisor import Supervisor, has_supervisor
 from dockctl.envs.vector import DockingVectorEnv
-from dockctl.evaluation.planner import Planner, has_planner
-from dockctl.evaluation.supervisor import Supervisor, has_supervisor
 from dockctl.geometry import Floats
 from dockctl.runs.tables import CONDITION_COLUMNS, TRAJECTORIES, Value, all_columns, to_csv
 from dockctl.scenarios.loader import LoadedScenario

@@ -13,7 +13,6 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from gymnasium.spaces import Discrete
 from rich.console import Console
 
 import dockctl
@@ -194,14 +193,13 @@ def description(policy: CheckpointPolicy, scenario: Scenario) -> dict[str, Any]:
         DockctlError: its actions are not discrete.
     """
     vessel, lidar, task, card = scenario.vessel, scenario.sensors.lidar, scenario.task, policy.card
-    space = scenario.actions.space(vessel)
-    if not isinstance(space, Discrete) or scenario.actions.has_memory:
+    commands = scenario.actions.command_table(vessel)
+    if commands is None:
         raise DockctlError(
-            f"{policy.file}: has {scenario.actions.kind} actions, {space}; expected discrete actions with a"
-            " command each",
+            f"{policy.file}: has {scenario.actions.kind} actions, {scenario.actions.space(vessel)}; expected"
+            " discrete actions with a command each",
             code="unavailable",
         )
-    commands = scenario.actions.commands(np.arange(int(space.n)), vessel)
     return {
         "format": FORMAT,
         "dockctl": dockctl.__version__,
@@ -215,7 +213,7 @@ def description(policy: CheckpointPolicy, scenario: Scenario) -> dict[str, Any]:
         "lidar": {"sectors": lidar.sectors, "range_m": lidar.range_m},
         "observation": _columns(scenario),
         "actions": scenario.actions.model_dump(mode="json"),
-        "commands": np.asarray(commands, float).tolist(),
+        "commands": commands.tolist(),
         "goals": {
             "intermediate": pose_array(task.intermediate).tolist() if task.intermediate else None,
             "final": pose_array(task.final).tolist(),

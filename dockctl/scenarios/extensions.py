@@ -98,6 +98,18 @@ class ActionType(Kind, ABC):
         """
         return self.commands(actions, vessel)
 
+    def command_table(self, vessel: Vessel) -> Floats | None:
+        """Return the command of each action, (actions, 2) [N, rad].
+
+        None if actions are not numbers from 0, or their commands depend on the last step.
+        """
+        from gymnasium.spaces import Discrete  # slow to import, and not needed to check a scenario
+
+        space = self.space(vessel)
+        if self.has_memory or not isinstance(space, Discrete) or space.start != 0:
+            return None
+        return np.asarray(self.commands(np.arange(space.n), vessel), float)
+
     @property
     def grid(self) -> dict[str, tuple[float, ...]] | None:
         """``propeller_n`` and ``rudder_deg`` if the actions are all pairs of them; the angle varies fastest.

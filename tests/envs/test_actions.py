@@ -10,13 +10,16 @@ import pytest
 from gymnasium.error import InvalidAction
 from gymnasium.spaces import Box, Discrete
 from gymnasium.vector import AutoresetMode, SyncVectorEnv
+from numpy.typing import NDArray
 
 from dockctl.envs.actions import ContinuousActions, GridActions
 from dockctl.envs.single import DockingEnv
 from dockctl.envs.vector import DockingVectorEnv
 from dockctl.errors import DockctlError, InputError
+from dockctl.geometry import Floats
 from dockctl.scenarios.loader import dump, load
 from dockctl.scenarios.schema import PolicyInterface, Scenario
+from dockctl.scenarios.vessel import Vessel
 from tests.sim.worlds import walled
 
 VESSEL = load("s1").scenario.vessel
@@ -32,6 +35,28 @@ def test_the_grid_is_that_of_the_thesis() -> None:
     assert table[38] == pytest.approx([0, 0])
     assert table[76] == pytest.approx([50, math.radians(30)])
     assert len(np.unique(table, axis=0)) == 77
+
+
+class FromOne(GridActions):
+    """Actions 1 to 77, as a plugin may number them."""
+
+    def space(self, vessel: Vessel) -> Discrete:
+        return Discrete(77, start=1)
+
+
+class Faster(GridActions):
+    """The command depends on the previous one."""
+
+    def next_commands(self, actions: NDArray[Any], vessel: Vessel, previous: Floats) -> Floats:
+        return previous + self.commands(actions, vessel)
+
+
+def test_only_actions_that_are_numbers_of_commands_have_a_table() -> None:
+    table = GridActions().command_table(VESSEL)
+    assert table is not None
+    np.testing.assert_array_equal(table, GridActions().commands(np.arange(77), VESSEL))
+    for other in (FromOne(), Faster(), ContinuousActions()):
+        assert other.command_table(VESSEL) is None
 
 
 def test_the_default_grid_spans_the_limits_of_the_vessel() -> None:

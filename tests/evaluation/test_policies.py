@@ -190,6 +190,16 @@ def test_a_factory_of_a_module(file: Path, monkeypatch: pytest.MonkeyPatch) -> N
     assert caught.value.code == "plugin"
 
 
+def test_only_factories_take_parameters(file: Path) -> None:
+    loaded = load_policy(f"{file}:ahead", action=5)
+    for policy in ("s1", loaded):
+        with pytest.raises(
+            DockctlError, match="only a factory takes parameters, found plugin_file"
+        ) as caught:
+            load_policy(policy, plugin_file="my.py")
+        assert caught.value.code == "unknown_key"
+
+
 @pytest.mark.parametrize(
     ("given", "code", "suggestion"),
     [

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 
-from dockctl.evaluation.forecast import Forecast
-from dockctl.evaluation.plans import RandomPlans
+from dockctl.control.forecast import Forecast
+from dockctl.control.plans import RandomPlans
 from dockctl.geometry import Floats, Ints
 from dockctl.sim.simulator import Simulator
 

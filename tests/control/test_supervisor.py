@@ -11,9 +11,9 @@ import pytest
 from numpy.random import default_rng
 
 from dockctl.agents.interface import Info, Policy
+from dockctl.control.supervisor import RECOVERY_S, WAITING_S
 from dockctl.evaluation import rollout
 from dockctl.evaluation.rollout import Episode, Rollout
-from dockctl.evaluation.supervisor import RECOVERY_S, WAITING_S
 from dockctl.scenarios.loader import load
 from dockctl.scenarios.schema import PolicyInterface
 from dockctl.sim.simulator import Simulator

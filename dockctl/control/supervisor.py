@@ -8,7 +8,6 @@ from __future__ import annotations
 from typing import Any
 
 import numpy as np
-from gymnasium.spaces import Discrete
 from numpy.typing import NDArray
 
 from dockctl.agents.interface import Info, Policy, QPolicy
@@ -29,13 +28,8 @@ RECOVERY_S = 10.0
 
 def has_supervisor(policy: object, scenario: Scenario) -> bool:
     """Return whether a supervisor runs the policy: the scenario says so, and it values single commands."""
-    return bool(scenario.evaluation.supervisor) and isinstance(policy, QPolicy) and chooses_commands(scenario)
-
-
-def chooses_commands(scenario: Scenario) -> bool:
-    """Return whether actions are numbers of commands that do not depend on the one before."""
-    space = scenario.actions.space(scenario.vessel)
-    return isinstance(space, Discrete) and not scenario.actions.has_memory
+    wanted = bool(scenario.evaluation.supervisor) and isinstance(policy, QPolicy)
+    return wanted and scenario.actions.command_table(scenario.vessel) is not None
 
 
 class Supervisor(Policy):
@@ -56,17 +50,17 @@ class Supervisor(Policy):
     """
 
     def __init__(self, policy: Policy, env: DockingVectorEnv) -> None:
-        assert isinstance(policy, QPolicy) and isinstance(env.single_action_space, Discrete)
+        commands = env.scenario.actions.command_table(env.scenario.vessel)
+        assert isinstance(policy, QPolicy) and commands is not None
         self._policy, self._q_values = policy, policy.q_values
         self._simulator, self._hull = env.simulator, env.scenario.vessel.hull
-        actions = np.arange(env.single_action_space.n)
-        self._commands = env.scenario.actions.commands(actions, env.scenario.vessel)
+        self._commands = commands
         period, boats = env.scenario.vessel.control_period_s, env.num_envs
         waiting, self._recovery = (max(1, round(time / period)) for time in (WAITING_S, RECOVERY_S))
         self._periods_to_stop = self._count_periods_to_stop(round(LONGEST_STOP_S / period))
         self._positions = np.full((boats, waiting + 1, 2), np.nan)
         self._recovering = np.zeros(boats, np.int64)  # remaining steps of a recovery
-        self._random_order = np.zeros((boats, len(actions)), np.int64)
+        self._random_order = np.zeros((boats, len(commands)), np.int64)
         self._rngs = [np.random.default_rng(0)] * boats
 
     def reset(self, rows: Ints, info: Info) -> None:

@@ -6,8 +6,8 @@ import numpy as np
 
 from dockctl.geometry import Ints
 
-SECTIONS, LONGEST_SECTION_S, LONGEST_CHANGE_S = 5, 8.0, 6.0
-"""A plan is a random sequence of about so many commands, each held for a random time up to this."""
+LONGEST_SECTION_S, LONGEST_CHANGE_S = 8.0, 6.0
+"""A plan is a random sequence of commands, each held for a random time up to this; so is a change of it."""
 
 
 class RandomPlans:
@@ -32,9 +32,11 @@ class RandomPlans:
             best: the best plan of the control step before (steps,); half of the plans are changes of it,
                 without its first action.
         """
-        chosen = rng.integers(self._actions, size=count * SECTIONS)
+        mean_steps = (1 + self._section_steps) / 2
+        sections = round(1.1 * count * self._steps / mean_steps) + 50  # more than are needed
+        chosen = rng.integers(self._actions, size=sections)
         held = rng.integers(1, self._section_steps + 1, len(chosen))
-        plans: Ints = np.resize(np.repeat(chosen, held), (count, self._steps))
+        plans: Ints = np.repeat(chosen, held)[: count * self._steps].reshape(count, self._steps)
         if best is not None:
             changed, kept = count // 2, np.append(best[1:], best[-1])
             begin = rng.integers(self._steps, size=(changed, 1))

@@ -10,8 +10,8 @@ from dockctl.agents.interface import Policy
 from dockctl.evaluation.rollout import Episode, Rollout
 from dockctl.scenarios.loader import load
 from dockctl.sim.starts import given_start, own_site
+from tests.control.test_planner import WEATHER
 from tests.evaluation.fixed_policies import Values, only
-from tests.evaluation.test_planner import WEATHER
 from tests.sim.worlds import walled
 
 POSES = ((20.0, -8.0, 1.2), (14.0, 6.0, 2.0), (22.0, 4.0, -0.6), (25.0, -6.0, 0.3), (18.0, 0.0, 2.9))

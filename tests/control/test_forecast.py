@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from dockctl.evaluation.forecast import Forecast
+from dockctl.control.forecast import Forecast
 from dockctl.scenarios.loader import load
 from dockctl.scenarios.schema import Scenario
 from dockctl.sim.conditions.actuators import RealActuators

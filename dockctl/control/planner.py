@@ -5,16 +5,14 @@ from __future__ import annotations
 from typing import Any
 
 import numpy as np
-from gymnasium.spaces import Discrete
 from numpy.typing import NDArray
 
 from dockctl.agents.interface import Info, Policy
 from dockctl.compute import map_on_all_cores
+from dockctl.control.forecast import Forecast
+from dockctl.control.plans import RandomPlans
+from dockctl.control.safety_filter import SafetyFilter
 from dockctl.envs.vector import DockingVectorEnv
-from dockctl.evaluation.forecast import Forecast
-from dockctl.evaluation.plans import RandomPlans
-from dockctl.evaluation.safety_filter import SafetyFilter
-from dockctl.evaluation.supervisor import chooses_commands
 from dockctl.geometry import Floats, Ints
 from dockctl.scenarios.schema import Scenario
 from dockctl.sim.goal import TO_FINAL, measure
@@ -35,7 +33,8 @@ CHECKED_AT_ONCE = 32
 
 def has_planner(scenario: Scenario) -> bool:
     """Return whether a planner runs policies: the scenario says so, and actions are single commands."""
-    return bool(scenario.evaluation.planner) and chooses_commands(scenario)
+    wanted = bool(scenario.evaluation.planner)
+    return wanted and scenario.actions.command_table(scenario.vessel) is not None
 
 
 class Planner(Policy):
@@ -54,14 +53,14 @@ class Planner(Policy):
     """
 
     def __init__(self, policy: Policy, env: DockingVectorEnv) -> None:
-        assert isinstance(env.single_action_space, Discrete)
         self._policy, self._simulator, vessel = policy, env.simulator, env.scenario.vessel
-        actions = np.arange(env.single_action_space.n)
-        self._commands = env.scenario.actions.commands(actions, vessel)
+        commands = env.scenario.actions.command_table(vessel)
+        assert commands is not None
+        self._commands = commands
         self._forecast, self._limit = Forecast(env.simulator, env.scenario), env.scenario.task.final_tolerance
         self._period_s = vessel.control_period_s
         self._steps = max(1, round(PLAN_S / self._period_s))
-        self._plans = RandomPlans(len(actions), self._steps, self._period_s)
+        self._plans = RandomPlans(len(commands), self._steps, self._period_s)
         self._filter = SafetyFilter(self._simulator, self._forecast, self._commands, self._period_s)
         self._rngs = [np.random.default_rng(0)] * env.num_envs
         self._best = dict[int, Ints]()
@@ -80,9 +79,10 @@ class Planner(Policy):
         simulator, actions = self._simulator, np.array(self._policy.act(observation, info))
         poses = simulator.measured_pose()
         self._forecast.measure(poses, simulator.measured_velocity())
+        distance, _ = measure(poses, simulator.goal)
 
         def chosen(row: int) -> int:
-            if simulator.phase[row] == TO_FINAL and simulator.distance_m[row] < WITHIN_M:
+            if simulator.phase[row] == TO_FINAL and distance[row] < WITHIN_M:
                 planned = self._planned(row)
                 return int(actions[row]) if planned is None else planned
             return self._filter.safe(row, poses[row], int(actions[row]))
