@@ -8,6 +8,7 @@ from collections.abc import Mapping, Sequence
 from typing import TYPE_CHECKING, Any
 
 from dockctl.analysis.statistics import wilson_interval
+from dockctl.runs.tables import EXPLORING, RETRIED
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -106,9 +107,16 @@ def moving_average(values: pd.Series, window: int) -> pd.Series:
 
 
 def from_initial_poses(episodes: pd.DataFrame) -> pd.DataFrame:
-    """Return the episodes without those from exploring starts, unless there are no others."""
-    selected = episodes[episodes["start_kind"] != "exploring"]
+    """Return the episodes without those from exploring and retried starts, unless there are no others."""
+    selected = by_start(episodes)[0]
     return selected if len(selected) else episodes
+
+
+def by_start(episodes: pd.DataFrame) -> tuple[pd.DataFrame, pd.DataFrame, str]:
+    """Return the episodes from initial poses, the others, and what the starts of the others are."""
+    others = episodes["start_kind"].isin((EXPLORING, RETRIED))
+    kinds = sorted(episodes.loc[others, "start_kind"].unique())
+    return episodes[~others], episodes[others], " or ".join(kinds)
 
 
 def term_columns(table: pd.DataFrame) -> list[str]:

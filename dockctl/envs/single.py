@@ -57,7 +57,7 @@ class DockingEnv(gymnasium.Env[NDArray[np.float32], Any]):
     `pose` and `goal` of the phase (x, y [m], heading [rad]), `velocity` over ground (u, v [m/s], r [rad/s]),
     `command` ([N], [rad]), `distance_m` and `heading_error_rad` to the goal, `phase`, `sector_ranges_m`,
     `outcome` ("" during the episode, then "docked", "collision" or "timeout"), `collided_with`,
-    `reward_terms`, `start_kind` ("pose" or "exploring"), `start_index` of the initial pose.
+    `reward_terms`, `start_kind` ("pose", "exploring" or "retried"), `start_index` of the initial pose.
 
     ## Version history
     - v0: first version.

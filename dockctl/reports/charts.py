@@ -8,7 +8,13 @@ from typing import Any
 import numpy as np
 import pandas as pd
 
-from dockctl.analysis.episodes import from_initial_poses, moving_average, smoothing_window, term_columns
+from dockctl.analysis.episodes import (
+    by_start,
+    from_initial_poses,
+    moving_average,
+    smoothing_window,
+    term_columns,
+)
 from dockctl.analysis.latency import PARTS
 from dockctl.drawing import palette
 from dockctl.drawing.scene import Scene, Stroke, strokes
@@ -87,11 +93,8 @@ def training_charts(episodes: pd.DataFrame, task: Task) -> list[Chart]:
 
 
 def _episode_chart(title: str, y: str, episodes: pd.DataFrame, column: str, **options: Any) -> Chart:
-    exploring = episodes["start_kind"] == "exploring"
-    groups = [
-        ("initial pose", episodes[~exploring], "raw", "mean"),
-        ("exploring", episodes[exploring], "raw2", "mean2"),
-    ]
+    initial, others, kinds = by_start(episodes)
+    groups = [("initial pose", initial, "raw", "mean"), (kinds, others, "raw2", "mean2")]
     groups = [group for group in groups if len(group[1])]
     drawn = []
     for name, table, light, _ in groups:

@@ -11,7 +11,13 @@ from matplotlib.axes import Axes
 from matplotlib.colors import to_rgba
 from matplotlib.ticker import MaxNLocator
 
-from dockctl.analysis.episodes import from_initial_poses, moving_average, smoothing_window, term_columns
+from dockctl.analysis.episodes import (
+    by_start,
+    from_initial_poses,
+    moving_average,
+    smoothing_window,
+    term_columns,
+)
 from dockctl.drawing import palette
 from dockctl.reports.style import legend_above, log_scale, panel_title, percent, thousands
 
@@ -179,11 +185,11 @@ def draw_updates(axes: Iterable[Axes], updates: pd.DataFrame, columns: Sequence[
 
 
 def _draw_episodes(ax: Axes, episodes: pd.DataFrame, column: str) -> None:
-    """Draw dots and their moving average, separately for initial poses and exploring starts."""
-    exploring = episodes["start_kind"] == "exploring"
+    """Draw dots and their moving average, separately for initial poses and other starts."""
+    initial, others, kinds = by_start(episodes)
     groups = [
-        ("from an initial pose", episodes[~exploring], palette.RAW, palette.MEAN),
-        ("exploring start", episodes[exploring], palette.SECOND_RAW, palette.SECOND_MEAN),
+        ("from an initial pose", initial, palette.RAW, palette.MEAN),
+        (f"{kinds} start", others, palette.SECOND_RAW, palette.SECOND_MEAN),
     ]
     groups = [group for group in groups if len(group[1])]
     for name, table, light, _ in groups:

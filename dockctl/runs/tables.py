@@ -66,6 +66,9 @@ START_KEYS = {
 }
 """Keys of their summaries in ``evaluation.json``."""
 
+EXPLORING, RETRIED = "exploring", "retried"
+"""Values of `start_kind` in a training of starts that are not drawn around an initial pose."""
+
 OUTCOMES = ("docked", "collision", "timeout")
 """Values of `outcome` (`dockctl.sim.goal.StepStatus.outcome`)."""
 

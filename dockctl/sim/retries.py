@@ -10,6 +10,7 @@ from typing import Any
 import numpy as np
 
 from dockctl.geometry import Bools, Ints
+from dockctl.runs.tables import EXPLORING, RETRIED
 from dockctl.sim.starts import Start
 
 KEPT = 16
@@ -43,8 +44,8 @@ class FailedStarts:
         """Keep the starts of the boats (n,) whose episode failed."""
         for boat in np.flatnonzero(failed):
             start = self._current[boat]
-            if self._fraction and start is not None and start.kind != "exploring":
-                self._queues[boat].append(replace(start, kind="retried"))
+            if self._fraction and start is not None and start.kind != EXPLORING:
+                self._queues[boat].append(replace(start, kind=RETRIED))
 
     def take(self, boat: int, rng: np.random.Generator) -> Start | None:
         """Remove and return the oldest failed start; None if the next one is to be drawn."""

@@ -11,6 +11,7 @@ import numpy as np
 
 from dockctl.errors import DockctlError, InputError, Problem
 from dockctl.geometry import Bools, Floats, pose_array, pose_label, relocate_poses, wrap
+from dockctl.runs.tables import EXPLORING
 from dockctl.scenarios.berths import BerthKind
 from dockctl.scenarios.harbor import BerthPlace, Generated, Marina, berth_pose
 from dockctl.scenarios.layouts import Layout, layouts
@@ -223,7 +224,7 @@ def _exploring_draw(site: Site, task: Task, exploring: ExploringStarts, rng: np.
         _interpolate(exploring.position_noise_m, size), _interpolate(exploring.heading_noise_deg, size)
     )
     surge = rng.uniform(-exploring.max_surge_mps, exploring.max_surge_mps)
-    start = given_start(site, task, eta + rng.uniform(-offsets, offsets), index, "exploring")
+    start = given_start(site, task, eta + rng.uniform(-offsets, offsets), index, EXPLORING)
     return replace(start, nu=np.array([surge, 0.0, 0.0]), phase=phase, max_steps=exploring.steps)
 
 

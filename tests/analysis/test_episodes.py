@@ -9,6 +9,7 @@ import pandas as pd
 import pytest
 
 from dockctl.analysis.episodes import (
+    by_start,
     describe_outcome,
     from_initial_poses,
     moving_average,
@@ -89,8 +90,10 @@ def test_moving_average_starts_with_fewer_values() -> None:
     assert moving_average(pd.Series([2.0, 4.0, 6.0, 9.0]), 3).tolist() == pytest.approx([2, 3, 4, 19 / 3])
 
 
-def test_exploring_starts_are_left_out_unless_there_are_no_others() -> None:
-    mixed = pd.DataFrame({"start_kind": ["pose", "exploring", "random"]})
+def test_exploring_and_retried_starts_are_left_out_unless_there_are_no_others() -> None:
+    mixed = pd.DataFrame({"start_kind": ["pose", "retried", "exploring", "random"]})
     assert from_initial_poses(mixed)["start_kind"].tolist() == ["pose", "random"]
+    _, others, kinds = by_start(mixed)
+    assert (others["start_kind"].tolist(), kinds) == (["retried", "exploring"], "exploring or retried")
     exploring = mixed[mixed["start_kind"] == "exploring"]
     assert from_initial_poses(exploring).equals(exploring)
