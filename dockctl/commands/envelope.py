@@ -62,7 +62,7 @@ def envelope(
     """
     from dockctl.evaluation.envelope import FACTORS
     from dockctl.evaluation.envelope import envelope as run
-    from dockctl.experiments.outputs import Outputs
+    from dockctl.evaluation.outputs import Outputs
     from dockctl.reports.envelope import envelope_figure
 
     given = select_policy(policy, ckpt, plugin, trust, scenario)

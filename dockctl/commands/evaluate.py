@@ -89,7 +89,7 @@ def evaluate(
     Example: dockctl evaluate s3 --episodes 200 --min-success 0.9
     """
     from dockctl.evaluation import evaluate as run
-    from dockctl.experiments.outputs import recording_folder, store
+    from dockctl.evaluation.outputs import recording_folder, store
     from dockctl.sim.starts import UNREACHABLE
 
     poses = [parse_pose(text) for text in pose or ()]

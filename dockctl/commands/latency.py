@@ -52,7 +52,7 @@ def latency(
     """
     from dockctl.analysis.latency import verdict
     from dockctl.evaluation.latency import latency as run
-    from dockctl.experiments.outputs import Outputs
+    from dockctl.evaluation.outputs import Outputs
     from dockctl.reports.latency import latency_figure
 
     given = select_policy(policy, ckpt, plugin, trust, scenario)

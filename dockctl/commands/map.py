@@ -64,8 +64,8 @@ def map_(
     Example: dockctl map s3 --reach-m 6 --headings 0,20,-20
     """
     from dockctl.evaluation import success_map
+    from dockctl.evaluation.outputs import Outputs
     from dockctl.evaluation.success_map import Grid
-    from dockctl.experiments.outputs import Outputs
     from dockctl.reports.success_map import map_figure
 
     example = "angles in degrees, separated by commas, like 0,20,-20"

@@ -23,9 +23,6 @@ if TYPE_CHECKING:
     from dockctl.reports.style import Draw
     from dockctl.scenarios.base import Pose
 
-MAX_COORDINATE = 10_000
-"""Maximum coordinate [m] or angle [°]; a larger number is a mistake."""
-
 
 def finite(value: float | None) -> float | None:
     """Reject NaN and infinity, which the ranges of some versions of Click accept.
@@ -187,7 +184,7 @@ def latest_run_or_recording() -> tuple[Path, LoadedPolicy | None]:
     if isinstance(chosen, Path):
         return chosen, None
     from dockctl.evaluation.loading import load_policy
-    from dockctl.experiments.outputs import record
+    from dockctl.evaluation.outputs import record
 
     policy = load_policy(chosen)
     with Console(stderr=True).status("running episodes"):
@@ -243,17 +240,16 @@ def parse_pose(text: str) -> Pose:
     Raises:
         DockctlError: the text has a different form, or a number is too large.
     """
-    from dockctl.scenarios.base import Pose
+    from dockctl.scenarios.base import MAX_COORDINATE_M, MAX_TURN_DEG, Pose
 
     expected = "three numbers, x,y,heading in m, m and degrees, like 20,2,160"
     numbers = parse_numbers("--pose", text, expected)
     if len(numbers) != 3:
         raise DockctlError(f"--pose '{text}': expected {expected}", code="wrong_type")
-    if not all(abs(number) <= MAX_COORDINATE for number in numbers):
-        raise DockctlError(
-            f"--pose '{text}': the numbers must be within ±{MAX_COORDINATE:,}", code="out_of_range"
-        )
     x, y, heading = numbers
+    if not (max(abs(x), abs(y)) <= MAX_COORDINATE_M and abs(heading) <= MAX_TURN_DEG):
+        limits = f"x and y must be within ±{MAX_COORDINATE_M:,.0f}, the heading within ±{MAX_TURN_DEG:,.0f}"
+        raise DockctlError(f"--pose '{text}': {limits}", code="out_of_range")
     return Pose(x_m=x, y_m=y, heading_deg=heading)
 
 

@@ -56,8 +56,8 @@ def returns(
 
     Example: dockctl returns s3 --units 20
     """
+    from dockctl.evaluation.outputs import Outputs
     from dockctl.evaluation.returns import returns as run
-    from dockctl.experiments.outputs import Outputs
     from dockctl.reports.returns import returns_figure
 
     units_m = parse_units(units)

@@ -21,7 +21,8 @@ from dockctl.evaluation.starts import pose_check
 from dockctl.geometry import Floats
 from dockctl.runs.tables import MAP, Value, all_columns, to_csv
 from dockctl.scenarios.schema import Scenario
-from dockctl.sim.starts import given_start, own_site
+from dockctl.sim.checks import PoseCheck
+from dockctl.sim.starts import Site, given_start, own_site
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -126,9 +127,14 @@ def success_map(
     loaded_policy, grid = load_policy(policy), grid or Grid()
     loaded = loaded_policy.scenario(scenario, overrides)
     rollout = Rollout(loaded)
-    site = own_site(loaded.scenario)
+    site, check = own_site(loaded.scenario), pose_check(loaded)
     with running(loaded_policy, rollout, on) as run:
-        rows = [row for heading in grid.headings_deg for row in _rows(rollout, run, grid.offsets(heading))]
+        # One heading at a time: the trajectories of all starts would take memory.
+        rows = [
+            row
+            for heading in grid.headings_deg
+            for row in _rows(loaded.scenario, site, check, run, grid.offsets(heading))
+        ]
     if all(row["blocked"] for row in rows):
         raise DockctlError(
             f"no start is free in '{loaded.scenario.name}': choose other headings or a larger reach"
@@ -137,14 +143,14 @@ def success_map(
     return SuccessMap(loaded_policy, loaded.scenario, to_csv(rows, all_columns(MAP, rows)), plan)
 
 
-def _rows(rollout: Rollout, run: Run, offsets: Floats) -> Iterator[dict[str, Value]]:
+def _rows(
+    scenario: Scenario, site: Site, check: PoseCheck, run: Run, offsets: Floats
+) -> Iterator[dict[str, Value]]:
     """Yield the rows of the starts with one heading offset; a blocked start has no episode.
 
     Args:
         offsets: (k, 3) dx [m], dy [m] and heading offset [°].
     """
-    scenario = rollout.scenario
-    site, check = own_site(scenario), pose_check(rollout.loaded)
     poses = site.initial[0] + np.column_stack([offsets[:, :2], np.radians(offsets[:, 2])])
     free = [check.free(pose) for pose in poses]
     starts = [given_start(site, scenario.evaluated_task, poses[i], i) for i in range(len(poses)) if free[i]]

@@ -72,7 +72,7 @@ def dry_run(loaded: LoadedScenario) -> None:
             _integrate(trained)
 
 
-def _in_open_water(loaded: LoadedScenario, boats: int) -> DockingVectorEnv:
+def _environment(loaded: LoadedScenario, boats: int) -> DockingVectorEnv:
     """Return an environment at the starts of its first episodes."""
     scenario = loaded.scenario
     lidar = scenario.sensors.lidar
@@ -90,7 +90,7 @@ def _in_open_water(loaded: LoadedScenario, boats: int) -> DockingVectorEnv:
 
 def _step(loaded: LoadedScenario) -> None:
     scenario = loaded.scenario
-    lidar, env = scenario.sensors.lidar, _in_open_water(loaded, BOATS)
+    lidar, env = scenario.sensors.lidar, _environment(loaded, BOATS)
     _require_described(ACTIONS, scenario.actions)
     _require_within_limits(env)
     for _ in range(STEPS):
@@ -243,7 +243,7 @@ def _integrate(loaded: LoadedScenario) -> None:
     vessel = loaded.scenario.vessel
     if not loaded.scenario.conditions:  # the vessel's validator checked stability in calm water
         return
-    simulator, rng = _in_open_water(loaded, DRAWS).simulator, np.random.default_rng(0)
+    simulator, rng = _environment(loaded, DRAWS).simulator, np.random.default_rng(0)
     for _ in range(min(PERIODS, max(1, SUBSTEPS // vessel.substeps))):
         simulator.step(rng.choice([-1, 1], (DRAWS, 2)) * simulator.vessel.command_limit)
 

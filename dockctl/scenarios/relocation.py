@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 import re
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from dataclasses import replace
 from typing import Any, get_args
 
@@ -12,7 +12,6 @@ import numpy as np
 
 from dockctl.errors import Code, DockctlError, nearest
 from dockctl.geometry import pose_array, relocate_poses
-from dockctl.scenarios.base import Pose
 from dockctl.scenarios.harbor import BerthPlace, Marina, Side, berth_pose
 from dockctl.scenarios.schema import Scenario
 from dockctl.scenarios.yaml_tree import Node, describe, input_error
@@ -40,7 +39,7 @@ def at_berth(tree: Node, scenario: Scenario, given: Node) -> Node:
     index, field = scenario.harbor.rows.index(row), f"free_{row.axis}_m"
     tree = _replaced(tree, ("harbor", "rows", index, field), Node([*free], given.location))
     final, to = pose_array(scenario.task.final), np.array(berth_pose(scenario.harbor, place))
-    for keys, pose in _poses(scenario):
+    for keys, pose in scenario.poses():
         x, y, heading = relocate_poses(pose_array(pose)[None], final, to, mirrored=False)[0].tolist()
         moved = {"x_m": x, "y_m": y, "heading_deg": math.degrees(heading)}
         moved = {key: round(value, DECIMALS) + 0.0 for key, value in moved.items()}
@@ -71,16 +70,6 @@ def _place(scenario: Scenario, given: Node) -> BerthPlace:
     names = ", ".join(map(str, known))
     message = f"the harbor '{scenario.harbor.name}' has no berth '{given.value}' (known: {names})"
     raise error(message, "unknown_name", str(closest or nearest(given.value, map(str, known))))
-
-
-def _poses(scenario: Scenario) -> Iterator[tuple[tuple[str | int, ...], Pose]]:
-    """Yield the keys of every pose, and the pose."""
-    task = scenario.task
-    yield from ((("task", "initial", i), pose) for i, pose in enumerate(task.initial))
-    if task.intermediate is not None:
-        yield ("task", "intermediate"), task.intermediate
-    yield ("task", "final"), task.final
-    yield from ((("evaluation", "poses", i), pose) for i, pose in enumerate(scenario.evaluation.poses))
 
 
 def _replaced(tree: Node, keys: Sequence[Any], value: Node) -> Node:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Iterator
 from typing import Annotated, Any, ClassVar, Self, TypeVar
 
 from pydantic import Field, ValidationError, model_validator
@@ -203,6 +204,14 @@ class Scenario(Model):
     def with_training_conditions(self) -> Self:
         """Return the scenario with the conditions of its training."""
         return self.model_copy(update={"conditions": {**self.conditions, **self.training.conditions}})
+
+    def poses(self) -> Iterator[tuple[tuple[str | int, ...], Pose]]:
+        """Yield the keys of every pose, and the pose."""
+        yield from ((("task", "initial", i), pose) for i, pose in enumerate(self.task.initial))
+        if self.task.intermediate is not None:
+            yield ("task", "intermediate"), self.task.intermediate
+        yield ("task", "final"), self.task.final
+        yield from ((("evaluation", "poses", i), pose) for i, pose in enumerate(self.evaluation.poses))
 
     def in_training(self) -> Self:
         """Return the scenario of the training environment.

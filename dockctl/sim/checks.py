@@ -83,7 +83,8 @@ def check_poses(scenario: Scenario, base_dir: Path) -> PoseFindings:
     harbors = [build_harbor(layout.harbor, base_dir) for layout in every]
     try:
         check = PoseCheck.build(scenario, harbors[own_site(scenario).harbor])
-        if found := [(field, reason) for field, pose in _poses(scenario) if (reason := check.problem(pose))]:
+        checked = ((".".join(map(str, keys)), check.problem(pose)) for keys, pose in scenario.poses())
+        if found := [(field, reason) for field, reason in checked if reason]:
             return PoseFindings(found)
         unreachable = [collision_checker(harbor, scenario.vessel.hull).unreachable for harbor in harbors]
         free = free_sites(scenario, unreachable)
@@ -154,15 +155,6 @@ def _beyond_authority(scenario: Scenario) -> Iterator[tuple[str, str]]:
                 f"together they take up to {sum(forces):.0f} N sideways to hold the boat in place; the vessel"
                 f" has {vessel.max_side_n:.0f} N",
             )
-
-
-def _poses(scenario: Scenario) -> Iterator[tuple[str, Pose]]:
-    task = scenario.task
-    yield from ((f"task.initial.{i}", pose) for i, pose in enumerate(task.initial))
-    if task.intermediate is not None:
-        yield "task.intermediate", task.intermediate
-    yield "task.final", task.final
-    yield from ((f"evaluation.poses.{i}", pose) for i, pose in enumerate(scenario.evaluation.poses))
 
 
 class PoseCheck:
