@@ -335,7 +335,8 @@ def load_file(path: Path) -> ModuleType:
         module = ModuleType(name)
         module.__file__ = str(path)
         sys.modules[name] = module  # dataclasses and pydantic look up the module
-        exec(compile(content, path, "exec"), module.__dict__)
+        # Not with the __future__ imports of this module, which postpone annotations and their errors.
+        exec(compile(content, path, "exec", dont_inherit=True), module.__dict__)
     _loaded[origin] = digest
     return module
 
@@ -347,6 +348,11 @@ def _rollback_on_error(who: str, path: Path | None = None) -> Iterator[None]:
     try:
         with plugin_errors(f"{who} fails to import", path):
             yield
+        for registry, state in saved:
+            for entry in registry:
+                if state.get(entry.name) is not entry and hasattr(entry.value, "model_rebuild"):
+                    with Guard(registry, entry.name):
+                        entry.value.model_rebuild()  # evaluates annotations, which may be postponed
     except DockctlError:
         for registry, state in saved:
             registry.restore(state)

@@ -14,6 +14,7 @@ from dockctl.commands.options import Episodes, Json, Overrides, Plugins, StartSe
 from dockctl.console import make_table, numeric, print_table, print_text
 from dockctl.run_files import FIGURES
 from dockctl.runs.files import require_writable, require_writable_file, write_atomically
+from dockctl.runs.results import file_stem
 from dockctl.runs.tables import EVALUATION, START_KINDS, all_columns, to_csv
 
 if TYPE_CHECKING:
@@ -82,7 +83,8 @@ def compare(
         json_.write(result.as_json())
     name = result.first.scenario.name
     caption = f"scenario {name}, the same starts for every policy, seed {result.first.seed}"
-    save_figures(lambda: {f"compare-{name}": compare_figure(result.table, START_KINDS, caption)}, out)
+    stem = file_stem(["compare", name, *(p.file_name for p in loaded)], [*(set_ or ()), *(vary or ())])
+    save_figures(lambda: {stem: compare_figure(result.table, START_KINDS, caption)}, out)
 
 
 def _print(result: Comparison) -> None:

@@ -39,7 +39,9 @@ def view(
     scenario: ScenarioOption = None,
     set_: Overrides = None,
     pose: Poses = None,
-    out: Annotated[Path | None, typer.Option(help="The page; view-<name>.html by default.")] = None,
+    out: Annotated[
+        Path | None, typer.Option(help="The page; view-<name>.html by default, with the changed values.")
+    ] = None,
     gif: Annotated[
         Path | None, typer.Option(help="Write a video from above to this file (GIF), instead of the page.")
     ] = None,
@@ -59,6 +61,7 @@ def view(
     from dockctl.reports import animation
     from dockctl.reports.replay import page
     from dockctl.runs.files import require_writable_file, write_atomically
+    from dockctl.runs.results import file_stem
     from dockctl.sim.checks import load_checked
 
     for path, suffix in ((out, ".html"), (gif, ".gif"), (mp4, ".mp4")):
@@ -72,14 +75,16 @@ def view(
         if also or scenario is not None:
             raise DockctlError(f"{given}: a scenario has no policy to show; omit --also and --scenario")
         loaded = load_checked(given, overrides=set_ or (), plugin_files=plugin or (), trust=trust)
-        shown, name = preview(loaded, poses), loaded.scenario.name
+        shown, names = preview(loaded, poses), [loaded.scenario.name]
     else:
         policies = [select_policy(each, None, plugin, trust, scenario) for each in (given, *(also or ()))]
         with Console(stderr=True).status("running episodes"):
-            shown, name = replay(policies, scenario, poses, set_ or ()), policies[0].file_name
+            shown = replay(policies, scenario, poses, set_ or ())
+        names = [p.file_name for p in policies] + ([shown.scenario.name] if scenario else [])
     data = page_data(shown)
     if out or not (gif or mp4):
-        print_paths([write_atomically(out or Path(f"view-{name}.html"), page(data).encode())])
+        path = out or Path(f"{file_stem(['view', *names], set_ or ())}.html")
+        print_paths([write_atomically(path, page(data).encode())])
     for path, write in ((gif, animation.write_gif), (mp4, animation.write_mp4)):
         if path:
             with Console(stderr=True).status("drawing the video"):

@@ -118,6 +118,24 @@ def test_a_local_file_may_register_a_harbor(write: Write) -> None:
     assert HARBORS.origin("canal") == f"file {path}"
 
 
+@pytest.mark.parametrize("postponed", [False, True])
+def test_an_unknown_name_in_an_annotation_is_an_error_of_the_plugin(write: Write, postponed: bool) -> None:
+    path = write(
+        "swirl.py",
+        "from __future__ import annotations\n"
+        * postponed
+        + "from typing import Literal\nfrom dockctl.plugins import CONDITIONS\n"
+        "from dockctl.scenarios.extensions import Condition, register\n"
+        "@register(CONDITIONS, group='water')\nclass Swirl(Condition):\n"
+        "    kind: Literal['swirl'] = 'swirl'\n    speed_mps: Drwn[float]\n"
+        "    def build(self, num_boats): ...\n",
+    )
+    with pytest.raises(PluginError, match="name 'Drwn' is not defined") as caught:
+        plugins.load_file(path)
+    assert f"{path}:" in str(caught.value) and "pydantic.dev" not in str(caught.value)
+    assert "swirl" not in plugins.CONDITIONS
+
+
 @pytest.mark.parametrize(("base", "missing"), [("ActionType", "commands"), ("Kind", "ActionType")])
 def test_an_incomplete_class_is_rejected_where_it_is_selected(write: Write, base: str, missing: str) -> None:
     write(
