@@ -247,7 +247,7 @@ def parse_pose(text: str) -> Pose:
     if len(numbers) != 3:
         raise DockctlError(f"--pose '{text}': expected {expected}", code="wrong_type")
     x, y, heading = numbers
-    if not (max(abs(x), abs(y)) <= MAX_COORDINATE_M and abs(heading) <= MAX_TURN_DEG):
+    if not (abs(x) <= MAX_COORDINATE_M and abs(y) <= MAX_COORDINATE_M and abs(heading) <= MAX_TURN_DEG):
         limits = f"x and y must be within ±{MAX_COORDINATE_M:,.0f}, the heading within ±{MAX_TURN_DEG:,.0f}"
         raise DockctlError(f"--pose '{text}': {limits}", code="out_of_range")
     return Pose(x_m=x, y_m=y, heading_deg=heading)

@@ -15,7 +15,7 @@ from dockctl.reports.show import MAX_LAYOUTS, Scan, figures, layouts_figures
 from dockctl.reports.style import Draw
 from dockctl.reports.view3d import Body
 from dockctl.scenarios.base import Pose
-from dockctl.scenarios.harbor import Generated
+from dockctl.scenarios.harbor import Generated, Marina, berth_pose
 from dockctl.scenarios.layouts import layouts
 from dockctl.scenarios.loader import LoadedScenario
 from dockctl.scenarios.schema import Scenario
@@ -86,7 +86,8 @@ def _drawn_layouts(scenario: Scenario) -> tuple[list[tuple[Scene, Floats]], int]
         return [], 0
     drawn = []
     for layout in every[:MAX_LAYOUTS]:
-        harbor = build_harbor(layout.harbor, Path())
-        free = np.array([berth.pose for berth in harbor.berths if not berth.occupied])
-        drawn.append((build_scene(harbor, scenario.vessel.hull), free))
+        assert isinstance(layout.harbor, Marina)  # as every generated layout
+        hull = scenario.vessel.hull
+        free = np.array([berth_pose(layout.harbor, place, hull.length_m) for place in layout.berths])
+        drawn.append((build_scene(build_harbor(layout.harbor, Path()), hull), free))
     return drawn, len(every)

@@ -36,8 +36,8 @@ FACES: dict[Side, str] = {"east": "x_min_m", "west": "x_max_m", "north": "y_min_
 """The edge of a pier or of land where the berths of a side begin: sterns point toward that side."""
 INTO_BASIN: dict[Side, tuple[int, int]] = {"east": (-1, 0), "west": (1, 0), "north": (0, -1), "south": (0, 1)}
 """Direction in which the bow of a boat moored stern-to points."""
-BERTH_POSE_GAP_M = 2.5
-"""Distance of a docked boat's origin from the quay; x = 36 m at the east quay of the reference harbor."""
+STERN_CLEARANCE_M = 1.0
+"""Distance of a docked boat's stern from the quay; the thesis' boat is 3 m long, its center 2.5 m away."""
 MAX_LAYOUTS = 1000
 MIN_BERTH_M = 2.4
 """Minimum width of generated berths, which fits the narrowest of `DEFAULT_MODELS`."""
@@ -350,8 +350,8 @@ def point_off_quay(side: Side, edge_m: float, at_m: float, gap_m: float) -> tupl
     return x + gap_m * INTO_BASIN[side][0], y + gap_m * INTO_BASIN[side][1]
 
 
-def berth_pose(marina: Marina, place: BerthPlace) -> tuple[float, float, float]:
-    """Return x, y [m] and heading in (-pi, pi] [rad] of a boat that is docked stern-to at a berth."""
+def berth_pose(marina: Marina, place: BerthPlace, length_m: float) -> tuple[float, float, float]:
+    """Return x, y [m] and heading in (-pi, pi] [rad] of a boat of this length, docked stern-to at a berth."""
     cosine, sine = INTO_BASIN[place.side]
-    edge = marina.edge_of(marina.row_of(place))
-    return *point_off_quay(place.side, edge, place.at_m, BERTH_POSE_GAP_M), math.atan2(sine, cosine)
+    edge, gap = marina.edge_of(marina.row_of(place)), length_m / 2 + STERN_CLEARANCE_M
+    return *point_off_quay(place.side, edge, place.at_m, gap), math.atan2(sine, cosine)

@@ -38,7 +38,8 @@ def at_berth(tree: Node, scenario: Scenario, given: Node) -> Node:
     free = [Node(at, given.location) for at in sorted({*row.free, place.at_m})]
     index, field = scenario.harbor.rows.index(row), f"free_{row.axis}_m"
     tree = _replaced(tree, ("harbor", "rows", index, field), Node([*free], given.location))
-    final, to = pose_array(scenario.task.final), np.array(berth_pose(scenario.harbor, place))
+    length_m = scenario.vessel.hull.length_m
+    final, to = pose_array(scenario.task.final), np.array(berth_pose(scenario.harbor, place, length_m))
     for keys, pose in scenario.poses():
         x, y, heading = relocate_poses(pose_array(pose)[None], final, to, mirrored=False)[0].tolist()
         moved = {"x_m": x, "y_m": y, "heading_deg": math.degrees(heading)}

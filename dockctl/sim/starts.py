@@ -106,9 +106,9 @@ def sites(scenario: Scenario) -> list[Site]:
     own, berths = _task_site(scenario.task), scenario.task.berths
     if berths is None:
         return [own]
-    generated = isinstance(scenario.harbor, Generated)
+    generated, length_m = isinstance(scenario.harbor, Generated), scenario.vessel.hull.length_m
     return [
-        _relocated(own, layout, place, mirrored, harbor, generated)
+        _relocated(own, layout, place, length_m, mirrored, harbor, generated)
         for harbor, layout in enumerate(layouts(scenario.harbor, berths))
         for place in layout.berths
         for mirrored in ((False, True) if berths.mirrored else (False,))
@@ -159,10 +159,16 @@ def _task_site(task: Task) -> Site:
 
 
 def _relocated(
-    own: Site, layout: Layout, place: BerthPlace, mirrored: bool, harbor: int, generated: bool
+    own: Site,
+    layout: Layout,
+    place: BerthPlace,
+    length_m: float,
+    mirrored: bool,
+    harbor: int,
+    generated: bool,
 ) -> Site:
     assert isinstance(layout.harbor, Marina)  # checked by the validator of the scenario
-    final, target = own.goals[1], np.array(berth_pose(layout.harbor, place))
+    final, target = own.goals[1], np.array(berth_pose(layout.harbor, place, length_m))
     berth = f"{place}{' mirrored' if mirrored else ''}"
     name = f"{layout.harbor.name} {berth}" if generated else berth
     initial, goals = (relocate_poses(poses, final, target, mirrored) for poses in (own.initial, own.goals))

@@ -13,6 +13,7 @@ from dockctl.scenarios.base import Pose
 from dockctl.scenarios.harbor import Marina
 from dockctl.scenarios.schema import Scenario
 from dockctl.scenarios.settings import settings
+from dockctl.sim.checks import check_poses
 
 
 def load(folder: Path, text: str) -> loader.LoadedScenario:
@@ -100,3 +101,27 @@ def test_moved_values_come_from_the_line_of_the_berth(tmp_path: Path) -> None:
         assert location
         assert location.line == 2
         assert location.file.endswith("mine.yaml")
+
+
+@pytest.mark.parametrize(("length_m", "x_m"), [(3, 36.0), (6, 34.5), (1.5, 36.75)])
+def test_a_docked_boat_has_its_stern_one_meter_from_the_quay(length_m: float, x_m: float) -> None:
+    """The east quay of the reference harbor is at x = 38.5 m."""
+    hull = f"vessel.hull={{length_m: {length_m}}}"
+    scenario = loader.load("s3", overrides=[hull, "berth=east 0"]).scenario
+    assert scenario.task.final.x_m == pytest.approx(x_m)
+    assert 38.5 - (scenario.task.final.x_m + length_m / 2) == pytest.approx(1)
+
+
+def test_a_boat_of_six_meters_docks_in_generated_layouts() -> None:
+    overrides = [
+        "vessel.hull={length_m: 6, beam_m: 2.2}",
+        "harbor={kind: generated, layouts: 2, held_out_layouts: 1}",
+        "harbor={berth_width_m: [4, 5], fairway_m: [20, 30]}",
+        "task.berths={}",
+        "task.final={x_m: 34.5, y_m: 0, heading_deg: 180}",
+    ]
+    for override in ([], ["task.final.x_m=36"]):
+        loaded = loader.load("s3", overrides=[*overrides, *override])
+        findings = check_poses(loaded.scenario, loaded.base_dir)
+        assert bool(findings.problems) is bool(override)
+    assert "not at any berth" in findings.problems[0][1]

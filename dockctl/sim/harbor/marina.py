@@ -19,7 +19,6 @@ from dockctl.scenarios.harbor import (
     Rectangle,
     Side,
     SideRow,
-    berth_pose,
     point_off_quay,
 )
 from dockctl.sim.harbor.mesh_files import MooredModel, moored_model
@@ -44,11 +43,10 @@ SIDE_CLEARANCE_M = 0.3
 
 @dataclass(frozen=True, eq=False)
 class Berth:
-    """A berth; `pose` is x, y [m], heading [rad] of a boat that is docked stern-to."""
+    """A berth of a marina, and whether a vessel is moored there."""
 
     name: str
-    side: Side
-    pose: tuple[float, float, float]
+    place: BerthPlace
     occupied: bool
 
 
@@ -56,8 +54,8 @@ def marina_berths(spec: Marina) -> Iterator[Berth]:
     """Yield the berths of a marina, row by row."""
     for row in spec.rows:
         for at in row.berths:
-            pose = berth_pose(spec, BerthPlace(row.side, at))
-            yield Berth(f"{row.side} berth {row.axis}={at:g}", row.side, pose, at not in row.free)
+            name = f"{row.side} berth {row.axis}={at:g}"
+            yield Berth(name, BerthPlace(row.side, at), at not in row.free)
 
 
 def marina_parts(spec: Marina, berths: Sequence[Berth], problems: list[Problem]) -> Iterator[Part]:

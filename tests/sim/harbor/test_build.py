@@ -21,7 +21,7 @@ from dockctl.drawing.palette import SOLIDS
 from dockctl.drawing.scene import Scene
 from dockctl.errors import InputError
 from dockctl.scenarios.base import Pose
-from dockctl.scenarios.harbor import HarborSpec, Marina, MeshFile, MeshHarbor
+from dockctl.scenarios.harbor import HarborSpec, Marina, MeshFile, MeshHarbor, berth_pose
 from dockctl.scenarios.loader import load
 from dockctl.scenarios.vessel import Hull
 from dockctl.sim.checks import PoseCheck, load_checked
@@ -61,8 +61,10 @@ def harbor() -> Harbor:
 
 
 def test_two_berths_between_neighboring_fingers(harbor: Harbor) -> None:
+    reference = reference_spec()
     for side, x, heading, ys in (("east", 36.0, np.pi, EAST_BERTHS), ("west", 7.0, 0.0, WEST_BERTHS)):
-        poses = [berth.pose for berth in harbor.berths if berth.side == side]
+        places = [berth.place for berth in harbor.berths if berth.place.side == side]
+        poses = [berth_pose(reference, place, HULL.length_m) for place in places]
         np.testing.assert_allclose(poses, [(x, y, heading) for y in ys], atol=1e-12)
 
 
@@ -108,9 +110,9 @@ def test_vessels_are_centered_in_their_berths_with_the_stern_off_the_quay(harbor
     for part in parts(harbor, "vessel"):
         berth = berths[part.name.split(", ")[1]]
         low, high = part.mesh.bounds
-        stern = 38.5 - high[0] if berth.side == "east" else low[0] - 4.5
+        stern = 38.5 - high[0] if berth.place.side == "east" else low[0] - 4.5
         assert stern == pytest.approx(0.7)
-        assert (low[1] + high[1]) / 2 == pytest.approx(berth.pose[1], abs=1e-3)
+        assert (low[1] + high[1]) / 2 == pytest.approx(berth.place.at_m, abs=1e-3)
         assert high[1] - low[1] <= 3.4
 
 
@@ -204,8 +206,10 @@ def test_rows_on_all_four_sides_point_into_the_basin() -> None:
         {"side": "north", "finger_x_m": (30.0,), "berth_x_m": (27.0, 33.0), "free_x_m": (27.0,)},
         {"side": "south", "berth_x_m": (30.0,), "free_x_m": (30.0,), "finger_x_m": (27.0, 33.0)},
     ]
-    harbor = build_harbor(marina(basin=basin, rows=rows), Path())
-    poses = {berth.name: berth.pose for berth in harbor.berths if not berth.occupied}
+    spec = marina(basin=basin, rows=rows)
+    harbor = build_harbor(spec, Path())
+    docked = {berth.name: berth_pose(spec, berth.place, HULL.length_m) for berth in harbor.berths}
+    poses = {berth.name: docked[berth.name] for berth in harbor.berths if not berth.occupied}
     assert poses == {
         "east berth y=22": pytest.approx((57.5, 22, np.pi)),
         "west berth y=25": pytest.approx((2.5, 25, 0)),
@@ -214,7 +218,7 @@ def test_rows_on_all_four_sides_point_into_the_basin() -> None:
     }
     boat = CollisionChecker(harbor, HULL)
     for berth in harbor.berths:
-        assert boat.blocked(np.array([berth.pose]))[0] == berth.occupied
+        assert boat.blocked(np.array([docked[berth.name]]))[0] == berth.occupied
     (north,) = [part for part in parts(harbor, "vessel") if "north" in part.name]
     assert north.mesh.bounds[1, 1] == pytest.approx(50 - 0.7)
     assert north.mesh.bounds[:, 0].mean() == pytest.approx(33, abs=1e-3)

@@ -89,7 +89,8 @@ class Grid:
 
 
 def free_berths(marina: Marina) -> list[tuple[float, float, float]]:
-    return [berth_pose(marina, BerthPlace(row.side, at)) for row in marina.rows for at in row.free]
+    places = [BerthPlace(row.side, at) for row in marina.rows for at in row.free]
+    return [berth_pose(marina, place, HULL.length_m) for place in places]
 
 
 def marina_of(which: str | tuple[Generated, int]) -> Marina:
