@@ -82,7 +82,8 @@ def compare(
     if json_:
         json_.write(result.as_json())
     name = result.first.scenario.name
-    caption = f"scenario {name}, the same starts for every policy, seed {result.first.seed}"
+    where = ", ".join([f"scenario {name}", *(set_ or ())])
+    caption = f"{where}; the same starts for every policy, seed {result.first.seed}"
     stem = file_stem(["compare", name, *(p.file_name for p in loaded)], [*(set_ or ()), *(vary or ())])
     save_figures(lambda: {stem: compare_figure(result.table, START_KINDS, caption)}, out)
 

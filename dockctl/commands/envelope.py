@@ -74,9 +74,8 @@ def envelope(
     if json_:
         json_.write(result.as_json())
     labels = {name: factor.label for name, factor in FACTORS.items()}
-    save_figures(
-        lambda: {outputs.stem: envelope_figure(result.table, labels, given.caption)}, outputs.figures
-    )
+    caption = given.caption_on(result.scenario, result.overrides)
+    save_figures(lambda: {outputs.stem: envelope_figure(result.table, labels, caption)}, outputs.figures)
     print_paths(outputs.write(to_csv(result.rows, COLUMNS)))
 
 

@@ -126,6 +126,8 @@ def evaluate(
     if folder and result.recording:
         result.recording.write(folder)
         print_paths([folder])
+    for note in result.notes:
+        print_text(Console(stderr=True), f"note: {note}", "yellow")
     if result.rejected_draws:
         note = f"{result.rejected_draws} poses drawn for the random starts {UNREACHABLE}, and were redrawn"
         print_text(Console(stderr=True), f"note: {note}")

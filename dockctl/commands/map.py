@@ -79,7 +79,7 @@ def map_(
     _print(result)
     if json_:
         json_.write(result.as_json())
-    caption, task = loaded_policy.caption, result.scenario.task
+    caption, task = loaded_policy.caption_on(result.scenario, set_ or ()), result.scenario.task
     save_figures(
         lambda: {outputs.stem: map_figure(result.table, result.plan, task, caption)}, outputs.figures
     )

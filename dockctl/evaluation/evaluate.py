@@ -24,6 +24,7 @@ from dockctl.runs.tables import EVALUATION as EVALUATION_COLUMNS
 from dockctl.runs.tables import START_KEYS, Value, all_columns, to_csv
 from dockctl.scenarios.base import Pose
 from dockctl.scenarios.schema import Scenario
+from dockctl.sim.checks import beyond_authority, unused_authority
 from dockctl.sim.starts import Start, own_site
 
 if TYPE_CHECKING:
@@ -70,10 +71,20 @@ class Evaluation:
         return has_planner(self.scenario)
 
     @property
+    def is_own(self) -> bool:
+        """Whether the scenario is the policy's own, unchanged."""
+        return not self.is_transfer and not self.overrides
+
+    @property
+    def notes(self) -> list[str]:
+        """What the user should know about a scenario other than the policy's own."""
+        found = [] if self.is_own else [*beyond_authority(self.scenario), *unused_authority(self.scenario)]
+        return [f"{field}: {message}" for field, message in found if not field.startswith("training.")]
+
+    @property
     def stem(self) -> str:
         """Common stem of the result files' names."""
-        is_own = not self.is_transfer and not self.overrides
-        return result_stem(EVALUATION, "" if is_own else self.scenario.name, self.overrides)
+        return result_stem(EVALUATION, "" if self.is_own else self.scenario.name, self.overrides)
 
     @property
     def lowest_success(self) -> float:

@@ -63,6 +63,10 @@ class LoadedPolicy(ABC):
         """Text for a figure."""
         return f"policy {self.name}"
 
+    def caption_on(self, scenario: Scenario, overrides: Sequence[str]) -> str:
+        """Text for a figure, with the scenario and its changed values unless it is the policy's own."""
+        return ", ".join([self.caption, f"scenario {scenario.name}", *overrides])
+
     @property
     def results(self) -> Path | None:
         """Folder for its results in the run folder that contains it, if any."""
@@ -145,6 +149,9 @@ class CheckpointPolicy(LoadedPolicy):
     @property
     def caption(self) -> str:
         return f"policy trained on {self.card.scenario}, seed {self.card.seed}"
+
+    def caption_on(self, scenario: Scenario, overrides: Sequence[str]) -> str:
+        return super().caption_on(scenario, overrides) if self.is_transfer(scenario) else self.caption
 
     @property
     def results(self) -> Path | None:

@@ -24,6 +24,8 @@ from dockctl.sim.starts import UNREACHABLE, blocked_berths, free_sites, own_site
 
 MAX_REJECTED, NOTED_REJECTED = 0.95, 0.3
 """Fractions of unreachable random starts above which there is an error, or a note."""
+LITTLE_USED = 0.8
+"""Fraction of the vessel's limits below which actions are noted."""
 CHECKED_LAYOUTS = 3
 """Number of generated layouts of each kind whose starts are checked; the others follow the same rules."""
 SEARCH_RADII_M = np.arange(1, 41) * 0.25
@@ -134,11 +136,23 @@ def notes(loaded: LoadedScenario) -> list[str]:
             )
             for field, number in open_bodies(scenario.harbor, loaded.base_dir).items()
         ]
-        + [str(loaded.problem(*note)) for note in _beyond_authority(scenario)]
+        + [str(loaded.problem(*note)) for note in beyond_authority(scenario)]
     )
 
 
-def _beyond_authority(scenario: Scenario) -> Iterator[tuple[str, str]]:
+def unused_authority(scenario: Scenario) -> Iterator[tuple[str, str]]:
+    """Yield field and message if no action uses most of the vessel's propeller force or rudder angle."""
+    vessel = scenario.vessel
+    commands = scenario.actions.command_table(vessel)
+    if commands is not None:
+        force, angle = np.abs(commands).max(axis=0)
+        if force < LITTLE_USED * vessel.max_propeller_n:
+            yield "actions", f"use at most {force:g} of the {vessel.max_propeller_n:g} N of the propeller"
+        if (degrees := round(math.degrees(angle), 6)) < LITTLE_USED * vessel.max_rudder_deg:
+            yield "actions", f"use at most {degrees:g}° of the {vessel.max_rudder_deg:g}° of the rudder"
+
+
+def beyond_authority(scenario: Scenario) -> Iterator[tuple[str, str]]:
     """Yield field and message for conditions beyond the vessel's control authority, alone or together."""
     vessel, trained = scenario.vessel, scenario.with_training_conditions().conditions
     for section, given, effective in (

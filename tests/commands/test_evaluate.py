@@ -52,6 +52,19 @@ def test_the_latest_run_is_evaluated_from_poses_and_random_starts(
     assert all(0 <= float(row["clearance_m"]) < 20 for row in rows)
 
 
+def test_another_boat_and_weather_are_noted(run: Path) -> None:
+    wind = "conditions.wind={speed_mps: 8, direction_deg: 90}"
+    strong = [word for each in ("max_propeller_n=200", "substeps=10", wind) for word in ("--set", each)]
+    strong = [word.replace("max_", "vessel.max_").replace("substeps", "vessel.substeps") for word in strong]
+    outcome = dockctl("evaluate", run, "--episodes", 1, *strong)
+    assert "note: actions: use at most 50 of the 200 N of the propeller" in outcome.err
+    assert "conditions.wind" not in outcome.err  # 53 N; this boat has 100 N
+    outcome = dockctl("evaluate", run, "--episodes", 1, "--set", wind)
+    assert "note: conditions.wind.speed_mps: wind of 8 m/s on the beam pushes with 53 N" in outcome.err
+    assert "actions" not in outcome.err
+    assert dockctl("evaluate", run, "--episodes", 1).err == ""
+
+
 def test_starts_are_seeded_and_do_not_depend_on_their_number(run: Path) -> None:
     results = []
     for episodes, seed in ((4, 1), (4, 1), (2, 1), (2, 2)):
