@@ -66,8 +66,9 @@ def require_berths(harbor: HarborSpec, berths: Berths | None) -> None:
     field = "task.berths"
     if isinstance(harbor, Generated):
         if berths is None and harbor.layouts + harbor.held_out_layouts > 1:
-            message = "is missing; 'berths: {}' moves the task to the free berths of all layouts"
-            raise FieldError(field, message, "missing_key")
+            several = "layouts" if harbor.layouts > 1 else "held_out_layouts"
+            message = "needs 'berths: {}' in the task, which moves it to the free berths of all layouts"
+            raise FieldError(f"harbor.{several}", message, "missing_key")
         if berths is not None and (berths.trained.places or berths.held_out.places):
             message = "generated layouts have their own free berths; omit trained and held_out"
             raise FieldError(field, message, "mismatch")

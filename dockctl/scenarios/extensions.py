@@ -25,8 +25,9 @@ from pydantic_core import CoreSchema
 from dockctl.errors import PluginError
 from dockctl.geometry import MAX_SECTORS, Floats, Ints
 from dockctl.plugins import Entry, Registry
-from dockctl.scenarios.base import Count, Length, Model
+from dockctl.scenarios.base import Count, Length, Model, Number
 from dockctl.scenarios.vessel import Vessel
+from dockctl.scenarios.yaml_tree import describe
 
 if TYPE_CHECKING:
     import gymnasium
@@ -353,8 +354,8 @@ class _NumberOrBounds(BeforeValidator):
 
 
 def _as_bounds(given: Any) -> Any:
-    if isinstance(given, str | dict):
-        raise ValueError(f"found {given!r}, expected a number or [low, high]")
+    if given is None or isinstance(given, str | dict):
+        raise ValueError(f"found {describe(given)}, expected a number or [low, high]")
     return (given,) if isinstance(given, int | float) else given
 
 
@@ -362,6 +363,13 @@ def _ordered(bounds: tuple[T, ...]) -> tuple[T, ...]:
     if list(bounds) != sorted(bounds):
         raise ValueError(f"found {list(bounds)}, expected the lower bound first")
     return bounds
+
+
+def _ordered_directions(bounds: tuple[T, ...]) -> tuple[T, ...]:
+    try:
+        return _ordered(bounds)
+    except ValueError as error:
+        raise ValueError(f"{error}; a range through 0° is like [-10, 10] or [350, 370]") from None
 
 
 def _shortest(bounds: tuple[T, ...]) -> T | list[T]:
@@ -376,6 +384,16 @@ Drawn = Annotated[
     PlainSerializer(_shortest),
 ]
 """A number, or a range [low, high] from which each episode draws with `draw`."""
+
+
+Directions = Annotated[
+    tuple[Number, ...],
+    Field(min_length=1, max_length=2),
+    _NumberOrBounds(_as_bounds),
+    AfterValidator(_ordered_directions),
+    PlainSerializer(_shortest),
+]
+"""A `Drawn` direction [°]."""
 
 
 OFF = (0.0,)

@@ -4,9 +4,9 @@ from __future__ import annotations
 
 import math
 from pathlib import Path
-from typing import Annotated, Literal, NamedTuple, Self
+from typing import Annotated, Any, Literal, NamedTuple, Self
 
-from pydantic import AfterValidator, Field, model_validator
+from pydantic import AfterValidator, BeforeValidator, Field, model_validator
 
 from dockctl.errors import nearest
 from dockctl.scenarios.base import (
@@ -18,6 +18,7 @@ from dockctl.scenarios.base import (
     Model,
     Positive,
 )
+from dockctl.scenarios.yaml_tree import describe
 
 VESSEL_MODELS = Path(__file__).parents[1] / "sim" / "harbor" / "vessels"
 """Folder of the moored vessels' mesh files; the name of a model is the name of its file."""
@@ -253,15 +254,21 @@ class Marina(Model):
         return next(row for row in self.rows if row.side == place.side and place.at_m in row.berths)
 
 
+def _pair(given: Any) -> Any:
+    if not isinstance(given, list | tuple):
+        raise ValueError(f"found {describe(given)}, expected [low, high]")
+    return given
+
+
 def _ordered(interval: tuple[float, float]) -> tuple[float, float]:
     if interval[0] > interval[1]:
         raise ValueError(f"expected [low, high], found {interval[0]:g} above {interval[1]:g}")
     return interval
 
 
-Interval = Annotated[tuple[Length, Length], AfterValidator(_ordered)]
+Interval = Annotated[tuple[Length, Length], BeforeValidator(_pair), AfterValidator(_ordered)]
 """Lower and upper bound of a random length [m]."""
-Counts = Annotated[tuple[int, int], AfterValidator(_ordered)]
+Counts = Annotated[tuple[int, int], BeforeValidator(_pair), AfterValidator(_ordered)]
 
 
 class Generated(Model):

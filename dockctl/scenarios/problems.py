@@ -34,6 +34,7 @@ TAGS = ("kind", "side")
 EXPECTED = {
     "float_type": "a number",
     "int_type": "a whole number",
+    "int_from_float": "a whole number",
     "int_parsing_size": "a whole number of ordinary size",
     "bool_type": "true or false",
     "string_type": "text",
@@ -194,7 +195,7 @@ def _parameters(tree: Node, path: str) -> list[str]:
 
 
 def _named(field: FieldLocation, tree: Node, detail: ErrorDetails) -> FieldLocation:
-    """Return the field that a model's validator reports; if it is missing, `field` at its key."""
+    """Return the field that a model's validator reports."""
     context = detail.get("ctx", {})
     error = context.get("error")
     if detail["type"] == "union_tag_invalid":
@@ -204,7 +205,8 @@ def _named(field: FieldLocation, tree: Node, detail: ErrorDetails) -> FieldLocat
     else:
         return field
     inner = locate(tree, [*detail["loc"], *name.split(".")])
-    return inner if inner.node is not None else replace(field, location=inner.key)
+    is_name = inner.node is None and name in TAGS  # without the key `kind`, it is the name of the section
+    return replace(field, location=inner.key) if is_name else inner
 
 
 def _is_inside(inner: Sequence[Step], outer: Sequence[Step]) -> bool:

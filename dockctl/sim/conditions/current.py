@@ -11,8 +11,8 @@ from pydantic import Field
 
 from dockctl.geometry import Floats, Ints
 from dockctl.plugins import CONDITIONS
-from dockctl.scenarios.base import Number, Positive, Speed
-from dockctl.scenarios.extensions import OFF, Condition, Disturbance, Drawn, draw, register
+from dockctl.scenarios.base import Positive, Speed
+from dockctl.scenarios.extensions import OFF, Condition, Directions, Disturbance, Drawn, draw, register
 from dockctl.scenarios.vessel import Vessel
 from dockctl.sim.conditions.authority import ControlAuthority
 from dockctl.sim.conditions.draws import draw_seed, normals
@@ -31,7 +31,7 @@ class Current(Condition):
     )
     kind: Literal["current"] = "current"
     speed_mps: Drawn[Speed]
-    direction_deg: Drawn[Number]
+    direction_deg: Directions
     variation_mps: Drawn[Annotated[Speed, Field(le=3)]] = OFF
     variation_time_s: Positive = 100.0
 

@@ -12,7 +12,7 @@ from pydantic import Field
 from dockctl.geometry import Floats, Ints, rotate
 from dockctl.plugins import CONDITIONS
 from dockctl.scenarios.base import NonNegative, Number, Positive
-from dockctl.scenarios.extensions import OFF, Condition, Disturbance, Drawn, draw, register
+from dockctl.scenarios.extensions import OFF, Condition, Directions, Disturbance, Drawn, draw, register
 from dockctl.scenarios.vessel import Vessel
 from dockctl.sim.conditions.authority import ControlAuthority
 from dockctl.sim.conditions.draws import draw_seed, normals
@@ -33,7 +33,7 @@ class Wind(Condition):
     examples = ({"speed_mps": [0, 5], "direction_deg": [0, 360], "gust_mps": [0, 1.5]},)
     kind: Literal["wind"] = "wind"
     speed_mps: Drawn[Annotated[NonNegative, Field(le=100)]]  # a tropical cyclone has up to 95 m/s
-    direction_deg: Drawn[Number]
+    direction_deg: Directions
     gust_mps: Drawn[Annotated[NonNegative, Field(le=30)]] = OFF
     gust_time_s: Positive = 2.0
     lateral_area_m2: Positive | None = None
