@@ -236,7 +236,7 @@ def _bands(tracks: Sequence[Track], task: Task, column: str) -> list[Chart]:
     ]
 
 
-def path_chart(scene: Scene, tracks: Sequence[Track], task: Task) -> tuple[Chart, Chart]:
+def path_chart(title: str, scene: Scene, tracks: Sequence[Track], task: Task) -> tuple[Chart, Chart]:
     """Return the chart of the trajectories over the harbor, and the harbor that it shows."""
     points = np.concatenate(
         [*(t.table[["x_m", "y_m"]].to_numpy(float) for t in tracks), plan_view.task_points(task)]
@@ -254,7 +254,6 @@ def path_chart(scene: Scene, tracks: Sequence[Track], task: Task) -> tuple[Chart
         }
         for track, tone in zip(tracks, tones, strict=True)
     ]
-    title = "Trajectories of the best policy"
     made: Chart = {
         "type": "plan",
         "title": title,

@@ -92,12 +92,12 @@ def evaluation_figure(run: Run, evaluations: pd.DataFrame) -> Figure:
 
 
 def pose_figure(run: Run, tracks: Sequence[Track]) -> Figure:
-    """Draw the trajectories of the best policy over the harbor (Fig. 4.4)."""
+    """Draw the trajectories of the best or recorded policy over the harbor (Fig. 4.4)."""
     plan, view = _plan_and_view(run, tracks)
     height = 6.9 * (view[3] - view[1]) / (view[2] - view[0]) + (1.45 if len(tracks) > 1 else 1.2)
     interval = plan_view.outline_interval(tracks)
     figure, ax = make_axes(
-        "Trajectories of the best policy", f"{run.caption}, one outline every {interval:g} s", (7.8, height)
+        f"Trajectories of {run.policy}", f"{run.caption}, one outline every {interval:g} s", (7.8, height)
     )
     plan_view.draw_harbor(ax, plan, view)
     plan_view.draw_paths(ax, plan, tracks, run.task)

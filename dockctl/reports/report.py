@@ -141,11 +141,12 @@ def run_page(run: Run, state: str) -> Page:
     Raises:
         DockctlError: a file of the run is damaged.
     """
-    page = Page(f"Scenario {run.scenario}, seed {run.seed}", str(run.folder), state)
+    page = Page(run.caption[:1].upper() + run.caption[1:], str(run.folder), state)
     if run.trajectories is not None:
-        section = add_section(page, "Trajectories", "Greedy episodes of the best policy.")
+        section = add_section(page, "Trajectories", f"Greedy episodes of {run.policy}.")
         tracks = split_tracks(run.trajectories)
-        page.add(section, *charts.path_chart(run.scene, tracks, run.task), size="tall")
+        title = f"Trajectories of {run.policy}"
+        page.add(section, *charts.path_chart(title, run.scene, tracks, run.task), size="tall")
         for chart in charts.docking_charts(tracks, run.task):
             page.add(section, chart)
     training = add_section(page, "Training")
@@ -334,8 +335,9 @@ def _transfer_section(page: Page, run: Run) -> None:
         recording = read_run(folder.parent)
         if recording.trajectories is not None:
             tracks = split_tracks(recording.trajectories)
-            chart, harbor = charts.path_chart(recording.scene, tracks, recording.task)
-            page.add(section, {**chart, "title": folder.parent.name, "group": folder.parent.name}, harbor)
+            name = folder.parent.name
+            chart, harbor = charts.path_chart(name, recording.scene, tracks, recording.task)
+            page.add(section, {**chart, "group": name}, harbor)
 
 
 def _returns_section(page: Page, run: Run) -> None:

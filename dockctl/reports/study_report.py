@@ -127,10 +127,9 @@ def _trial_section(page: Page, trial: Trial) -> None:
             page.add(section, charts.chart(title, "Environment steps", f"{y}, moving mean", lines, **bounds))
     drawn = next((run for run in trial.runs if run.trajectories is not None), None)
     if drawn is not None and drawn.trajectories is not None:
-        chart, harbor = charts.path_chart(drawn.scene, split_tracks(drawn.trajectories), drawn.task)
-        page.add(
-            section, {**chart, "title": f"Trajectories of seed {drawn.seed}", "group": trial.name}, harbor
-        )
+        title, tracks = f"Trajectories of seed {drawn.seed}", split_tracks(drawn.trajectories)
+        chart, harbor = charts.path_chart(title, drawn.scene, tracks, drawn.task)
+        page.add(section, {**chart, "group": trial.name}, harbor)
 
 
 def comparison_page(result: Mapping[str, Any], file: Path) -> Page:

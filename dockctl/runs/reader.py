@@ -18,6 +18,7 @@ from dockctl.run_files import (
     ARCHIVED_AS,
     EPISODES_CSV,
     EVALUATIONS_CSV,
+    RECORDING,
     SCENARIO,
     SCENE,
     TRAJECTORIES_CSV,
@@ -51,11 +52,16 @@ MAX_COLUMNS = 5_000
 
 @dataclass(frozen=True)
 class Run:
-    """A run, finished or not; a table that is missing or has no rows yet is None."""
+    """A run, finished or not, or a recording; a table that is missing or has no rows yet is None.
+
+    Attributes:
+        recorded: name of the policy of a recording; empty for a run.
+    """
 
     folder: Path
     scenario: str
     seed: int
+    recorded: str
     task: Task
     tests: tuple[Pose, ...]
     scene: Scene
@@ -66,7 +72,9 @@ class Run:
 
     @property
     def missing(self) -> list[str]:
-        """File names of the tables that are missing or have no rows yet."""
+        """File names of the tables of a run that are missing or have no rows yet."""
+        if self.recorded:
+            return []
         tables = {
             EPISODES_CSV: self.episodes,
             UPDATES_CSV: self.updates,
@@ -77,8 +85,14 @@ class Run:
 
     @property
     def caption(self) -> str:
-        """Scenario and seed, for subtitles."""
-        return f"scenario {self.scenario}, seed {self.seed}"
+        """Scenario, and seed or recorded policy, for subtitles."""
+        which = f"policy {self.recorded}" if self.recorded else f"seed {self.seed}"
+        return f"scenario {self.scenario}, {which}"
+
+    @property
+    def policy(self) -> str:
+        """Whose trajectories are stored, for titles."""
+        return "the recorded policy" if self.recorded else "the best policy"
 
 
 def read_run(folder: Path) -> Run:
@@ -104,6 +118,7 @@ def read_run(folder: Path) -> Run:
         folder=folder,
         scenario=scenario,
         seed=seed,
+        recorded=_recorded_policy(folder),
         task=task,
         tests=tests,
         scene=read_scene(folder / SCENE),
@@ -118,6 +133,16 @@ def read_run(folder: Path) -> Run:
             code="not_found",
         )
     return run
+
+
+def _recorded_policy(folder: Path) -> str:
+    path = folder / RECORDING
+    if not path.is_file():
+        return ""
+    facts = read_json(path)
+    with reading(path):
+        policy = facts["policy"]
+        return str(policy.get("name") or f"trained on {policy['scenario']}, seed {policy['seed']}")
 
 
 def read_scene(path: Path) -> Scene:

@@ -22,7 +22,10 @@ def test_a_recording_is_stored_in_the_run_and_plotted_like_a_run(run: Path, tmp_
     assert recorded.trajectories is not None
     first = recorded.trajectories.iloc[0]
     assert (first["x_m"], first["y_m"], first["heading_deg"]) == (20, 2, 160)
-    assert dockctl("plot", run / "transfer" / "s2").code == 0
+    assert (recorded.policy, recorded.missing) == ("the recorded policy", [])
+    assert recorded.caption == "scenario s2, policy trained on s1, seed 3"
+    plotted = dockctl("plot", run / "transfer" / "s2")
+    assert (plotted.code, plotted.err) == (0, "")
     assert (run / "transfer" / "s2" / "figures" / "docking-poses.png").is_file()
 
 
