@@ -55,8 +55,8 @@ def envelope(
 ) -> None:
     """Run greedy episodes while one factor grows at a time, and draw how often the policy docks.
 
-    The factors are the offsets in position and heading of the start, wind, current, sensor noise, and
-    actuator delay.
+    The factors are the offsets in position and heading of the start, wind and current, both from any
+    direction, sensor noise, and actuator delay.
 
     Example: dockctl envelope s3 --factors wind,current --episodes 20
     """

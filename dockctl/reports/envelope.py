@@ -6,6 +6,7 @@ from collections.abc import Mapping
 
 import pandas as pd
 from matplotlib.figure import Figure
+from matplotlib.ticker import MaxNLocator
 
 from dockctl.drawing import palette
 from dockctl.reports.style import draw_share, legend_above, make_figure, panels, percent
@@ -37,6 +38,8 @@ def envelope_figure(table: pd.DataFrame, labels: Mapping[str, str], caption: str
         ax.set_ylim(0, 1.02)
         ax.set_xlim(part["value"].min(), part["value"].max() * 1.02 or 1.0)
         percent(ax.yaxis)
+        if part["value"].max() < 5 and (part["value"] % 1 == 0).all():
+            ax.xaxis.set_major_locator(MaxNLocator(integer=True))
         ax.set_xlabel(labels[factor][:1].upper() + labels[factor][1:])
         legend_above(ax, [(outcome, palette.OUTCOMES[outcome]) for outcome in SHOWN])
     return figure
