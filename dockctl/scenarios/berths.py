@@ -57,8 +57,11 @@ class Berths(Model):
         return listed.places
 
 
-def require_berths(harbor: HarborSpec, berths: Berths | None) -> None:
+def require_berths(harbor: HarborSpec, berths: Berths | None, *, is_given: bool) -> None:
     """Check that a harbor has the berths of a task.
+
+    Args:
+        is_given: whether the task has the key, for the place of an error.
 
     Raises:
         FieldError: the harbor does not have one of the berths, or none is given.
@@ -68,7 +71,7 @@ def require_berths(harbor: HarborSpec, berths: Berths | None) -> None:
         if berths is None and harbor.layouts + harbor.held_out_layouts > 1:
             several = "layouts" if harbor.layouts > 1 else "held_out_layouts"
             message = "needs 'berths: {}' in the task, which moves it to the free berths of all layouts"
-            raise FieldError(f"harbor.{several}", message, "missing_key")
+            raise FieldError(field if is_given else f"harbor.{several}", message, "missing_key")
         if berths is not None and (berths.trained.places or berths.held_out.places):
             message = "generated layouts have their own free berths; omit trained and held_out"
             raise FieldError(field, message, "mismatch")

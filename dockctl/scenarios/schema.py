@@ -192,7 +192,7 @@ class Scenario(Model):
 
     @model_validator(mode="after")
     def _berths_exist(self) -> Self:
-        require_berths(self.harbor, self.task.berths)
+        require_berths(self.harbor, self.task.berths, is_given="berths" in self.task.model_fields_set)
         return self
 
     @property

@@ -278,6 +278,16 @@ def test_what_is_wrong_is_located(override: str, code: str) -> None:
     assert (problem.file, problem.code) == (f"--set {override.partition('=')[0]}", code)
 
 
+def test_several_layouts_without_berths_are_an_error_where_they_are_given(tmp_path: Path) -> None:
+    path = tmp_path / "mine.yaml"
+    for key in ("layouts", "held_out_layouts"):
+        path.write_text(f"extends: s3\nharbor:\n  kind: generated\n  {key}: 3\n")
+        with pytest.raises(InputError) as refusal:
+            load(path)
+        (problem,) = refusal.value.problems
+        assert (problem.file, problem.line, problem.field) == (str(path), 4, f"harbor.{key}")
+
+
 def test_berths_that_are_too_narrow_for_the_vessel() -> None:
     with pytest.raises(InputError) as refusal:
         load("marinas", overrides=["vessel.hull.beam_m=1.7"])
