@@ -122,10 +122,8 @@ class PluginError(DockctlError):
 
 def one_line(error: BaseException) -> str:
     """Return type and message of an exception on one line; two lines would be printed as two errors."""
-    text = getattr(
-        error, "msg", getattr(error, "message", error)
-    )  # pydantic's own without the link to its pages
-    message = " ".join(str(text).split())
+    text, *_ = str(getattr(error, "msg", error)).split("For further information visit ")  # links of pydantic
+    message = " ".join(text.split())
     return f"{type(error).__name__}: {message}"
 
 

@@ -352,11 +352,16 @@ def _rollback_on_error(who: str, path: Path | None = None) -> Iterator[None]:
             for entry in registry:
                 if state.get(entry.name) is not entry and hasattr(entry.value, "model_rebuild"):
                     with Guard(registry, entry.name):
-                        entry.value.model_rebuild()  # evaluates annotations, which may be postponed
+                        _evaluate_annotations(entry.value)
     except DockctlError:
         for registry, state in saved:
             registry.restore(state)
         raise
+
+
+def _evaluate_annotations(model: Any) -> None:
+    """Complete a pydantic model, whose annotations may be postponed, with the names of its module."""
+    model.model_rebuild(_types_namespace=vars(sys.modules[model.__module__]))
 
 
 class Guard(AbstractContextManager["Guard"]):

@@ -52,7 +52,8 @@ def returns(
 
     The return of docking is taken from a greedy episode of the policy; the other behaviors apply constant
     commands. All start at the first initial pose, and the reward is computed with each distance unit, and
-    per step as in the training: with `training.action_repeat: 2`, every two control periods.
+    per step as in the training: with `training.action_repeat: 2`, every two control periods. The conditions
+    are those of the training, and neither a supervisor nor a planner acts.
 
     Example: dockctl returns s3 --units 20
     """

@@ -33,8 +33,8 @@ class Forecast:
     """Estimates what acts on n boats and how their actuators respond, and predicts their poses with it.
 
     The current is the difference of the velocities over ground and through the water, averaged. The force of
-    the wind is that at the measured wind for one control step, and then returns to its average; forces of
-    conditions of plugins are treated like it, as if they were measured. Each pose is
+    the wind is that at the measured wind for one control step, and then returns to its average; forces of a
+    plugin's conditions count as wind, known exactly. Each pose is
     the one predicted from the pose before and the measured velocities, corrected towards the measured one.
     The speed log measures without error.
 

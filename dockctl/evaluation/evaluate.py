@@ -78,7 +78,9 @@ class Evaluation:
     @property
     def notes(self) -> list[str]:
         """What the user should know about a scenario other than the policy's own."""
-        found = [] if self.is_own else [*beyond_authority(self.scenario), *unused_authority(self.scenario)]
+        if self.is_own and self.policy.own_scenario is not None:
+            return []
+        found = [*beyond_authority(self.scenario), *unused_authority(self.scenario)]
         return [f"{field}: {message}" for field, message in found if not field.startswith("training.")]
 
     @property

@@ -100,8 +100,8 @@ def returns(
 ) -> Returns:
     """Simulate the policy and other behaviors and compute their returns with every distance unit.
 
-    They are the returns that a training maximizes: commands last as long as in the training, an episode ends
-    with its step limit, and its discount is per step.
+    They are the returns of a training: with its steps, step limit and conditions, and without a supervisor or
+    planner, which act only in evaluations.
 
     Args:
         policy: its greedy episode gives the return of docking, if it docks; see
@@ -115,7 +115,9 @@ def returns(
     """
     loaded_policy = load_policy(policy)
     loaded = loaded_policy.scenario(scenario, overrides)
-    rollout = Rollout(replace(loaded, scenario=loaded.scenario.in_training()))
+    trained = loaded.scenario.in_training()
+    alone = trained.evaluation.model_copy(update={"supervisor": None, "planner": None})
+    rollout = Rollout(replace(loaded, scenario=trained.model_copy(update={"evaluation": alone})))
     simulated = list(behaviors(rollout, loaded_policy))
     rows = [row for unit_m in units_m for row in evaluate_behaviors(rollout.scenario, unit_m, simulated)]
     return Returns(loaded_policy, rollout.scenario, to_csv(rows, all_columns(RETURNS, rows)))

@@ -15,7 +15,7 @@ from dockctl.reports.show import MAX_LAYOUTS, Scan, figures, layouts_figures
 from dockctl.reports.style import Draw
 from dockctl.reports.view3d import Body
 from dockctl.scenarios.base import Pose
-from dockctl.scenarios.harbor import Generated, Marina, berth_pose
+from dockctl.scenarios.harbor import Generated, Marina, berth_pose, docked_gap
 from dockctl.scenarios.layouts import layouts
 from dockctl.scenarios.loader import LoadedScenario
 from dockctl.scenarios.schema import Scenario
@@ -87,7 +87,8 @@ def _drawn_layouts(scenario: Scenario) -> tuple[list[tuple[Scene, Floats]], int]
     drawn = []
     for layout in every[:MAX_LAYOUTS]:
         assert isinstance(layout.harbor, Marina)  # as every generated layout
-        hull = scenario.vessel.hull
-        free = np.array([berth_pose(layout.harbor, place, hull.length_m) for place in layout.berths])
+        hull, final = scenario.vessel.hull, pose_array(scenario.task.final)
+        gap_m = docked_gap([(layout.harbor, place) for place in layout.berths], final, hull.length_m)
+        free = np.array([berth_pose(layout.harbor, place, gap_m) for place in layout.berths])
         drawn.append((build_scene(build_harbor(layout.harbor, Path()), hull), free))
     return drawn, len(every)

@@ -70,7 +70,7 @@ def require_berths(harbor: HarborSpec, berths: Berths | None, *, is_given: bool)
     if isinstance(harbor, Generated):
         if berths is None and harbor.layouts + harbor.held_out_layouts > 1:
             several = "layouts" if harbor.layouts > 1 else "held_out_layouts"
-            message = "needs 'berths: {}' in the task, which moves it to the free berths of all layouts"
+            message = "several layouts need 'task: {berths: {}}', so that episodes use the free berths of all"
             raise FieldError(field if is_given else f"harbor.{several}", message, "missing_key")
         if berths is not None and (berths.trained.places or berths.held_out.places):
             message = "generated layouts have their own free berths; omit trained and held_out"

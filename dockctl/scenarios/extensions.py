@@ -365,13 +365,6 @@ def _ordered(bounds: tuple[T, ...]) -> tuple[T, ...]:
     return bounds
 
 
-def _ordered_directions(bounds: tuple[T, ...]) -> tuple[T, ...]:
-    try:
-        return _ordered(bounds)
-    except ValueError as error:
-        raise ValueError(f"{error}; a range through 0° is like [-10, 10] or [350, 370]") from None
-
-
 def _shortest(bounds: tuple[T, ...]) -> T | list[T]:
     return bounds[0] if len(bounds) == 1 else list(bounds)
 
@@ -386,14 +379,16 @@ Drawn = Annotated[
 """A number, or a range [low, high] from which each episode draws with `draw`."""
 
 
-Directions = Annotated[
-    tuple[Number, ...],
-    Field(min_length=1, max_length=2),
-    _NumberOrBounds(_as_bounds),
-    AfterValidator(_ordered_directions),
-    PlainSerializer(_shortest),
-]
-"""A `Drawn` direction [°]."""
+def _through_zero(given: Any) -> Any:
+    match given:
+        case [int() | float() as low, int() | float() as high] if low > high:
+            hint = "a range through 0° is like [-10, 10] or [350, 370]"
+            raise ValueError(f"found {given}, expected the lower bound first; {hint}")
+    return given
+
+
+Directions = Annotated[Drawn[Number], BeforeValidator(_through_zero)]
+"""A direction [°], or a range of directions from which each episode draws."""
 
 
 OFF = (0.0,)

@@ -3,12 +3,14 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Iterable
 from pathlib import Path
 from typing import Annotated, Any, Literal, NamedTuple, Self
 
 from pydantic import AfterValidator, BeforeValidator, Field, model_validator
 
 from dockctl.errors import nearest
+from dockctl.geometry import Floats, wrap
 from dockctl.scenarios.base import (
     Coordinate,
     Count,
@@ -38,7 +40,9 @@ FACES: dict[Side, str] = {"east": "x_min_m", "west": "x_max_m", "north": "y_min_
 INTO_BASIN: dict[Side, tuple[int, int]] = {"east": (-1, 0), "west": (1, 0), "north": (0, -1), "south": (0, 1)}
 """Direction in which the bow of a boat moored stern-to points."""
 STERN_CLEARANCE_M = 1.0
-"""Distance of a docked boat's stern from the quay; the thesis' boat is 3 m long, its center 2.5 m away."""
+"""Distance from the quay to the stern of a docked boat, unless its task has another one."""
+AT_BERTH = 1e-3
+"""Difference [m, rad] up to which a pose is on the center line of a berth, and has its heading."""
 MAX_LAYOUTS = 1000
 MIN_BERTH_M = 2.4
 """Minimum width of generated berths, which fits the narrowest of `DEFAULT_MODELS`."""
@@ -357,8 +361,28 @@ def point_off_quay(side: Side, edge_m: float, at_m: float, gap_m: float) -> tupl
     return x + gap_m * INTO_BASIN[side][0], y + gap_m * INTO_BASIN[side][1]
 
 
-def berth_pose(marina: Marina, place: BerthPlace, length_m: float) -> tuple[float, float, float]:
-    """Return x, y [m] and heading in (-pi, pi] [rad] of a boat of this length, docked stern-to at a berth."""
+def berth_pose(marina: Marina, place: BerthPlace, gap_m: float) -> tuple[float, float, float]:
+    """Return x, y [m] and heading in (-pi, pi] [rad] of a boat docked stern-to, `gap_m` off the quay."""
     cosine, sine = INTO_BASIN[place.side]
-    edge, gap = marina.edge_of(marina.row_of(place)), length_m / 2 + STERN_CLEARANCE_M
-    return *point_off_quay(place.side, edge, place.at_m, gap), math.atan2(sine, cosine)
+    edge = marina.edge_of(marina.row_of(place))
+    return *point_off_quay(place.side, edge, place.at_m, gap_m), math.atan2(sine, cosine)
+
+
+def docked_gap(places: Iterable[tuple[Marina, BerthPlace]], final: Floats, length_m: float) -> float:
+    """Return how far off the quay a boat docks [m]: as at its own berth, or with its stern 1 m from the quay.
+
+    Args:
+        places: berths, of which one may be its own.
+        final: (3,) final pose of its task [m, m, rad].
+    """
+    gaps = (_gap_at(marina, place, final) for marina, place in places)
+    return next((gap for gap in gaps if gap is not None), length_m / 2 + STERN_CLEARANCE_M)
+
+
+def _gap_at(marina: Marina, place: BerthPlace, pose: Floats) -> float | None:
+    """Return how far a pose at a berth is off the quay [m]; None if it is not at this berth."""
+    x, y, heading = berth_pose(marina, place, 0.0)
+    cosine, sine = INTO_BASIN[place.side]
+    to_x, to_y = float(pose[0]) - x, float(pose[1]) - y
+    across, turn = to_y * cosine - to_x * sine, float(wrap(pose[2] - heading))
+    return to_x * cosine + to_y * sine if max(abs(across), abs(turn)) < AT_BERTH else None

@@ -12,7 +12,7 @@ import numpy as np
 
 from dockctl.errors import Code, DockctlError, nearest
 from dockctl.geometry import pose_array, relocate_poses
-from dockctl.scenarios.harbor import BerthPlace, Marina, Side, berth_pose
+from dockctl.scenarios.harbor import BerthPlace, Marina, Side, berth_pose, docked_gap
 from dockctl.scenarios.schema import Scenario
 from dockctl.scenarios.yaml_tree import Node, describe, input_error
 
@@ -38,8 +38,9 @@ def at_berth(tree: Node, scenario: Scenario, given: Node) -> Node:
     free = [Node(at, given.location) for at in sorted({*row.free, place.at_m})]
     index, field = scenario.harbor.rows.index(row), f"free_{row.axis}_m"
     tree = _replaced(tree, ("harbor", "rows", index, field), Node([*free], given.location))
-    length_m = scenario.vessel.hull.length_m
-    final, to = pose_array(scenario.task.final), np.array(berth_pose(scenario.harbor, place, length_m))
+    final, every = pose_array(scenario.task.final), [(scenario.harbor, b) for b in scenario.harbor.berths]
+    gap_m = docked_gap(every, final, scenario.vessel.hull.length_m)
+    to = np.array(berth_pose(scenario.harbor, place, gap_m))
     for keys, pose in scenario.poses():
         x, y, heading = relocate_poses(pose_array(pose)[None], final, to, mirrored=False)[0].tolist()
         moved = {"x_m": x, "y_m": y, "heading_deg": math.degrees(heading)}

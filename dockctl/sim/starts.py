@@ -13,7 +13,7 @@ from dockctl.errors import DockctlError, InputError, Problem
 from dockctl.geometry import Bools, Floats, pose_array, pose_label, relocate_poses, wrap
 from dockctl.runs.tables import EXPLORING
 from dockctl.scenarios.berths import BerthKind
-from dockctl.scenarios.harbor import BerthPlace, Generated, Marina, berth_pose
+from dockctl.scenarios.harbor import BerthPlace, Generated, Marina, berth_pose, docked_gap
 from dockctl.scenarios.layouts import Layout, layouts
 from dockctl.scenarios.schema import Scenario, Task
 from dockctl.scenarios.training import ExploringStarts
@@ -106,10 +106,13 @@ def sites(scenario: Scenario) -> list[Site]:
     own, berths = _task_site(scenario.task), scenario.task.berths
     if berths is None:
         return [own]
-    generated, length_m = isinstance(scenario.harbor, Generated), scenario.vessel.hull.length_m
+    every, generated = layouts(scenario.harbor, berths), isinstance(scenario.harbor, Generated)
+    marinas = [(layout.harbor, layout) for layout in every if isinstance(layout.harbor, Marina)]
+    places = [(marina, place) for marina, layout in marinas for place in layout.berths]
+    gap_m = docked_gap(places, own.goals[1], scenario.vessel.hull.length_m)
     return [
-        _relocated(own, layout, place, length_m, mirrored, harbor, generated)
-        for harbor, layout in enumerate(layouts(scenario.harbor, berths))
+        _relocated(own, layout, place, gap_m, mirrored, harbor, generated)
+        for harbor, layout in enumerate(every)
         for place in layout.berths
         for mirrored in ((False, True) if berths.mirrored else (False,))
     ]
@@ -162,13 +165,13 @@ def _relocated(
     own: Site,
     layout: Layout,
     place: BerthPlace,
-    length_m: float,
+    gap_m: float,
     mirrored: bool,
     harbor: int,
     generated: bool,
 ) -> Site:
     assert isinstance(layout.harbor, Marina)  # checked by the validator of the scenario
-    final, target = own.goals[1], np.array(berth_pose(layout.harbor, place, length_m))
+    final, target = own.goals[1], np.array(berth_pose(layout.harbor, place, gap_m))
     berth = f"{place}{' mirrored' if mirrored else ''}"
     name = f"{layout.harbor.name} {berth}" if generated else berth
     initial, goals = (relocate_poses(poses, final, target, mirrored) for poses in (own.initial, own.goals))

@@ -54,9 +54,8 @@ def test_the_latest_run_is_evaluated_from_poses_and_random_starts(
 
 def test_another_boat_and_weather_are_noted(run: Path) -> None:
     wind = "conditions.wind={speed_mps: 8, direction_deg: 90}"
-    strong = [word for each in ("max_propeller_n=200", "substeps=10", wind) for word in ("--set", each)]
-    strong = [word.replace("max_", "vessel.max_").replace("substeps", "vessel.substeps") for word in strong]
-    outcome = dockctl("evaluate", run, "--episodes", 1, *strong)
+    strong = "--set", "vessel.max_propeller_n=200", "--set", "vessel.substeps=10"
+    outcome = dockctl("evaluate", run, "--episodes", 1, *strong, "--set", wind)
     assert "note: actions: use at most 50 of the 200 N of the propeller" in outcome.err
     assert "conditions.wind" not in outcome.err  # 53 N; this boat has 100 N
     outcome = dockctl("evaluate", run, "--episodes", 1, "--set", wind)

@@ -84,7 +84,7 @@ def test_a_killed_process_resumes_exactly(tmp_path: Path, number: signal.Signals
     settings = [word for setting in QUICK for word in ("--set", setting)]
     arguments = ["train", "s1", "--out", f"{out}", "--steps", f"{STEPS}", *settings]
     killed = [sys.executable, "-c", KILLED, f"{int(number)}", *arguments]
-    assert subprocess.run(killed, stdout=subprocess.DEVNULL).returncode == code
+    assert subprocess.run(killed, stdout=subprocess.DEVNULL, timeout=600).returncode == code
     run = only_run(out)
     saved = json.loads((RunDirectory(run).checkpoint("last") / "policy.json").read_text())["env_steps"]
     assert 200 <= saved < STEPS

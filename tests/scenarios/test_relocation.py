@@ -14,6 +14,7 @@ from dockctl.scenarios.harbor import Marina
 from dockctl.scenarios.schema import Scenario
 from dockctl.scenarios.settings import settings
 from dockctl.sim.checks import check_poses
+from dockctl.sim.starts import sites
 
 
 def load(folder: Path, text: str) -> loader.LoadedScenario:
@@ -103,25 +104,38 @@ def test_moved_values_come_from_the_line_of_the_berth(tmp_path: Path) -> None:
         assert location.file.endswith("mine.yaml")
 
 
-@pytest.mark.parametrize(("length_m", "x_m"), [(3, 36.0), (6, 34.5), (1.5, 36.75)])
-def test_a_docked_boat_has_its_stern_one_meter_from_the_quay(length_m: float, x_m: float) -> None:
-    """The east quay of the reference harbor is at x = 38.5 m."""
-    hull = f"vessel.hull={{length_m: {length_m}}}"
-    scenario = loader.load("s3", overrides=[hull, "berth=east 0"]).scenario
-    assert scenario.task.final.x_m == pytest.approx(x_m)
-    assert 38.5 - (scenario.task.final.x_m + length_m / 2) == pytest.approx(1)
+@pytest.mark.parametrize(
+    ("length_m", "final", "x_m"),
+    [
+        (4, "{x_m: 36}", 4.5 + 2.5),  # as far off the quay as in its own berth, east 0: 38.5 - 36
+        (6, "{x_m: 34.5}", 4.5 + 4),
+        (6, "{x_m: 30, y_m: 1}", 4.5 + 3 + 1),  # at no berth: the stern 1 m off the quay
+        (1.5, "{x_m: 30, heading_deg: 170}", 4.5 + 0.75 + 1),
+    ],
+)
+def test_a_boat_docks_as_far_off_the_quay_as_in_its_berth(length_m: float, final: str, x_m: float) -> None:
+    """The quays of the reference harbor are at x = 4.5 and 38.5 m."""
+    overrides = [f"vessel.hull.length_m={length_m}", f"task.final={final}", "berth=west 12"]
+    assert loader.load("s3", overrides=overrides).scenario.task.final.x_m == pytest.approx(x_m)
 
 
-def test_a_boat_of_six_meters_docks_in_generated_layouts() -> None:
+@pytest.mark.parametrize(("x_m", "problem"), [(34.5, ""), (36, "blocked by the east quay")])
+def test_a_boat_of_six_meters_docks_in_generated_layouts(x_m: float, problem: str) -> None:
     overrides = [
         "vessel.hull={length_m: 6, beam_m: 2.2}",
         "harbor={kind: generated, layouts: 2, held_out_layouts: 1}",
         "harbor={berth_width_m: [4, 5], fairway_m: [20, 30]}",
         "task.berths={}",
-        "task.final={x_m: 34.5, y_m: 0, heading_deg: 180}",
+        f"task.final={{x_m: {x_m}, y_m: 0, heading_deg: 180}}",
     ]
-    for override in ([], ["task.final.x_m=36"]):
-        loaded = loader.load("s3", overrides=[*overrides, *override])
-        findings = check_poses(loaded.scenario, loaded.base_dir)
-        assert bool(findings.problems) is bool(override)
-    assert "not at any berth" in findings.problems[0][1]
+    loaded = loader.load("s3", overrides=overrides)
+    found = check_poses(loaded.scenario, loaded.base_dir).problems
+    assert len(found) == bool(problem) and all(problem in message for _, message in found)
+    final = {tuple(site.goals[1][:1]) for site in sites(loaded.scenario) if "east" in site.berth}
+    assert (x_m,) in final
+
+
+@pytest.mark.parametrize("length_m", [2, 4])
+def test_berths_suit_boats_of_other_lengths(length_m: float) -> None:
+    loaded = loader.load("marina", overrides=[f"vessel.hull.length_m={length_m}"])
+    assert not check_poses(loaded.scenario, loaded.base_dir).problems

@@ -103,8 +103,9 @@ def test_the_own_berth_is_found_for_equivalent_headings(heading_deg: float) -> N
     assert own.harbor == next(site.harbor for site in sites(MARINA) if site.berth == "east 0") > 0
 
 
-def test_a_final_pose_must_be_the_pose_of_a_berth() -> None:
-    off = load("marina", overrides=["task.final.x_m=35.9"])
+def test_a_final_pose_must_be_in_a_berth() -> None:
+    assert own_site(load("marina", overrides=["task.final.x_m=35.9"]).scenario).goals[1][0] == 35.9
+    off = load("marina", overrides=["task.final.y_m=0.1"])
     ((field, message),) = check_poses(off.scenario, off.base_dir).problems
     assert field == "task.final"
     assert "(36, 0, 180°)" in message  # the nearest berth

@@ -53,8 +53,8 @@ class Current(Condition):
         return [
             (
                 "speed_mps",
-                f"holding the boat across a current of {speed:g} m/s{variation} takes {push:.3g} N sideways;"
-                f" the vessel has {authority.side_force_n:.3g} N, and {authority.crab(speed)}",
+                f"holding the boat across a current of {speed:g} m/s{variation} takes {push:.1f} N sideways;"
+                f" the vessel has {authority.side_force_n:.1f} N, and {authority.crab(speed)}",
             )
         ]
 

@@ -64,7 +64,7 @@ def test_two_berths_between_neighboring_fingers(harbor: Harbor) -> None:
     reference = reference_spec()
     for side, x, heading, ys in (("east", 36.0, np.pi, EAST_BERTHS), ("west", 7.0, 0.0, WEST_BERTHS)):
         places = [berth.place for berth in harbor.berths if berth.place.side == side]
-        poses = [berth_pose(reference, place, HULL.length_m) for place in places]
+        poses = [berth_pose(reference, place, 2.5) for place in places]
         np.testing.assert_allclose(poses, [(x, y, heading) for y in ys], atol=1e-12)
 
 
@@ -208,7 +208,7 @@ def test_rows_on_all_four_sides_point_into_the_basin() -> None:
     ]
     spec = marina(basin=basin, rows=rows)
     harbor = build_harbor(spec, Path())
-    docked = {berth.name: berth_pose(spec, berth.place, HULL.length_m) for berth in harbor.berths}
+    docked = {berth.name: berth_pose(spec, berth.place, 2.5) for berth in harbor.berths}
     poses = {berth.name: docked[berth.name] for berth in harbor.berths if not berth.occupied}
     assert poses == {
         "east berth y=22": pytest.approx((57.5, 22, np.pi)),

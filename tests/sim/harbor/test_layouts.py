@@ -90,7 +90,7 @@ class Grid:
 
 def free_berths(marina: Marina) -> list[tuple[float, float, float]]:
     places = [BerthPlace(row.side, at) for row in marina.rows for at in row.free]
-    return [berth_pose(marina, place, HULL.length_m) for place in places]
+    return [berth_pose(marina, place, 2.5) for place in places]
 
 
 def marina_of(which: str | tuple[Generated, int]) -> Marina:
