@@ -42,18 +42,20 @@ class Factor:
     settings: Callable[[Scenario, float], list[str]]
 
 
-def _key(scenario: Scenario, kind: str) -> str:
-    """Return the key of the scenario's condition of this kind, or that of a new one."""
-    return f"conditions.{next((name for name, c in scenario.conditions.items() if c.kind == kind), kind)}"
+def _only(scenario: Scenario, kind: str, values: str) -> list[str]:
+    """Return overrides that change the scenario's condition of this kind, or add one, and remove others."""
+    given = [name for name, each in scenario.conditions.items() if each.kind == kind]
+    if not given and kind in scenario.conditions:  # the name of another kind
+        return [f"conditions.varied_{kind}={{kind: {kind}, {values}}}"]
+    name, *others = given or [kind]
+    return [f"conditions.{name}={{{values}}}", *(f"conditions.{other}=null" for other in others)]
 
 
 def _noise(scenario: Scenario, times: float) -> list[str]:
     """Return overrides for multiples of the errors in the data sheets (docs/conditions.md)."""
     navigation = f"position_m: {0.02 * times}, heading_deg: {0.5 * times}, velocity_mps: {0.03 * times}"
-    return [
-        f"{_key(scenario, 'lidar_noise')}={{sigma_m: {0.03 * times}}}",
-        f"{_key(scenario, 'navigation')}={{{navigation}}}",
-    ]
+    noise = _only(scenario, "lidar_noise", f"sigma_m: {0.03 * times}")
+    return noise + _only(scenario, "navigation", navigation)
 
 
 FACTORS = {
@@ -70,18 +72,18 @@ FACTORS = {
     "wind": Factor(
         "mean wind from any direction [m/s]",
         (0, 2, 4, 6, 8, 10),
-        lambda scenario, value: [f"{_key(scenario, 'wind')}={{speed_mps: {value}, {ANY_DIRECTION}}}"],
+        lambda scenario, value: _only(scenario, "wind", f"speed_mps: {value}, {ANY_DIRECTION}"),
     ),
     "current": Factor(
         "current in any direction [m/s]",
         (0, 0.05, 0.1, 0.15, 0.2, 0.3),
-        lambda scenario, value: [f"{_key(scenario, 'current')}={{speed_mps: {value}, {ANY_DIRECTION}}}"],
+        lambda scenario, value: _only(scenario, "current", f"speed_mps: {value}, {ANY_DIRECTION}"),
     ),
     "noise": Factor("noise of LiDAR and navigation, relative to data sheets", (0, 1, 2, 4), _noise),
     "delay": Factor(
         "delay of the actuators [control steps]",
         (0, 1, 2, 3),
-        lambda scenario, value: [f"{_key(scenario, 'actuators')}={{delay_steps: {value:g}}}"],
+        lambda scenario, value: _only(scenario, "actuators", f"delay_steps: {value:g}"),
     ),
 }
 

@@ -15,6 +15,7 @@ from dockctl.evaluation.envelope import FACTORS
 from dockctl.experiments.export import export_checkpoint
 from dockctl.runs.tables import ENVELOPE
 from dockctl.scenarios.loader import load
+from dockctl.sim.conditions.current import Current
 from dockctl.sim.conditions.lidar_noise import LidarNoise
 from dockctl.sim.conditions.wind import Wind
 from tests.commands.conftest import Outcome, dockctl
@@ -78,6 +79,25 @@ def test_a_condition_of_another_name_is_the_one_that_is_varied() -> None:
     wind, noise = changed[0]["breeze"], changed[1]["rain"]
     assert isinstance(wind, Wind) and isinstance(noise, LidarNoise)
     assert (wind.speed_mps, wind.gust_mps, noise.sigma_m) == ((2,), (1,), (0.06,))
+
+
+def test_one_condition_of_each_kind_is_varied_and_the_others_are_removed() -> None:
+    flow = "speed_mps: 0.05, direction_deg: 0"
+    given = (
+        f"conditions.tide={{kind: current, {flow}, variation_mps: 0.01}}",
+        f"conditions.swell={{kind: current, {flow}}}",
+        f"conditions.wind={{kind: current, {flow}}}",
+    )
+    own = load("s1", overrides=given).scenario
+    current, wind = (
+        load("s1", overrides=[*given, *FACTORS[name].settings(own, 0.2)]).scenario.conditions
+        for name in ("current", "wind")
+    )
+    assert list(current) == ["tide"]
+    assert isinstance(current["tide"], Current)
+    assert (current["tide"].speed_mps, current["tide"].variation_mps) == ((0.2,), (0.01,))
+    assert sorted(wind) == ["swell", "tide", "varied_wind", "wind"]
+    assert [wind[name].kind for name in sorted(wind)] == ["current", "current", "wind", "current"]
 
 
 def test_the_card_has_the_figure(measured: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

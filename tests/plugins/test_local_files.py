@@ -136,6 +136,22 @@ def test_an_unknown_name_in_an_annotation_is_an_error_of_the_plugin(write: Write
     assert "swirl" not in plugins.CONDITIONS
 
 
+def test_postponed_annotations_may_name_what_is_defined_later(write: Write) -> None:
+    """With any name, also one that the loading itself uses."""
+    path = write(
+        "later.py",
+        "from __future__ import annotations\n"
+        "from typing import Literal\nfrom dockctl.plugins import CONDITIONS\n"
+        "from dockctl.scenarios.extensions import Condition, register\n"
+        "@register(CONDITIONS, group='water')\nclass Later(Condition):\n"
+        "    kind: Literal['later'] = 'later'\n    first: path = 2.0\n    second: entry = 3.0\n"
+        "    def build(self, num_boats): ...\n"
+        "path, entry = float, float\n",
+    )
+    later = plugins.load_file(path).Later(first=1.0)
+    assert (later.first, later.second) == (1, 3)
+
+
 @pytest.mark.parametrize(("base", "missing"), [("ActionType", "commands"), ("Kind", "ActionType")])
 def test_an_incomplete_class_is_rejected_where_it_is_selected(write: Write, base: str, missing: str) -> None:
     write(

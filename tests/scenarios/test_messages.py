@@ -227,6 +227,48 @@ def test_every_problem_has_location_code_and_suggestion(tmp_path: Path, case: st
     assert [f"{p.line}:{p.column} {p.field} {p.code} {p.suggestion}".strip() for p in found] == expected
 
 
+WIND = "conditions: {wind: {speed_mps: 1, direction_deg: %s}}\n"
+GENERATED = "harbor: {kind: generated, %s}\n"
+WORDS = {
+    "a range of directions through 0°": (
+        WIND % "[350, 10]",
+        "conditions.wind.direction_deg: found [350, 10], expected the lower bound first; a range through 0° is"
+        " like [-10, 10] or [350, 370]",
+    ),
+    "no direction": (
+        WIND % "null",
+        "conditions.wind.direction_deg: found nothing, expected a number or [low, high]",
+    ),
+    "a number for a range": (
+        GENERATED % "basin_length_m: 44",
+        "harbor.basin_length_m: found 44, expected [low, high]",
+    ),
+    "a fraction for a whole number": (
+        GENERATED % "piers: [0.5, 1]",
+        "harbor.piers.0: found 0.5, expected a whole number",
+    ),
+    "a default that does not suit the vessel": (
+        GENERATED % "seed: 3" + "vessel: {hull: {beam_m: 2.2}}\n",
+        "harbor.berth_width_m: 2.6 is too narrow for the vessel, which needs 3.2 m",
+    ),
+    "several layouts and berths that are null": (
+        GENERATED % "layouts: 3" + "task: {berths: null}\n",
+        "task.berths: several layouts need 'task: {berths: {}}', so that episodes use the free berths of all",
+    ),
+}
+
+
+@pytest.mark.parametrize("case", WORDS)
+def test_a_message_names_the_field_and_what_is_expected(tmp_path: Path, case: str) -> None:
+    text, expected = WORDS[case]
+    (tmp_path / "x.yaml").write_text(f"extends: s1\n{text}")
+    with pytest.raises(InputError) as caught:
+        loader.load(tmp_path / "x.yaml")
+    (problem,) = caught.value.problems
+    assert f"{problem.field}: {problem.message}" == expected
+    assert problem.file == str(tmp_path / "x.yaml") and problem.line >= 2
+
+
 def test_every_missing_section_is_reported(tmp_path: Path) -> None:
     path = tmp_path / "x.yaml"
     path.write_text("title: nothing else\n")
