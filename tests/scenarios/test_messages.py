@@ -232,8 +232,8 @@ GENERATED = "harbor: {kind: generated, %s}\n"
 WORDS = {
     "a range of directions through 0°": (
         WIND % "[350, 10]",
-        "conditions.wind.direction_deg: found [350, 10], expected the lower bound first; a range through 0° is"
-        " like [-10, 10] or [350, 370]",
+        "conditions.wind.direction_deg: found [350, 10], expected the lower bound first; a range through 0°"
+        " is like [-10, 10] or [350, 370]",
     ),
     "no direction": (
         WIND % "null",
