@@ -7,11 +7,13 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from dockctl.control.planner import Planner
 from dockctl.evaluation import rollout
 from dockctl.evaluation.rollout import Episode, Rollout
 from dockctl.scenarios.loader import load
 from dockctl.scenarios.schema import PolicyInterface
 from dockctl.sim.goal import TO_FINAL
+from dockctl.sim.simulator import Simulator
 from dockctl.sim.starts import Start, given_start, own_site
 from tests.evaluation.fixed_policies import Rest
 
@@ -65,6 +67,21 @@ def test_far_from_the_final_pose_the_policy_acts() -> None:
     start = given_start(site, given.scenario.task, site.initial[0], 0)
     (episode,) = given.run(Rest(), [start], clearance=False)
     assert not episode.trajectory["command"].any()
+
+
+@pytest.mark.parametrize(("before_m", "error_m", "plans"), [(7.5, 1.0, 1), (6.5, -1.0, 0)])
+def test_the_measured_distance_decides_whether_to_plan(
+    monkeypatch: pytest.MonkeyPatch, before_m: float, error_m: float, plans: int
+) -> None:
+    """The final pose of scenario 1 is (36, 0, 180°); plans begin within 7 m."""
+    planned: list[int] = []
+    monkeypatch.setattr(Planner, "_planned", lambda self, row: planned.append(row))
+    monkeypatch.setattr(Simulator, "measured_pose", lambda self: self.eta + [error_m, 0, 0])
+    given = task("evaluation.planner=true", "task.max_steps=1")
+    pose = np.array([36 - before_m, 0, np.pi])
+    start = given_start(own_site(given.scenario), given.scenario.task, pose, 0)
+    given.run(Rest(), [replace(start, phase=TO_FINAL)], clearance=False)
+    assert len(planned) == plans
 
 
 def test_a_policy_keeps_its_planner() -> None:
