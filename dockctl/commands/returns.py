@@ -70,7 +70,9 @@ def returns(
     if json_:
         json_.write(result.as_json())
     gamma = result.scenario.training.gamma
-    caption = f"scenario {result.scenario.name}, {loaded_policy.caption}; discounted by {gamma:g} per step"
+    changed = "".join(f", {override}" for override in set_ or ())
+    which = f"scenario {result.scenario.name}{changed}, {loaded_policy.caption}"
+    caption = f"{which}; discounted by {gamma:g} per step"
     save_figures(lambda: {outputs.stem: returns_figure(result.table, caption)}, outputs.figures)
     print_paths(outputs.write(result.csv))
 

@@ -40,7 +40,7 @@ def view(
     set_: Overrides = None,
     pose: Poses = None,
     out: Annotated[
-        Path | None, typer.Option(help="The page; view-<name>.html by default, with the changed values.")
+        Path | None, typer.Option(help="The page; named after the policies and changed values by default.")
     ] = None,
     gif: Annotated[
         Path | None, typer.Option(help="Write a video from above to this file (GIF), instead of the page.")

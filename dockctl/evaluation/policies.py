@@ -64,7 +64,7 @@ class LoadedPolicy(ABC):
         return f"policy {self.name}"
 
     def caption_on(self, scenario: Scenario, overrides: Sequence[str]) -> str:
-        """Text for a figure, with the scenario and its changed values unless it is the policy's own."""
+        """Text for a figure, with the scenario and its changed values; a checkpoint's own is left out."""
         return ", ".join([self.caption, f"scenario {scenario.name}", *overrides])
 
     @property
