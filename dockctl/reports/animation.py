@@ -62,6 +62,7 @@ class Boat:
 
     Attributes:
         ranges: (k, sectors) nearest LiDAR return of each sector [m].
+        range_m: maximum range of its LiDAR [m].
         curves: by key of `PANELS`, (k,).
         goals: x, y [m], heading [rad] and tolerance [m] of each goal.
         flows: velocities (k, 2) [m/s] of the current and of the wind, by name, if there are any.
@@ -72,6 +73,7 @@ class Boat:
     ending: str
     pose: Floats
     ranges: Floats
+    range_m: float
     curves: Mapping[str, Floats]
     goals: Sequence[Sequence[float]]
     flows: Mapping[str, Floats]
@@ -86,6 +88,7 @@ def boats(data: Mapping[str, Any]) -> list[Boat]:
             ending=episode["text"],
             pose=np.asarray(arrays["pose"], float),
             ranges=np.asarray(arrays["ranges"], float),
+            range_m=episode["range_m"],
             curves={
                 "distance": _with_gap(arrays["distance_m"], arrays["phase"]),
                 "force": np.asarray(arrays["command"], float)[:, 0],
@@ -118,7 +121,7 @@ def frames(scene: Scene, data: Mapping[str, Any], fps: float) -> Iterator[Frame]
     period_s, shown = data["period_s"], boats(data)
     last = max(len(boat.pose) for boat in shown) - 1
     with figure_style():
-        video = _Video(scene, shown, data["title"], period_s, data["range_m"])
+        video = _Video(scene, shown, data["title"], period_s)
         count = int(np.ceil(last * period_s * fps / SPEED))
         for i in range(count + 1):
             frame = video.draw(min(i * SPEED / (fps * period_s), last))
@@ -183,10 +186,8 @@ def ffmpeg() -> str:
 class _Video:
     """Draws static content once, and the rest for each frame."""
 
-    def __init__(
-        self, scene: Scene, shown: Sequence[Boat], title: str, period_s: float, range_m: float
-    ) -> None:
-        self._boats, self._hull, self._period_s, self._range_m = shown, scene.hull, period_s, range_m
+    def __init__(self, scene: Scene, shown: Sequence[Boat], title: str, period_s: float) -> None:
+        self._boats, self._hull, self._period_s = shown, scene.hull, period_s
         self._figure = Figure(figsize=SIZE_IN, dpi=DPI)
         canvas: Any = FigureCanvasAgg(self._figure)  # its methods have no types
         self._figure.text(0.02, 0.965, title, fontsize=12.5, fontweight="bold", va="top")
@@ -292,7 +293,7 @@ class _Video:
             self._hulls[i].set_xy(to_world(self._hull, pose))
             self._trails[i].set_data(*np.concatenate([boat.pose[: row + 1, :2], pose[None, :2]]).T)
             for number, wedge in enumerate(self._sectors[i]):
-                _place(wedge, pose, number, boat.ranges[row], self._range_m)
+                _place(wedge, pose, number, boat.ranges[row], boat.range_m)
         for line, curve in self._curves:
             past = curve[: int(step) + 1]
             line.set_data(self._period_s * np.arange(len(past)), past)

@@ -33,6 +33,7 @@ def data() -> dict[str, Any]:
         "text": "docked",
         "goals": [[30.0, 0.0, 0.0, 1.0, 0.1]],
         "flow": [],
+        "range_m": 100.0,
         "arrays": {
             "pose": np.stack([x, zeros, zeros], axis=1),
             "command": np.stack([50 + zeros, zeros], axis=1),
@@ -41,7 +42,7 @@ def data() -> dict[str, Any]:
             "phase": np.ones(STEPS + 1, np.uint8),
         },
     }
-    return {"title": "A video", "period_s": PERIOD_S, "range_m": 100.0, "episodes": [episode]}
+    return {"title": "A video", "period_s": PERIOD_S, "episodes": [episode]}
 
 
 def boat_columns(frame: animation.Frame) -> np.ndarray:
