@@ -63,7 +63,7 @@ def watched(source, target, **named):
 os.replace = watched
 main()
 """
-"""Runs dockctl, and sends it a signal when it makes room for its third complete state."""
+"""Runs dockctl, and sends it a signal while it writes its third complete state."""
 
 
 STEPS = 1000
