@@ -38,7 +38,6 @@ class Evaluation:
     """The episodes of one policy in one scenario.
 
     Attributes:
-        is_transfer: whether the scenario differs from the policy's own.
         overrides: changed values of the scenario, ``key=value``.
         seed: of the random starts.
         rejected_draws: number of unreachable poses that were drawn for the random starts and redrawn.
@@ -48,7 +47,6 @@ class Evaluation:
 
     policy: LoadedPolicy
     scenario: Scenario
-    is_transfer: bool
     overrides: tuple[str, ...]
     seed: int
     rejected_draws: int
@@ -70,10 +68,10 @@ class Evaluation:
         """Whether a `Planner` ran the policy."""
         return has_planner(self.scenario)
 
-    @property
+    @cached_property
     def is_own(self) -> bool:
         """Whether the scenario is the policy's own, unchanged."""
-        return not self.is_transfer and not self.overrides
+        return self.policy.is_own(self.scenario, self.overrides)
 
     @property
     def notes(self) -> list[str]:
@@ -225,7 +223,6 @@ def evaluate(
     return Evaluation(
         policy=loaded_policy,
         scenario=loaded.scenario,
-        is_transfer=scenario is not None and loaded_policy.is_transfer(loaded.scenario),
         overrides=tuple(overrides),
         seed=seed,
         rejected_draws=sum(start.rejected for start in starts),

@@ -68,7 +68,7 @@ class Outputs:
         if csv:
             require_writable_file(csv, ".csv")
         resolved = policy.scenario(scenario, overrides).scenario
-        is_own = not overrides and (scenario is None or not policy.is_transfer(resolved))
+        is_own = policy.is_own(resolved, overrides)
         stem = result_stem(what, "" if run and not out and is_own else resolved.name, overrides)
         if out or run is None:
             stem = f"{stem}-{policy.file_name}"

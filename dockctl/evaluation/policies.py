@@ -124,6 +124,10 @@ class LoadedPolicy(ABC):
         """Whether `scenario` differs from the policy's own in more than the training section."""
         return False
 
+    def is_own(self, scenario: Scenario, overrides: Sequence[str]) -> bool:
+        """Whether `scenario`, resolved with these changed values, is the policy's own, unchanged."""
+        return not overrides and not self.is_transfer(scenario)
+
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class CheckpointPolicy(LoadedPolicy):

@@ -115,9 +115,7 @@ def returns(
     """
     loaded_policy = load_policy(policy)
     loaded = loaded_policy.scenario(scenario, overrides)
-    trained = loaded.scenario.in_training()
-    alone = trained.evaluation.model_copy(update={"supervisor": None, "planner": None})
-    rollout = Rollout(replace(loaded, scenario=trained.model_copy(update={"evaluation": alone})))
+    rollout = Rollout(replace(loaded, scenario=loaded.scenario.in_training()))
     simulated = list(behaviors(rollout, loaded_policy))
     rows = [row for unit_m in units_m for row in evaluate_behaviors(rollout.scenario, unit_m, simulated)]
     return Returns(loaded_policy, rollout.scenario, to_csv(rows, all_columns(RETURNS, rows)))

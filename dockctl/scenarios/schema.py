@@ -216,8 +216,8 @@ class Scenario(Model):
     def in_training(self) -> Self:
         """Return the scenario of the training environment.
 
-        It has the conditions of the training, and a control period that is longer by a factor of
-        `training.action_repeat`. Its step limits are reduced by the same factor.
+        It has the conditions of the training, neither supervisor nor planner, and a control period that is
+        longer by a factor of `training.action_repeat`. Its step limits are reduced by the same factor.
         """
         repeat, vessel, task, exploring = (
             self.training.action_repeat, self.vessel, self.task, self.training.exploring_starts
@@ -232,6 +232,7 @@ class Scenario(Model):
                 "vessel": vessel.model_copy(update=period),
                 "task": task.model_copy(update={"max_steps": -(-task.max_steps // repeat)}),
                 "training": self.training.model_copy(update=training),
+                "evaluation": self.evaluation.model_copy(update=dict.fromkeys(HELPERS)),
             }
         )
 
