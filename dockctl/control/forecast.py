@@ -12,13 +12,14 @@ from dockctl.geometry import Floats, Ints, rotate, wrap
 from dockctl.scenarios.schema import Scenario
 from dockctl.scenarios.vessel import Vessel
 from dockctl.sim.conditions.actuators import Actuators, RealActuators
+from dockctl.sim.conditions.wind import Wind
 from dockctl.sim.simulator import Simulator
 from dockctl.sim.vessel import VesselModel
 
 AVERAGED_S = 20.0
 """Time constant with which current and wind are averaged; the first values are plain means."""
-GUST_S = 2.0
-"""Time constant with which the force of the wind is predicted to return to its mean, that of gusts in VRX."""
+OTHER_GUSTS_S = 2.0
+"""Time constant of the gusts of forces other than `Wind`."""
 CORRECTED = 0.35
 """Share of the difference between a measured and a predicted pose by which the prediction is corrected."""
 LAGS = 3
@@ -33,9 +34,9 @@ class Forecast:
     """Estimates what acts on n boats and how their actuators respond, and predicts their poses with it.
 
     The current is the difference of the velocities over ground and through the water, averaged. The force of
-    the wind is that at the measured wind for one control step, and then returns to its average; forces of a
-    plugin's conditions count as wind, known exactly. Each pose is
-    the one predicted from the pose before and the measured velocities, corrected towards the measured one.
+    the wind is that at the measured wind for one control step, and then returns to its average with the time
+    constant of the scenario's gusts; forces of a plugin's conditions count as wind, known exactly. Each pose
+    is the one predicted from the pose before and the measured velocities, corrected towards the measured one.
     The speed log measures without error.
 
     The ranges of delay, lag and rudder rate are those of the scenario's actuators: each delay with each of
@@ -54,6 +55,8 @@ class Forecast:
         self._vessel = VesselModel(_with_fewest_substeps(vessel))
         kinds = (each for each in scenario.conditions.values() if isinstance(each, Actuators))
         self._range = next(kinds, Actuators())
+        gusts = (each.gust_time_s for each in scenario.conditions.values() if isinstance(each, Wind))
+        self._gust_s = next(gusts, OTHER_GUSTS_S)
         delays = range(self._range.delay_steps[0], self._range.delay_steps[-1] + 1)
         lags = np.unique(np.linspace(self._range.propeller_lag_s[0], self._range.propeller_lag_s[-1], LAGS))
         self._pairs = np.array([*product(delays, lags)])  # delay [steps], lag [s]
@@ -118,7 +121,7 @@ class Forecast:
         state = [each[index] for each in (actuators.thrust, actuators.angle, actuators.lag, actuators.rate)]
         delayed = actuators.past[index, : int(self._pairs[pair, 0]), 0][::-1]
         wanted = np.concatenate([np.tile(delayed, (len(commands), 1, 1)), commands], axis=1)
-        gust = np.exp(-self._period_s / GUST_S * np.arange(commands.shape[1]))[:, None]
+        gust = np.exp(-self._period_s / self._gust_s * np.arange(commands.shape[1]))[:, None]
         predicted: tuple[Floats, Floats] = predict(
             self._state[row],
             wanted[:, : commands.shape[1]],

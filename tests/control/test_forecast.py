@@ -117,9 +117,11 @@ def test_noise_is_averaged() -> None:
     assert np.sqrt((off**2).mean()) == pytest.approx(30 * 0.05 * np.sqrt(2 / 21), rel=0.35)
 
 
-def test_a_gust_acts_in_the_next_step_and_then_fades() -> None:
+@pytest.mark.parametrize("gust_time_s", [1, 2, 10])
+def test_a_gust_acts_in_the_next_step_and_then_fades(gust_time_s: float) -> None:
     """Two boats adrift in the same wind, the second in a gust that fades without noise."""
-    simulator, scenario = boats(2, "wind: {speed_mps: 4, direction_deg: 200, gust_mps: 0}")
+    wind_only = f"wind: {{speed_mps: 4, direction_deg: 200, gust_mps: 0, gust_time_s: {gust_time_s}}}"
+    simulator, scenario = boats(2, wind_only)
     simulator.eta[1] = simulator.eta[0]
     wind = next(each for each in simulator.disturbances if isinstance(each, UniformWind))
     forecast, still = Forecast(simulator, scenario), np.zeros((2, 8, 2))
