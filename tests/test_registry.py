@@ -5,7 +5,8 @@ from __future__ import annotations
 import pytest
 
 from dockctl.errors import DuplicateNameError, PluginError, UnknownNameError
-from dockctl.plugins import Guard, Registry, registering_as
+from dockctl.plugins import Guard
+from dockctl.registry import Registry, registering_as
 
 
 def term(status: object, *, floor: float = 0.1, scale: float) -> None:

@@ -23,7 +23,8 @@ from dockctl.agents import checkpoint
 from dockctl.errors import DockctlError, nearest
 from dockctl.evaluation.libraries import factory_of, imported, onnx_policy, sb3_policy
 from dockctl.evaluation.policies import Build, BuiltPolicy, CheckpointPolicy, Factory, LoadedPolicy
-from dockctl.plugins import POLICIES, Entry
+from dockctl.plugins import POLICIES
+from dockctl.registry import Entry
 from dockctl.run_files import RUNS, SCENARIO
 from dockctl.runs.directory import RunDirectory, named_checkpoints
 from dockctl.scenarios import catalog

@@ -25,12 +25,11 @@ from dockctl.plugins import (
     ALGORITHMS,
     CONDITIONS,
     OBSERVATION_PARTS,
-    PACKAGE_ORIGIN,
     RANGE_SENSORS,
     REWARD_TERMS,
     Guard,
-    Registry,
 )
+from dockctl.registry import PACKAGE_ORIGIN, Registry
 from dockctl.scenarios.base import FieldError
 from dockctl.scenarios.extensions import ActionType, RangeSensorSpec
 from dockctl.scenarios.layouts import layouts

@@ -25,8 +25,9 @@ from dockctl.evaluation.policies import CheckpointPolicy
 from dockctl.geometry import pose_array
 from dockctl.onnx_networks import ACTION, DESCRIPTION, Q_VALUES
 from dockctl.pilot import PARTS
-from dockctl.plugins import OBSERVATION_PARTS, PACKAGE_ORIGIN
+from dockctl.plugins import OBSERVATION_PARTS
 from dockctl.policy_files import FORMAT
+from dockctl.registry import PACKAGE_ORIGIN
 from dockctl.runs.files import require_writable_file, write_atomically
 from dockctl.scenarios.schema import Scenario, Tolerance
 

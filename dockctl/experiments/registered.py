@@ -12,7 +12,7 @@ from dockctl.console import count
 from dockctl.errors import DockctlError
 
 if TYPE_CHECKING:
-    from dockctl.plugins import Entry
+    from dockctl.registry import Entry
     from dockctl.scenarios.harbor import HarborSpec
     from dockctl.scenarios.schema import Scenario
 

@@ -14,7 +14,8 @@ from typing import Any
 from jinja2 import Environment, FileSystemLoader, StrictUndefined
 
 from dockctl.errors import DockctlError, nearest
-from dockctl.plugins import HARBORS, OBSERVATION_PARTS, POLICIES, REWARD_TERMS, SCENARIOS, VESSELS, Registry
+from dockctl.plugins import HARBORS, OBSERVATION_PARTS, POLICIES, REWARD_TERMS, SCENARIOS, VESSELS
+from dockctl.registry import Registry
 from dockctl.runs.files import all_or_nothing, make_folder, require_writable, writing
 from dockctl.scenarios import catalog
 from dockctl.scenarios.base import NAME

@@ -8,7 +8,8 @@ from pathlib import Path
 
 from dockctl import plugins
 from dockctl.errors import DockctlError
-from dockctl.plugins import HARBORS, SCENARIOS, VESSELS, Registry
+from dockctl.plugins import HARBORS, SCENARIOS, VESSELS
+from dockctl.registry import Registry
 
 SUFFIXES = (".yaml", ".yml")
 DEFAULT_SCENARIO = "s3"

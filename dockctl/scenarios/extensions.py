@@ -24,7 +24,7 @@ from pydantic_core import CoreSchema
 
 from dockctl.errors import PluginError
 from dockctl.geometry import MAX_SECTORS, Floats, Ints
-from dockctl.plugins import Entry, Registry
+from dockctl.registry import Entry, Registry
 from dockctl.scenarios.base import Count, Length, Model, Number
 from dockctl.scenarios.vessel import Vessel
 from dockctl.scenarios.yaml_tree import describe

@@ -14,17 +14,8 @@ from pydantic import BaseModel, TypeAdapter
 from pydantic.errors import PydanticSchemaGenerationError
 
 from dockctl.errors import DockctlError
-from dockctl.plugins import (
-    CONDITIONS,
-    HARBORS,
-    OBSERVATION_PARTS,
-    REWARD_TERMS,
-    SCENARIOS,
-    VESSELS,
-    Entry,
-    Function,
-    Registry,
-)
+from dockctl.plugins import CONDITIONS, HARBORS, OBSERVATION_PARTS, REWARD_TERMS, SCENARIOS, VESSELS, Function
+from dockctl.registry import Entry, Registry
 from dockctl.scenarios import catalog
 from dockctl.scenarios.harbor import HarborSpec
 from dockctl.scenarios.kinds import Kinds

@@ -9,7 +9,7 @@ from pydantic_core import CoreSchema, PydanticKnownError, core_schema
 
 from dockctl import plugins
 from dockctl.errors import DockctlError
-from dockctl.plugins import Registry
+from dockctl.registry import Registry
 from dockctl.scenarios.base import FieldError
 from dockctl.scenarios.extensions import Kind
 

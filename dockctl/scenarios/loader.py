@@ -15,7 +15,8 @@ import yaml
 
 from dockctl import plugins
 from dockctl.errors import Code, DockctlError, InputError, Problem
-from dockctl.plugins import HARBORS, SCENARIOS, VESSELS, Registry
+from dockctl.plugins import HARBORS, SCENARIOS, VESSELS
+from dockctl.registry import Registry
 from dockctl.scenarios import catalog
 from dockctl.scenarios.base import NAME, Model
 from dockctl.scenarios.harbor import HarborSpec, is_model_file

@@ -18,7 +18,8 @@ from pydantic.fields import FieldInfo
 from pydantic_core import ErrorDetails, PydanticUndefined
 
 from dockctl.errors import Code, DockctlError, InputError, Problem, nearest
-from dockctl.plugins import HARBORS, OBSERVATION_PARTS, REWARD_TERMS, VESSELS, Entry, Function, Registry
+from dockctl.plugins import HARBORS, OBSERVATION_PARTS, REWARD_TERMS, VESSELS, Function
+from dockctl.registry import Entry, Registry
 from dockctl.scenarios.base import FieldError
 from dockctl.scenarios.extensions import Kind
 from dockctl.scenarios.kinds import Kinds

@@ -9,7 +9,8 @@ from typing import Annotated, Any, ClassVar, Self, TypeVar
 from pydantic import Field, ValidationError, model_validator
 
 from dockctl.errors import DockctlError
-from dockctl.plugins import ACTIONS, CONDITIONS, RANGE_SENSORS, Guard, Registry
+from dockctl.plugins import ACTIONS, CONDITIONS, RANGE_SENSORS, Guard
+from dockctl.registry import Registry
 from dockctl.scenarios.base import (
     MAX_COORDINATE_M,
     Count,

@@ -15,14 +15,8 @@ from numpy.typing import NDArray
 from dockctl.agents.algorithms import AlgorithmSpec
 from dockctl.envs.observation import Columns, ObservationEncoder, View
 from dockctl.geometry import Floats, nearest_in_sectors, rotate, sector_index, to_world
-from dockctl.plugins import (
-    ACTIONS,
-    CONDITIONS,
-    OBSERVATION_PARTS,
-    RANGE_SENSORS,
-    REWARD_TERMS,
-    Registry,
-)
+from dockctl.plugins import ACTIONS, CONDITIONS, OBSERVATION_PARTS, RANGE_SENSORS, REWARD_TERMS
+from dockctl.registry import Registry
 from dockctl.rewards.terms import Kind as RewardKind
 from dockctl.scenarios import catalog
 from dockctl.scenarios.extensions import ActionType, Condition, NoisyRangeSensor, RangeNoise, RangeSensorSpec

@@ -8,7 +8,7 @@ import pytest
 from pydantic import BeforeValidator, Field
 
 from dockctl.errors import InputError, Problem
-from dockctl.plugins import Registry
+from dockctl.registry import Registry
 from dockctl.scenarios.base import Model, Number, Positive
 from dockctl.scenarios.extensions import Kind, register
 from dockctl.scenarios.kinds import Kinds

@@ -9,7 +9,8 @@ from pathlib import Path
 import pytest
 
 from dockctl.errors import DockctlError, InputError
-from dockctl.plugins import HARBORS, VESSELS, Registry
+from dockctl.plugins import HARBORS, VESSELS
+from dockctl.registry import Registry
 from dockctl.scenarios import catalog, loader
 from dockctl.scenarios.schema import Pose, Scenario
 from dockctl.scenarios.training import THESIS

@@ -21,8 +21,8 @@ from dockctl.plugins import (
     RANGE_SENSORS,
     REWARD_TERMS,
     VESSELS,
-    Registry,
 )
+from dockctl.registry import Registry
 from dockctl.scenarios import catalog
 from dockctl.scenarios.base import FieldError, Number
 from dockctl.scenarios.extensions import Condition, Disturbance, Drawn
