@@ -19,7 +19,7 @@ from dockctl.sim.vessel import VesselModel
 AVERAGED_S = 20.0
 """Time constant with which current and wind are averaged; the first values are plain means."""
 OTHER_GUSTS_S = 2.0
-"""Time constant of the gusts of forces other than `Wind`."""
+"""Time constant of the gusts of forces other than `Wind`, that of gusts in VRX."""
 CORRECTED = 0.35
 """Share of the difference between a measured and a predicted pose by which the prediction is corrected."""
 LAGS = 3
