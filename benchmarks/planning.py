@@ -151,7 +151,7 @@ def thrust(model: VesselModel, command: Any) -> list[Any]:
 
 def rate(model: VesselModel, state: Any, tau: Sequence[Any]) -> Any:
     """Return the time derivatives of a state (6,) in still water, by dockctl's own equations."""
-    return ca.vertcat(*integration.rate.py_func(*ca.vertsplit(state)[2:], tau, model.coefficients[0]))
+    return ca.vertcat(*integration.rate.py_func(*ca.vertsplit(state)[2:], tau, model.coefficients[0], False))
 
 
 def control_step(docking: Docking) -> ca.Function:

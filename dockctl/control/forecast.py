@@ -128,7 +128,7 @@ class Forecast:
             np.array([*state, astern[row]]),
             self._current[row],
             self._mean_wind[row] + gust * (self._wind - self._mean_wind)[row],
-            self._vessel.coefficients,
+            tuple(self._vessel.coefficients[0]),
             vessel.propeller_arm_m,
             self._period_s,
             vessel.substeps,

@@ -28,6 +28,29 @@ def limited(start: float, target: float, reach: float) -> tuple[float, float]:
     return start + moved / 2, start + moved
 
 
+@compiled(inline="always")
+def response(
+    force: float,
+    rudder: float,
+    thrust: float,
+    angle: float,
+    lag_s: float,
+    rate: float,
+    astern: float,
+    h: float,
+) -> Any:
+    """Return mean force and angle over a period of h seconds, and thrust and angle at its end.
+
+    Args:
+        force, rudder: command [N], [rad].
+        thrust, angle: at the start, before astern thrust is reduced.
+        lag_s, rate, astern: propeller lag [s], rudder rate [rad/s] and astern factor.
+    """
+    mean_thrust, thrust = lagged(thrust, force, lag_s, h)
+    mean_angle, angle = limited(angle, rudder, rate * h)
+    return astern * mean_thrust if mean_thrust < 0 else mean_thrust, mean_angle, thrust, angle
+
+
 @compiled()
 def respond(
     wanted: Any, thrust: Any, angle: Any, lag_s: Any, rate: Any, astern: Any, period_s: float, actual: Any
@@ -37,12 +60,19 @@ def respond(
     Args:
         wanted: (n, k, 2) commands [N, rad].
         thrust, angle: (n,) state before astern thrust is reduced, updated in place [N], [rad].
-        lag_s, rate, astern: (n,) propeller lag [s], rudder rate [rad/s] and astern factor.
+        lag_s, rate, astern: (n,), as in `response`.
         period_s: length of a period.
         actual: (n, k, 2), receives the mean force and angle [N, rad].
     """
     for i in range(len(wanted)):
         for part in range(wanted.shape[1]):
-            force, thrust[i] = lagged(thrust[i], wanted[i, part, 0], lag_s[i], period_s)
-            actual[i, part, 0] = astern[i] * force if force < 0 else force
-            actual[i, part, 1], angle[i] = limited(angle[i], wanted[i, part, 1], rate[i] * period_s)
+            actual[i, part, 0], actual[i, part, 1], thrust[i], angle[i] = response(
+                wanted[i, part, 0],
+                wanted[i, part, 1],
+                thrust[i],
+                angle[i],
+                lag_s[i],
+                rate[i],
+                astern[i],
+                period_s,
+            )

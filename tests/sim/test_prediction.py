@@ -9,7 +9,7 @@ import pytest
 
 from dockctl.geometry import rotate
 from dockctl.sim.actuation import respond
-from dockctl.sim.integration import propeller
+from dockctl.sim.integration import cos_sin, propeller
 from dockctl.sim.prediction import predict
 from dockctl.sim.vessel import ReferenceVesselModel, VesselModel
 from tests.sim.vessels import THESIS
@@ -27,14 +27,24 @@ def test_the_propeller_has_the_same_forces_in_both_implementations() -> None:
     np.testing.assert_allclose(found, VesselModel(VESSEL).tau(commands), rtol=1e-15, atol=1e-15)
 
 
+def test_cosine_and_sine_without_a_call_are_accurate() -> None:
+    """Against NumPy in extended precision, also at the ends of the quarters."""
+    rng, exact = np.random.default_rng(0), np.arange(-2000, 2001) * (np.pi / 4)
+    near = [exact, np.nextafter(exact, -np.inf), np.nextafter(exact, np.inf)]
+    angles = np.concatenate([*near, rng.uniform(-7, 7, 10_000), rng.uniform(-1e5, 1e5, 10_000)])
+    found = np.array([cos_sin(angle, True) for angle in angles])
+    long = angles.astype(np.longdouble)
+    expected = np.column_stack([np.cos(long), np.sin(long)])
+    assert np.abs(found - expected).max() < 2.1e-16
+
+
 def test_predictions_follow_the_reference_model() -> None:
     """In the frame of the water the current is absent; it carries the boat along with it."""
     rng, model, part_s = np.random.default_rng(1), ReferenceVesselModel(VESSEL), 0.1
     state = np.array([1.0, -2.0, 0.7, 0.3, -0.1, 0.05])
     wanted = rng.uniform([-50, -0.6], [50, 0.6], (3, 6, 2))
-    poses, velocities = predict(
-        state, wanted, RESPONSE, CURRENT, FORCE, model.coefficients, VESSEL.propeller_arm_m, 1.0, 10
-    )
+    own = tuple(model.coefficients[0])
+    poses, velocities = predict(state, wanted, RESPONSE, CURRENT, FORCE, own, VESSEL.propeller_arm_m, 1.0, 10)
     eta, nu = np.tile(state[:3], (3, 1)), np.tile(state[3:], (3, 1))
     thrust, angle, lag, rate, astern = np.tile(RESPONSE[:, None], 3)
     for step in range(6):
