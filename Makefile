@@ -12,7 +12,7 @@ SCENARIO ?= scenarios/s3.yaml
 MARKS    ?= not thorough
 
 BIN := $(VENV)/bin
-BENCHMARKS := $(filter-out %/bench.py %/cores.py %/figures.py %/page.py %/sections.py %/gpu.py %/optimal_control.py %/pilot.py %/planning.py %/soak.py %/training.py %/update.py,$(wildcard benchmarks/*.py))
+BENCHMARKS := $(filter-out %/bench.py %/cores.py %/figures.py %/page.py %/sections.py %/gpu.py %/optimal_control.py %/pilot.py %/planning.py %/prediction.py %/soak.py %/training.py %/update.py,$(wildcard benchmarks/*.py))
 PIP := $(BIN)/python -m pip install --quiet --disable-pip-version-check --constraint constraints.txt
 
 .PHONY: dock test check types tests docs results bench clean

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Sequence
 from typing import Annotated, Literal
 
@@ -15,7 +14,7 @@ from dockctl.scenarios.base import Positive, Speed
 from dockctl.scenarios.extensions import OFF, Condition, Directions, Disturbance, Drawn, draw, register
 from dockctl.scenarios.vessel import Vessel
 from dockctl.sim.conditions.authority import ControlAuthority
-from dockctl.sim.conditions.draws import draw_seed, normals
+from dockctl.sim.conditions.draws import draw_seed, gauss_markov, normals
 
 
 @register(CONDITIONS, group="water", source="not in the thesis; Fossen 2012, 2021 section 10.3")
@@ -82,9 +81,8 @@ class UniformFlow(Disturbance):
 
     def advance(self, period_s: float) -> None:
         if self._varies:
-            alpha = math.exp(-period_s / self.current.variation_time_s)
             noise = self.sigma[:, None] * normals(self.seed, self.drawn, 2)
-            self.variation = alpha * self.variation + math.sqrt(1 - alpha**2) * noise
+            self.variation = gauss_markov(self.variation, noise, period_s, self.current.variation_time_s)
             self.drawn += 2
 
     def water_velocity(self) -> Floats:

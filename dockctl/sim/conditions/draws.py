@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import math
+
 import numpy as np
 
 from dockctl.geometry import Floats, Ints
@@ -24,3 +26,14 @@ def derived_seeds(seeds: np.ndarray, index: Ints) -> np.ndarray:
     from dockctl import noise
 
     return noise.derived_seeds(seeds, index)
+
+
+def gauss_markov(value: Floats, noise: Floats, period_s: float, time_s: float) -> Floats:
+    """Return the next value of a first-order Gauss-Markov process with a time constant.
+
+    Args:
+        value: now, of any shape.
+        noise: normal, of the same shape, with the standard deviation of the process.
+    """
+    kept = math.exp(-period_s / time_s)
+    return kept * value + math.sqrt(1 - kept**2) * noise

@@ -15,7 +15,7 @@ from dockctl.scenarios.base import NonNegative, Number, Positive
 from dockctl.scenarios.extensions import OFF, Condition, Directions, Disturbance, Drawn, draw, register
 from dockctl.scenarios.vessel import Vessel
 from dockctl.sim.conditions.authority import ControlAuthority
-from dockctl.sim.conditions.draws import draw_seed, normals
+from dockctl.sim.conditions.draws import draw_seed, gauss_markov, normals
 
 AIR_KGPM3 = 1.224
 TRANSVERSE, AHEAD, ASTERN, CROSS_FORCE = 0.90, 0.55, 0.60, 0.60
@@ -105,9 +105,8 @@ class UniformWind(Disturbance):
         self.gust[rows] = self.sigma[rows] * normals(self.seed[rows], 0 * rows, 1)[:, 0]
 
     def advance(self, period_s: float) -> None:
-        alpha = math.exp(-period_s / self.wind.gust_time_s)
         noise = self.sigma * normals(self.seed, self.drawn, 1)[:, 0]
-        self.gust = alpha * self.gust + math.sqrt(1 - alpha**2) * noise
+        self.gust = gauss_markov(self.gust, noise, period_s, self.wind.gust_time_s)
         self.drawn += 1
 
     def air_velocity(self) -> Floats:
