@@ -15,16 +15,13 @@ TO_INTEGER = 1.5 * 2.0**52  # a double plus this, minus this, is rounded to an i
 
 
 @compiled(inline="always")
-def cos_sin(angle: float, simd: bool) -> Any:
-    """Return cosine and sine of an angle [rad].
+def cos_sin(angle: float) -> Any:
+    """Return cosine and sine of an angle [rad] without calls and branches.
 
-    Args:
-        simd: compute both without calls and branches, so that a loop over boats becomes vector instructions,
-            to 2.1e-16 for angles up to 100,000, but not with the same bits as the C library. Polynomials and
-            parts of pi / 2 as in fdlibm 5.3 (Sun Microsystems 1993: k_sin.c, k_cos.c, e_rem_pio2.c).
+    A loop over boats with them becomes vector instructions. They are accurate to 2.1e-16 for angles up to
+    100,000, but do not have the same bits as those of the C library. Polynomials and parts of pi / 2 as in
+    fdlibm 5.3 (Sun Microsystems 1993: k_sin.c, k_cos.c, e_rem_pio2.c).
     """
-    if not simd:
-        return np.cos(angle), np.sin(angle)
     quarters = angle * (2 / math.pi) + TO_INTEGER - TO_INTEGER
     x = angle - quarters * HALF_PI[0] - quarters * HALF_PI[1] - quarters * HALF_PI[2]
     z = x * x
@@ -45,14 +42,14 @@ def cos_sin(angle: float, simd: bool) -> Any:
 def rate(psi: float, u: float, v: float, r: float, tau: Any, coefficients: Any, simd: bool) -> Any:
     """Return the time derivatives of x, y, psi, u, v, r of one boat (thesis eqs. 2.5, 2.8).
 
-    `simd` is that of `cos_sin`.
+    With `simd`, cosine and sine are those of `cos_sin`.
     """
     i00, i11, i12, i21, i22, m, Xud, Yvd, Yrd, Xu, Xuu, Yv, Yvv, Yr, Nv, Nr, Nrr = coefficients
     added = Yvd * v + Yrd * r
     X = tau[0] + m * r * v - added * r - (Xu + Xuu * abs(u)) * u
     Y = tau[1] - m * r * u + Xud * u * r - (Yv + Yvv * abs(v)) * v - Yr * r
     N = tau[2] + added * u - Xud * u * v - Nv * v - (Nr + Nrr * abs(r)) * r
-    c, s = cos_sin(psi, simd)
+    c, s = cos_sin(psi) if simd else (np.cos(psi), np.sin(psi))
     return c * u - s * v, s * u + c * v, r, i00 * X, i11 * Y + i12 * N, i21 * Y + i22 * N
 
 
@@ -79,7 +76,7 @@ def runge_kutta(
 @compiled(inline="always")
 def propeller(force: float, rudder: float, arm_m: float) -> tuple[float, float, float]:
     """Return surge force, sway force and yaw moment [N, N, N m] of a propeller (thesis eq. 2.23)."""
-    c, s = cos_sin(rudder, True)
+    c, s = cos_sin(rudder)
     sideways = force * s
     return force * c, -sideways, arm_m * sideways
 

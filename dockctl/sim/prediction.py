@@ -81,7 +81,7 @@ def _to_body(heading: Any, vector: Any, body: Any) -> None:
     ahead, port = body[0], body[1]
     x, y = vector[0], vector[1]
     for i in range(len(heading)):
-        c, s = cos_sin(heading[i], True)
+        c, s = cos_sin(heading[i])
         ahead[i], port[i] = c * x + s * y, c * y - s * x
 
 
