@@ -302,7 +302,9 @@ def optimal_control_section(optimal: Json) -> str:
     missed = facts["missed"]
     steady = sum(row["policy_outcome"] == "docked" for row in missed)
     planned = sum("optimum_s" in row for row in missed if row["policy_outcome"] != "docked")
-    rest = f", and a trajectory was found from {planned} others" if steady < len(missed) else ""
+    rest = (
+        f", and a trajectory was found from {planned or 'none'} of the others" if steady < len(missed) else ""
+    )
     calm_head = ("start", "optimum [s]", "executed [s]", "policy [s]", "ratio")
     weather_head = ("s1 in", "strongest solved", "time [s]", "weakest unsolved", "policy docks up to")
     return f"""## Optimal control
@@ -338,9 +340,9 @@ with its planner.
 
 {table(storm_head, [storm_row(*strength) for strength in strengths])}
 
-In its weather, drawn from other seeds than in `dockctl evaluate`, `marinas-weather` with its planner does not
-dock from {len(missed)} of its 300 test starts. In the mean wind and current of the failed episode, constant
-and without any other condition, it docks from {steady} of them{rest}."""
+In its weather `marinas-weather` with its planner does not dock from {len(missed)} of its 300 test starts. In
+the mean wind and current of the failed episode, constant and without any other condition, it docks from
+{steady} of them{rest}."""
 
 
 SECTIONS: dict[str, Callable[[Json], str]] = {
