@@ -47,7 +47,7 @@ def main() -> None:
     vessel = scenario.vessel.model_copy(update={"control_period_s": 1.0, "substeps": SUBSTEPS})
     commands, model, steps = scenario.actions.command_table(vessel), VesselModel(vessel), round(PLAN_S)
     assert commands is not None
-    wanted = commands[RandomPlans(len(commands), steps, 1.0).draw(np.random.default_rng(0), PLANS)]
+    wanted = commands[RandomPlans(commands, steps, 1.0).draw(np.random.default_rng(0), PLANS)]
     calm, own, arm_m = np.zeros((steps, 3)), tuple(model.coefficients[0]), vessel.propeller_arm_m
 
     def together() -> Floats:

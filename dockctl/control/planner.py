@@ -1,8 +1,8 @@
-"""Plans for the last meters to the final pose, and safe actions before, with estimated wind and current."""
+"""Plans for the last meters to the final pose, and safe actions otherwise, in estimated wind and current."""
 
 from __future__ import annotations
 
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -11,24 +11,29 @@ from dockctl.agents.interface import Info, Policy
 from dockctl.compute import map_on_all_cores
 from dockctl.control.forecast import Forecast
 from dockctl.control.plans import RandomPlans
-from dockctl.control.safety_filter import SafetyFilter
+from dockctl.control.safety_filter import SafetyFilter, margin
 from dockctl.envs.vector import DockingVectorEnv
 from dockctl.geometry import Floats, Ints
 from dockctl.scenarios.schema import Scenario
 from dockctl.sim.goal import TO_FINAL, measure
 
-WITHIN_M, PLAN_S = 7.0, 30.0
+WITHIN_M, PLAN_S = 7.0, 60.0
 """Distance from the final pose within which the boat plans, and the length of a plan."""
-PLANS = 1000
-"""Number of random plans of which the best one is taken."""
+LATER_M, LATER_S = 15.0, 120.0
+"""The distance for a boat that has not docked in this time since the intermediate pose."""
+RANDOM, ROUNDS, CHANGES, KEPT = 300, 11, 150, 10
+"""Numbers of random plans, of rounds and of changes in each, and of best plans that are changed."""
 GOOD, ENOUGH = 0.7, 1.0
 """Share of the final pose's limits that a plan should need, and up to which the boat follows it."""
+FARTHER_RADPM, FARTHER_PS = 0.1, 0.1
+"""Heading error [rad] and speed [m/s] that are allowed in addition for each meter too far away, where a plan
+cannot end yet: from so far a boat can still turn and stop."""
 WEIGHT_S = 100.0
 """How much longer a plan may take to need less by the whole limits."""
 MARGIN_M = 0.25
 """Clearance of a plan; approximate clearances are about 0.05 m off."""
-CHECKED_AT_ONCE = 32
-"""Number of plans whose clearance is computed at once, the best first."""
+CHECKED, CHECKED_AT_ONCE = 256, 32
+"""Numbers of plans whose clearance is computed, the best first, and of those at once."""
 
 
 def has_planner(scenario: Scenario) -> bool:
@@ -37,13 +42,40 @@ def has_planner(scenario: Scenario) -> bool:
     return wanted and scenario.actions.command_table(scenario.vessel) is not None
 
 
-class Planner(Policy):
-    """Runs a policy, and near the final pose follows the random plan that reaches it first, if there is one.
+class _Plans(NamedTuple):
+    """Some plans.
 
-    Random-shooting model predictive control: a plan is a sequence of the policy's commands, predicted by a
-    `Forecast`, and kept clear of the harbor, which the policy does not know. In every control step half of
-    the plans are random changes of the best plan of the step before, without its first command. While no
-    plan reaches the final pose, the policy acts. Farther away, a `SafetyFilter` may replace its actions.
+    Attributes:
+        actions: (k, steps).
+        poses: (k, 2 steps, 3) after every half of a step.
+        last: (k,) best step to end with.
+        needed: (k,) share of the final pose's limits that is needed then.
+        cost: (k,) what is minimized [s].
+    """
+
+    actions: NDArray[Any]
+    poses: NDArray[Any]
+    last: NDArray[Any]
+    needed: NDArray[Any]
+    cost: NDArray[Any]
+
+    def at(self, index: Ints | slice) -> _Plans:
+        return _Plans(*(each[index] for each in self))
+
+    def best_with(self, others: _Plans) -> _Plans:
+        """Return the best of these and other plans, the best one first."""
+        both = _Plans(*map(np.concatenate, zip(self, others, strict=True)))
+        return both.at(both.cost.argsort(kind="stable")[:KEPT])
+
+
+class Planner(Policy):
+    """Runs a policy, and near the final pose follows a plan that reaches it soon, if it finds one.
+
+    Model predictive control with an evolutionary search: a plan is a sequence of the policy's commands,
+    predicted by a `Forecast`, and kept clear of the harbor, which the policy does not know. In every control
+    step the best plans of the step before, without their first commands, are compared with random ones, and
+    the best plans of all are changed at random, round after round. While no plan reaches the final pose, the
+    policy acts, and a `SafetyFilter` may replace its actions.
 
     The plans are the same in every episode, so that an episode does not depend on those beside it.
 
@@ -60,15 +92,17 @@ class Planner(Policy):
         self._forecast, self._limit = Forecast(env.simulator, env.scenario), env.scenario.task.final_tolerance
         self._period_s = vessel.control_period_s
         self._steps = max(1, round(PLAN_S / self._period_s))
-        self._plans = RandomPlans(len(commands), self._steps, self._period_s)
+        self._plans = RandomPlans(commands, self._steps, self._period_s)
         self._filter = SafetyFilter(self._simulator, self._forecast, self._commands, self._period_s)
         self._rngs = [np.random.default_rng(0)] * env.num_envs
-        self._best = dict[int, Ints]()
+        self._best = dict[int, _Plans]()
+        self._tried_s = np.zeros(env.num_envs)
 
     def reset(self, rows: Ints, info: Info) -> None:
         """Forget the episodes of the boats `rows` (k,); see `Policy`."""
         self._policy.reset(rows, info)
         self._forecast.reset(rows)
+        self._tried_s[rows] = 0.0
         for row in rows.tolist():
             self._rngs[row] = np.random.default_rng(0)
             self._best.pop(row, None)
@@ -80,48 +114,63 @@ class Planner(Policy):
         poses = simulator.measured_pose()
         self._forecast.measure(poses, simulator.measured_velocity())
         distance, _ = measure(poses, simulator.goal)
+        to_final = simulator.phase == TO_FINAL
+        near = to_final & (distance < np.where(self._tried_s < LATER_S, WITHIN_M, LATER_M))
+        self._tried_s[to_final] += self._period_s
 
         def chosen(row: int) -> int:
-            if simulator.phase[row] == TO_FINAL and distance[row] < WITHIN_M:
-                planned = self._planned(row)
-                return int(actions[row]) if planned is None else planned
-            return self._filter.safe(row, poses[row], int(actions[row]))
+            planned = self._planned(row, poses[row]) if near[row] else None
+            return self._filter.safe(row, poses[row], int(actions[row])) if planned is None else planned
 
         rows = np.flatnonzero(~simulator.resting).tolist()
         actions[rows] = map_on_all_cores(chosen, rows)
         self._forecast.command(self._commands[actions])
         return actions
 
-    def _planned(self, row: int) -> int | None:
-        """Return the first action of the best plan to the final pose, or None if none reaches it."""
-        plans = self._plans.draw(self._rngs[row], PLANS, self._best.get(row))
-        poses, velocities = self._forecast.poses(row, self._commands[plans])
+    def _planned(self, row: int, pose: Floats) -> int | None:
+        """Return the first action of the best plan of a boat at a pose (3,), or None if none docks."""
+        rng, tried = self._rngs[row], self._plans.draw(self._rngs[row], RANDOM)
+        margin_m = margin(MARGIN_M, float(self._simulator.obstacles(row).approximate_clearance(pose)))
+        if (kept := self._best.pop(row, None)) is not None:
+            tried = np.vstack([np.hstack([kept.actions[:, 1:], kept.actions[:, -1:]]), tried])
+        best = self._clear(row, self._predicted(row, tried), margin_m)
+        if len(best.cost) == 0:
+            return None
+        for _ in range(ROUNDS):
+            changed = self._predicted(row, self._plans.changes(rng, best.actions, best.last + 1, CHANGES))
+            better = changed.cost < (best.cost[-1] if len(best.cost) == KEPT else np.inf)
+            best = best.best_with(self._clear(row, changed.at(np.flatnonzero(better)), margin_m))
+        self._best[row] = best
+        return int(best.actions[0, 0]) if best.needed[0] <= ENOUGH else None
+
+    def _predicted(self, row: int, actions: Ints) -> _Plans:
+        poses, velocities = self._forecast.poses(row, self._commands[actions])
         needed = self._needed(self._simulator.goal[[row]], poses[:, 1::2], velocities)
         cost = WEIGHT_S * np.maximum(needed - GOOD, 0) + self._period_s * np.arange(self._steps)
-        last, order = cost.argmin(axis=1), cost.min(axis=1).argsort(kind="stable")
-        best = self._first_clear(row, poses, order, last)
-        if best is None:
-            return None
-        self._best[row] = plans[best]
-        return int(plans[best, 0]) if needed[best, last[best]] <= ENOUGH else None
+        last, plan = cost.argmin(axis=1), np.arange(len(cost))
+        return _Plans(actions, poses, last, needed[plan, last], cost[plan, last])
 
     def _needed(self, goal: Floats, eta: Floats, velocity: Floats) -> Floats:
         """Return the largest share of the final pose's limits that poses and velocities need, (m, k)."""
         distance, heading_error = measure(eta.reshape(-1, 3), goal)
         speed, limit = np.hypot(*velocity.reshape(-1, 2).T), self._limit
+        farther = np.maximum(distance - limit.distance_m, 0)
         shares = (
             distance / limit.distance_m,
-            np.abs(heading_error) / limit.heading,
-            speed / limit.speed_mps,
+            np.abs(heading_error) / (limit.heading + FARTHER_RADPM * farther),
+            speed / (limit.speed_mps + FARTHER_PS * farther),
         )
         return np.asarray(np.max(shares, axis=0).reshape(eta.shape[:2]))
 
-    def _first_clear(self, row: int, poses: Floats, order: Ints, last: Ints) -> int | None:
-        """Return the first plan of an order that stays clear up to its last step, or None."""
-        obstacles = self._simulator.obstacles(row)
-        for some in np.array_split(order, max(1, len(order) // CHECKED_AT_ONCE)):
-            touching = obstacles.approximate_clearance(poses[some]) < MARGIN_M
-            touching &= np.arange(poses.shape[1]) <= 2 * last[some, None] + 1
-            if len(clear := np.flatnonzero(~touching.any(axis=1))):
-                return int(some[clear[0]])
-        return None
+    def _clear(self, row: int, plans: _Plans, margin_m: float) -> _Plans:
+        """Return the best plans that stay clear up to their last step, the best one first."""
+        clearance, found = self._simulator.obstacles(row).approximate_clearance, list[int]()
+        order = plans.cost.argsort(kind="stable")[:CHECKED]
+        for begin in range(0, len(order), CHECKED_AT_ONCE):
+            some = order[begin : begin + CHECKED_AT_ONCE]
+            touching = clearance(plans.poses[some]) < margin_m
+            touching &= np.arange(touching.shape[1]) <= 2 * plans.last[some, None] + 1
+            found += some[~touching.any(axis=1)].tolist()
+            if len(found) >= KEPT:
+                break
+        return plans.at(np.array(found[:KEPT], np.int64))

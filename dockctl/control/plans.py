@@ -4,26 +4,32 @@ from __future__ import annotations
 
 import numpy as np
 
-from dockctl.geometry import Ints
+from dockctl.geometry import Floats, Ints
 
-LONGEST_SECTION_S, LONGEST_CHANGE_S = 8.0, 6.0
+LONGEST_SECTION_S, LONGEST_CHANGE_S, LONGEST_SHIFT_S = 8.0, 6.0, 4.0
 """A plan is a random sequence of commands, each held for a random time up to this; so is a change of it."""
+NEIGHBORS = 8
+"""Number of commands that are next to one, as on a grid of forces and angles."""
 
 
 class RandomPlans:
-    """Draws plans, sequences of `steps` actions, of which half are changes of the best one so far.
+    """Draws plans, sequences of `steps` actions, and changes of them.
 
     Args:
-        actions: number of actions.
+        commands: (actions, 2) command of each action [N, rad].
         steps: length of a plan.
         control_period_s: for which an action holds.
     """
 
-    def __init__(self, actions: int, steps: int, control_period_s: float) -> None:
-        self._actions, self._steps = actions, steps
-        self._section_steps, self._change_steps = (
-            max(1, round(time / control_period_s)) for time in (LONGEST_SECTION_S, LONGEST_CHANGE_S)
+    def __init__(self, commands: Floats, steps: int, control_period_s: float) -> None:
+        self._actions, self._steps = len(commands), steps
+        self._section_steps, self._change_steps, self._shift_steps = (
+            max(1, round(time / control_period_s))
+            for time in (LONGEST_SECTION_S, LONGEST_CHANGE_S, LONGEST_SHIFT_S)
         )
+        levels = np.column_stack([np.unique(column, return_inverse=True)[1] for column in commands.T])
+        squared = ((levels[:, None] - levels) ** 2).sum(axis=-1)
+        self._near = squared.argsort(axis=1, kind="stable")[:, : 1 + NEIGHBORS]  # first the command itself
 
     def draw(self, rng: np.random.Generator, count: int, best: Ints | None = None) -> Ints:
         """Return plans (count, steps).
@@ -45,3 +51,26 @@ class RandomPlans:
             inside = (begin <= np.arange(self._steps)) & (np.arange(self._steps) < end)
             plans[:changed] = np.where(inside, rng.integers(self._actions, size=(changed, 1)), kept)
         return plans
+
+    def changes(self, rng: np.random.Generator, plans: Ints, until: Ints, count: int) -> Ints:
+        """Return changed plans (count, steps), each with one change of one of some plans.
+
+        Either a section has one random command, or in each of its steps a command next to the one before,
+        or what follows a step comes earlier or later.
+
+        Args:
+            plans: (m, steps).
+            until: (m,) number of steps of each in which a change may begin.
+        """
+        which = rng.integers(len(plans), size=count)
+        chosen, step = plans[which], np.arange(self._steps)
+        begin = (rng.random(count) * until[which]).astype(np.int64)[:, None]
+        end = begin + rng.integers(1, self._section_steps + 1, (count, 1))
+        inside = (begin <= step) & (step < end)
+        random = np.where(inside, rng.integers(self._actions, size=(count, 1)), chosen)
+        neighbor = rng.integers(self._near.shape[1], size=(count, 1))
+        near = np.where(inside, self._near[chosen, neighbor], chosen)
+        later = rng.choice([-1, 1], (count, 1)) * rng.integers(1, self._shift_steps + 1, (count, 1))
+        source = np.clip(step - later * (step >= begin), 0, self._steps - 1)
+        shifted = np.take_along_axis(chosen, source, axis=1)
+        return np.choose(rng.integers(3, size=(count, 1)), [random, near, shifted])

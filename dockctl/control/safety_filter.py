@@ -21,6 +21,11 @@ OPEN_M = 2.0
 """Clearance beyond which more of it makes a plan no better."""
 
 
+def margin(usual_m: float, here_m: float) -> float:
+    """Return the clearance of a plan: the usual one, or for a boat that has less, hardly less than it has."""
+    return min(usual_m, max(here_m - LOST_M, 0.0))
+
+
 class SafetyFilter:
     """Lets a boat take an action if a random plan that begins with it keeps clear, as far as predicted.
 
@@ -40,7 +45,7 @@ class SafetyFilter:
     ) -> None:
         self._simulator, self._forecast, self._commands = simulator, forecast, commands
         self._steps = max(1, round(SAFE_S / control_period_s))
-        self._plans = RandomPlans(len(commands), self._steps, control_period_s)
+        self._plans = RandomPlans(commands, self._steps, control_period_s)
         self._rngs, self._best = dict[int, np.random.Generator](), dict[int, Ints]()
 
     def reset(self, row: int) -> None:
@@ -72,7 +77,7 @@ class SafetyFilter:
         """
         poses, _ = self._forecast.poses(row, self._commands[plans])
         clearance = self._clearance(row, poses)
-        touching = clearance < min(SAFE_M, max(here - LOST_M, 0.0))
+        touching = clearance < margin(SAFE_M, here)
         until = np.where(touching.any(axis=1), touching.argmax(axis=1), touching.shape[1])
         safest = np.lexsort([np.minimum(clearance, OPEN_M).mean(axis=1), until])[-1]
         return plans[safest], until[safest] / 2

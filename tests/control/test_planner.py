@@ -69,13 +69,17 @@ def test_far_from_the_final_pose_the_policy_acts() -> None:
     assert not episode.trajectory["command"].any()
 
 
-@pytest.mark.parametrize(("before_m", "error_m", "plans"), [(7.5, 1.0, 1), (6.5, -1.0, 0)])
+@pytest.mark.parametrize(
+    ("before_m", "error_m", "later_s", "plans"),
+    [(7.5, 1.0, 120, 1), (6.5, -1.0, 120, 0), (14.5, 0, 120, 0), (14.5, 0, 0, 1), (15.5, 0, 0, 0)],
+)
 def test_the_measured_distance_decides_whether_to_plan(
-    monkeypatch: pytest.MonkeyPatch, before_m: float, error_m: float, plans: int
+    monkeypatch: pytest.MonkeyPatch, before_m: float, error_m: float, later_s: float, plans: int
 ) -> None:
-    """The final pose of scenario 1 is (36, 0, 180°); plans begin within 7 m."""
+    """The final pose of scenario 1 is (36, 0, 180°); plans begin within 7 m, and later within 15 m."""
     planned: list[int] = []
-    monkeypatch.setattr(Planner, "_planned", lambda self, row: planned.append(row))
+    monkeypatch.setattr("dockctl.control.planner.LATER_S", later_s)
+    monkeypatch.setattr(Planner, "_planned", lambda self, row, pose: planned.append(row))
     monkeypatch.setattr(Simulator, "measured_pose", lambda self: self.eta + [error_m, 0, 0])
     given = task("evaluation.planner=true", "task.max_steps=1")
     pose = np.array([36 - before_m, 0, np.pi])
