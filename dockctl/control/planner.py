@@ -23,7 +23,7 @@ LATER_M, LATER_S = 15.0, 120.0
 """The distance for a boat that has not docked in this time since the intermediate pose."""
 RANDOM, ROUNDS, CHANGES, KEPT = 300, 11, 150, 10
 """Numbers of random plans, of rounds and of changes in each, and of best plans that are changed."""
-GOOD, ENOUGH = 0.7, 1.0
+GOOD, ENOUGH = 0.5, 1.0
 """Share of the final pose's limits that a plan should need, and up to which the boat follows it."""
 FARTHER_RADPM, FARTHER_PS = 0.1, 0.1
 """Heading error [rad] and speed [m/s] that are allowed in addition for each meter too far away, where a plan
@@ -137,6 +137,8 @@ class Planner(Policy):
         if len(best.cost) == 0:
             return None
         for _ in range(ROUNDS):
+            if best.needed[0] <= GOOD:
+                break
             changed = self._predicted(row, self._plans.changes(rng, best.actions, best.last + 1, CHANGES))
             better = changed.cost < (best.cost[-1] if len(best.cost) == KEPT else np.inf)
             best = best.best_with(self._clear(row, changed.at(np.flatnonzero(better)), margin_m))

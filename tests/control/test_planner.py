@@ -2,14 +2,16 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
 import pytest
 
-from dockctl.control.planner import Planner
+from dockctl.control.planner import CHANGES, RANDOM, ROUNDS, Planner
 from dockctl.evaluation import rollout
 from dockctl.evaluation.rollout import Episode, Rollout
+from dockctl.geometry import Floats
 from dockctl.scenarios.loader import load
 from dockctl.scenarios.schema import PolicyInterface
 from dockctl.sim.goal import TO_FINAL
@@ -22,6 +24,7 @@ WEATHER = (
     " navigation: {velocity_mps: 0.02}, actuators: {delay_steps: 1}}"
 )
 AWAY_M = ((3.0, 0.3, 0.1), (2.5, -0.4, -0.2), (4.0, 0.0, 0.3))
+FARTHER_M = ((6.8, 0.6, 0.4), (6.6, -0.6, -0.3), (6.8, 0.0, 0.5), (6.6, 0.5, -0.4))
 """Distance before the final pose of scenario 1, to the side of it, and heading error [rad]."""
 
 
@@ -29,10 +32,10 @@ def task(*overrides: str) -> Rollout:
     return Rollout(load("s1", overrides=["task.max_steps=100", WEATHER, *overrides]))
 
 
-def starts(given: Rollout) -> list[Start]:
+def starts(given: Rollout, away: Sequence[tuple[float, float, float]] = AWAY_M) -> list[Start]:
     site = own_site(given.scenario)
     x, y, heading = site.goals[1]
-    poses = [(x + np.cos(heading) * ahead, y + side, heading + turn) for ahead, side, turn in AWAY_M]
+    poses = [(x + np.cos(heading) * ahead, y + side, heading + turn) for ahead, side, turn in away]
     begun = [given_start(site, given.scenario.task, np.array(pose), i) for i, pose in enumerate(poses)]
     return [replace(start, phase=TO_FINAL) for start in begun]
 
@@ -86,6 +89,32 @@ def test_the_measured_distance_decides_whether_to_plan(
     start = given_start(own_site(given.scenario), given.scenario.task, pose, 0)
     given.run(Rest(), [replace(start, phase=TO_FINAL)], clearance=False)
     assert len(planned) == plans
+
+
+def needed(monkeypatch: pytest.MonkeyPatch, *, random: int, rounds: int) -> list[float]:
+    """Return the share of the limits that the best plan needs in the first step of each of some starts."""
+    found: list[float] = []
+    planned = Planner._planned
+
+    def recorded(self: Planner, row: int, pose: Floats) -> int | None:
+        action = planned(self, row, pose)
+        found.append(float(self._best[row].needed[0]))
+        return action
+
+    monkeypatch.setattr("dockctl.control.planner.RANDOM", random)
+    monkeypatch.setattr("dockctl.control.planner.ROUNDS", rounds)
+    monkeypatch.setattr(Planner, "_planned", recorded)
+    given = task("evaluation.planner=true", "task.max_steps=1")
+    given.run(Rest(), starts(given, FARTHER_M), clearance=False)
+    monkeypatch.undo()
+    return found
+
+
+@pytest.mark.slow
+def test_changes_find_better_plans_than_as_many_random_ones(monkeypatch: pytest.MonkeyPatch) -> None:
+    changed = needed(monkeypatch, random=RANDOM, rounds=ROUNDS)
+    chosen = needed(monkeypatch, random=RANDOM + ROUNDS * CHANGES, rounds=0)
+    assert len(changed) == len(FARTHER_M) and np.mean(changed) < 0.8 * np.mean(chosen), (changed, chosen)
 
 
 def test_a_policy_keeps_its_planner() -> None:
