@@ -273,7 +273,7 @@ class Evaluation(Model):
     )
     planner: Flag | None = Field(
         default=None,
-        description="follow plans near the final pose, and replace actions that lead to contact before, with"
+        description="follow plans near the final pose, and replace actions that lead to contact, with"
         " a map of the harbor; null to do as in the scenario that the policy was trained in",
     )
     max_steps: Count | None = Field(

@@ -114,7 +114,7 @@ def needed(monkeypatch: pytest.MonkeyPatch, *, random: int, rounds: int) -> list
 def test_changes_find_better_plans_than_as_many_random_ones(monkeypatch: pytest.MonkeyPatch) -> None:
     changed = needed(monkeypatch, random=RANDOM, rounds=ROUNDS)
     chosen = needed(monkeypatch, random=RANDOM + ROUNDS * CHANGES, rounds=0)
-    assert len(changed) == len(FARTHER_M) and np.mean(changed) < 0.8 * np.mean(chosen), (changed, chosen)
+    assert len(changed) == len(FARTHER_M) and np.mean(changed) < 0.9 * np.mean(chosen), (changed, chosen)
 
 
 def test_a_policy_keeps_its_planner() -> None:
