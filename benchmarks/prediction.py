@@ -1,8 +1,8 @@
-"""Prediction of the planner's 1,000 plans of 30 s, together and as a fleet in the simulator's own equations.
+"""Prediction of the planner's random plans, together and as a fleet in the simulator's own equations.
 
     python benchmarks/prediction.py               # seconds; not part of `make bench`
 
-The fleet is 1,000 boats with the actuators and the integration of `Simulator`, without harbor and sensors.
+The fleet is as many boats with the actuators and the integration of `Simulator`, without harbor and sensors.
 """
 
 from __future__ import annotations
@@ -12,7 +12,7 @@ import argparse
 import bench  # before numpy
 import numpy as np
 
-from dockctl.control.planner import PLAN_S, PLANS
+from dockctl.control.planner import PLAN_S, RANDOM
 from dockctl.control.plans import RandomPlans
 from dockctl.geometry import Floats
 from dockctl.scenarios.loader import load
@@ -47,18 +47,18 @@ def main() -> None:
     vessel = scenario.vessel.model_copy(update={"control_period_s": 1.0, "substeps": SUBSTEPS})
     commands, model, steps = scenario.actions.command_table(vessel), VesselModel(vessel), round(PLAN_S)
     assert commands is not None
-    wanted = commands[RandomPlans(commands, steps, 1.0).draw(np.random.default_rng(0), PLANS)]
+    wanted = commands[RandomPlans(commands, steps, 1.0).draw(np.random.default_rng(0), RANDOM)]
     calm, own, arm_m = np.zeros((steps, 3)), tuple(model.coefficients[0]), vessel.propeller_arm_m
 
     def together() -> Floats:
         poses, _ = predict(STATE, wanted, ACTUATORS, np.zeros(2), calm, own, arm_m, 1.0, SUBSTEPS)
         return np.asarray(poses[:, -1])
 
-    report = bench.Report("prediction", f"Prediction of {PLANS:,} plans of {steps} control steps")
+    report = bench.Report("prediction", f"Prediction of {RANDOM} plans of {steps} control steps")
     off = float(np.abs(together() - fleet(model, wanted)).max())
     cases = {
-        "together": bench.Case(together, PLANS * steps, 1),
-        "as a fleet": bench.Case(lambda: fleet(model, wanted), PLANS * steps, 1),
+        "together": bench.Case(together, RANDOM * steps, 1),
+        "as a fleet": bench.Case(lambda: fleet(model, wanted), RANDOM * steps, 1),
     }
     report.seconds = bench.alternate(cases, arguments.rounds, "prediction")
     report.facts = {"largest_difference": off}
