@@ -7,7 +7,8 @@ import numpy as np
 from dockctl.geometry import Floats, Ints
 
 LONGEST_SECTION_S, LONGEST_CHANGE_S, LONGEST_SHIFT_S = 8.0, 6.0, 4.0
-"""A plan is a random sequence of commands, each held for a random time up to this; so is a change of it."""
+"""A plan is a random sequence of commands, each held for a random time up to the first, as in sections that
+`changes` changes; those of `draw` last up to the second. What follows is shifted by up to the third."""
 NEIGHBORS = 8
 """Number of commands that are next to one, as on a grid of forces and angles."""
 
