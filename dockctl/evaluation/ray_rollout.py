@@ -22,7 +22,7 @@ from dockctl.cluster import require_version, write_files
 from dockctl.errors import DockctlError
 from dockctl.evaluation.loading import load_policy
 from dockctl.evaluation.policies import LoadedPolicy
-from dockctl.evaluation.rollout import Episode, Rollout, seeded
+from dockctl.evaluation.rollout import Episode, Rollout
 from dockctl.run_files import SCENARIO
 from dockctl.scenarios.content import self_contained
 from dockctl.scenarios.loader import load
@@ -64,6 +64,7 @@ class RayRollout:
         files |= {f"scenario/{name}": data for name, data in self_contained(rollout.scenario).items()}
         setup = Setup(__version__, tuple(files.items()), source, tuple(params.items()))
         self._setup, self._parts = ray.put(setup), PARTS_PER_CORE * cores
+        self._seeded = rollout.seeded
 
     def run(self, starts: Sequence[Start]) -> list[Episode]:
         """Run one episode from each start, in their order; if a worker is lost, its part is run again.
@@ -71,7 +72,7 @@ class RayRollout:
         Raises:
             DockctlError: the policy fails, or workers are lost repeatedly.
         """
-        starts = seeded(starts)
+        starts = self._seeded(starts)
         count = max(1, min(self._parts, len(starts) // LEAST_STARTS))
         task: Any = ray.remote(num_cpus=1, max_retries=3)(_run)
         bounds = [len(starts) * part // count for part in range(count + 1)]

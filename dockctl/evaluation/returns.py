@@ -130,7 +130,7 @@ def behaviors(rollout: Rollout, policy: LoadedPolicy) -> Iterator[Behavior]:
         DockctlError: the policy does not match the scenario.
     """
     scenario, site = rollout.scenario, own_site(rollout.scenario)
-    start = replace(given_start(site, scenario.task, site.initial[0], 0), seed=0)  # of `Rollout.run`
+    (start,) = rollout.seeded([given_start(site, scenario.task, site.initial[0], 0)])
     simulation = BehaviorSimulation(scenario, rollout.worlds, start)
     (episode,) = rollout.run(policy.make(rollout.env()), [simulation.start])
     commands = episode.trajectory["command"][1:]

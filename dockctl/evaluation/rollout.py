@@ -160,8 +160,8 @@ class Rollout:
         With `evaluation.supervisor`, a `Supervisor` may replace actions of the policy, and with
         `evaluation.planner`, a `Planner`.
 
-        The conditions of episode i are drawn from seed i, unless the start has a seed: they depend neither on
-        the policy nor on the number of boats.
+        The conditions of episode i are drawn from the seed `evaluation.conditions_seed` + i, unless the start
+        has a seed: they depend neither on the policy nor on the number of boats.
         """
         if not starts:
             return []
@@ -170,7 +170,15 @@ class Rollout:
             policy = Supervisor(policy, env)
         if has_planner(self.scenario):
             policy = Planner(policy, env)
-        return run_episodes(env, policy, seeded(starts), measure)
+        return run_episodes(env, policy, self.seeded(starts), measure)
+
+    def seeded(self, starts: Sequence[Start]) -> list[Start]:
+        """Return the starts; those without a seed get `evaluation.conditions_seed` and their number."""
+        first = self.scenario.evaluation.conditions_seed
+        return [
+            replace(start, seed=first + number if start.seed is None else start.seed)
+            for number, start in enumerate(starts)
+        ]
 
     def at_start(self, start: Start) -> Episode:
         """Return the episode from a start before its first step."""
@@ -190,13 +198,6 @@ class Rollout:
 
     def _clearance(self, start: Start, poses: Floats) -> float:
         return least_clearance(poses, self.worlds[start.harbor].obstacles.clearance, self._reach_m)
-
-
-def seeded(starts: Sequence[Start]) -> list[Start]:
-    """Return the starts; start i gets the seed i unless it has one."""
-    return [
-        replace(start, seed=index if start.seed is None else start.seed) for index, start in enumerate(starts)
-    ]
 
 
 def run_episodes(

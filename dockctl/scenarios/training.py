@@ -282,6 +282,13 @@ class Evaluation(Model):
         " `task.max_steps`",
     )
     random_starts: RandomStarts = RandomStarts()
+    conditions_seed: int = Field(
+        default=0,
+        ge=0,
+        lt=2**32,
+        strict=True,
+        description="seed of the conditions of the first episode; that of each other one is larger by 1",
+    )
     trained_berths: Count = Field(
         default=64, le=100_000, description="random starts at trained berths, for a task with berths"
     )

@@ -122,3 +122,20 @@ def test_conditions_of_an_episode_do_not_depend_on_the_number_of_boats(
     assert np.array_equal(poses[0], poses[2])
     moved = poses[0][:, -1] - poses[0][:, 0]
     assert len(np.unique(moved.round(6), axis=0)) == len(starts)
+
+
+def test_the_first_seed_of_the_conditions_can_be_chosen() -> None:
+    """Episode i from seed 2 has the conditions of episode i + 2 from seed 0, and moves as it does."""
+    current = "conditions.current={speed_mps: [0, 0.1], direction_deg: [0, 360]}"
+    loads = [
+        load("s1", overrides=[current, "task.max_steps=10", f"evaluation.conditions_seed={s}"])
+        for s in (0, 2)
+    ]
+    site, task = own_site(loads[0].scenario), loads[0].scenario.task
+    start = given_start(site, task, np.array([20.0, 0.0, 2.8]), 0)
+    zero, two = (Rollout(loaded, [walled()]).run(FullAhead(), [start] * 5) for loaded in loads)
+    for earlier, later in zip(zero[2:], two, strict=False):
+        assert earlier.conditions == later.conditions
+        np.testing.assert_array_equal(earlier.trajectory["pose"], later.trajectory["pose"])
+    drawn = [tuple(episode.conditions.values()) for episode in zero + two[3:]]
+    assert len(set(drawn)) == len(drawn) == 7
