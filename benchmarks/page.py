@@ -68,6 +68,7 @@ def machine_section(found: dict[str, Json]) -> str:
             f"`benchmarks/{name}.py`",
             result["when"].replace("T", " ").removesuffix("+00:00"),
             f"`{result['commit'][:7]}`" if result["commit"] else "",
+            f"{result['hardware']['processor']}, {result['hardware']['cores']} cores",
             f"{result['load']:.1f}" + (" (busy)" if result["load"] > BUSY else ""),
         ]
         for name, result in found.items()
@@ -79,13 +80,11 @@ def machine_section(found: dict[str, Json]) -> str:
     for result in in_order:  # a script needs only some of them
         versions |= result["libraries"]
     libraries = ", ".join(f"{name} {version}" for name, version in versions.items())
-    machine = latest["hardware"]
     return f"""## Machine and method
 
-{machine["processor"]}, {machine["cores"]} cores, {machine["platform"]}; Python {latest["python"]};
-{libraries}.
+{latest["hardware"]["platform"].split("-")[0]}; Python {latest["python"]}; {libraries}.
 
-{table(("script", "time (UTC)", "commit", "cores used by other processes"), rows)}
+{table(("script", "time (UTC)", "commit", "machine", "cores used by other processes"), rows)}
 
 Work on one core is measured in CPU time, which other processes affect little; work on several cores in
 wall-clock time, which is unreliable on a busy machine. The compared variants alternate, and a ratio is the
