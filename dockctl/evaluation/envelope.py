@@ -19,6 +19,7 @@ from dockctl.evaluation.rollout import Rollout
 from dockctl.evaluation.starts import testing_starts
 from dockctl.runs.tables import OUTCOMES, Value
 from dockctl.scenarios.schema import Scenario
+from dockctl.sim.starts import Start
 from dockctl.sim.world import build_worlds
 
 if TYPE_CHECKING:
@@ -149,19 +150,18 @@ def envelope(
     loaded = load_policy(policy)
     own = loaded.scenario(scenario, overrides)
     worlds = build_worlds(own.scenario, own.base_dir)  # no factor changes a harbor
-    rows = []
-    for name in factors:
-        for value in FACTORS[name].values:
-            changed = loaded.scenario(scenario, [*overrides, *FACTORS[name].settings(own.scenario, value)])
-            outcomes = _outcomes(loaded, Rollout(changed, worlds), episodes, on)
-            rows.append({"factor": name, "value": value, "episodes": episodes, **outcomes})
+    rows = list[dict[str, Value]]()
+    with running(on) as run:
+        for name in factors:
+            for value in FACTORS[name].values:
+                changes = FACTORS[name].settings(own.scenario, value)
+                rollout = Rollout(loaded.scenario(scenario, [*overrides, *changes]), worlds)
+                outcomes = Counter(e.outcome for e in run(loaded, rollout, _starts(rollout, episodes)))
+                counts = {outcome: outcomes[outcome] for outcome in OUTCOMES}
+                rows.append({"factor": name, "value": value, "episodes": episodes, **counts})
     return Envelope(loaded, own.scenario, tuple(overrides), rows)
 
 
-def _outcomes(policy: LoadedPolicy, rollout: Rollout, episodes: int, on: str | None) -> dict[str, Value]:
-    """Return the number of episodes from random starts by outcome."""
-    scenario = rollout.loaded.scenario
-    starts = testing_starts(scenario, rollout.worlds, episodes, scenario.evaluation.random_starts.seed)
-    with running(policy, rollout, on) as run:
-        outcomes = Counter(episode.outcome for episode in run(starts))
-    return {name: outcomes[name] for name in OUTCOMES}
+def _starts(rollout: Rollout, episodes: int) -> list[Start]:
+    seed = rollout.scenario.evaluation.random_starts.seed
+    return testing_starts(rollout.scenario, rollout.worlds, episodes, seed)

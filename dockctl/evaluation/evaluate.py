@@ -6,7 +6,7 @@ import math
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
-from functools import cached_property, partial
+from functools import cached_property
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -30,7 +30,7 @@ from dockctl.sim.starts import Start, own_site
 if TYPE_CHECKING:
     import pandas as pd
 
-Run = Callable[[Sequence[Start]], list[Episode]]
+Run = Callable[[LoadedPolicy, Rollout, Sequence[Start]], list[Episode]]
 
 
 @dataclass(frozen=True, eq=False)
@@ -147,25 +147,24 @@ class Evaluation:
 
 
 @contextmanager
-def running(policy: LoadedPolicy, rollout: Rollout, on: str | None) -> Iterator[Run]:
-    """Yield a function that runs the policy from starts, in this process or on Ray.
+def running(on: str | None) -> Iterator[Run]:
+    """Yield a function that runs policies from starts, in this process or on Ray.
 
     Args:
         on: see `dockctl.cluster.connected`; None for this process.
 
     Raises:
-        DockctlError: the policy does not match the environment, or Ray cannot be used.
+        DockctlError: Ray cannot be used.
     """
-    built = policy.make(rollout.env())
     if on is None:
-        yield partial(rollout.run, built)
+        yield lambda policy, rollout, starts: rollout.run(policy.make(rollout.env()), starts)
         return
     from dockctl.cluster import connected
 
     with connected(on) as cores:
         from dockctl.evaluation.ray_rollout import RayRollout
 
-        yield RayRollout(rollout, policy, cores).run
+        yield lambda policy, rollout, starts: RayRollout(rollout, policy, cores).run(starts)
 
 
 def evaluate(
@@ -206,13 +205,15 @@ def evaluate(
     starts = checked_starts(loaded, poses) if poses else evaluation_starts(resolved, rollout.worlds)
     starts += testing_starts(resolved, rollout.worlds, episodes, seed)
     shown: list[Episode] = []
-    with running(loaded_policy, rollout, on) as run:
-        results = run(starts)
+    with running(on) as run:
+        results = run(loaded_policy, rollout, starts)
         groups: dict[str, list[Episode]] = {start.kind: [] for start in starts}
         for episode in results:
             groups[episode.start.kind].append(episode)
         if record:
-            shown = groups.get("pose") or run(trajectory_starts(resolved, rollout.worlds))
+            shown = groups.get("pose") or run(
+                loaded_policy, rollout, trajectory_starts(resolved, rollout.worlds)
+            )
     recording = None
     if record:
         if poses:

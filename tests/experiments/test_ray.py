@@ -21,6 +21,7 @@ import pytest
 from dockctl import cluster
 from dockctl.errors import DockctlError
 from dockctl.evaluation import evaluate
+from dockctl.evaluation.envelope import envelope
 from dockctl.experiments.runner import JobRunner
 from dockctl.experiments.study import Experiment, Stage, make_jobs
 from dockctl.run_files import PROVENANCE
@@ -40,6 +41,10 @@ def test_an_evaluation_on_ray_is_that_of_one_process(tmp_path: Path) -> None:
     assert len(here.rows()) > 60
     assert here.rows() == there.rows()
     assert here.as_json() == there.as_json()
+    grown_here, grown_there = (
+        envelope(run, factors=("current", "delay"), episodes=40, on=on) for on in (None, "ray")
+    )
+    assert grown_here.rows == grown_there.rows
 
 
 @pytest.mark.slow
