@@ -151,12 +151,13 @@ def envelope(
     own = loaded.scenario(scenario, overrides)
     worlds = build_worlds(own.scenario, own.base_dir)  # no factor changes a harbor
     rows = list[dict[str, Value]]()
-    with running(on) as run:
+    with running(on) as prepared:
         for name in factors:
             for value in FACTORS[name].values:
                 changes = FACTORS[name].settings(own.scenario, value)
                 rollout = Rollout(loaded.scenario(scenario, [*overrides, *changes]), worlds)
-                outcomes = Counter(e.outcome for e in run(loaded, rollout, _starts(rollout, episodes)))
+                run = prepared(loaded, rollout)
+                outcomes = Counter(episode.outcome for episode in run(_starts(rollout, episodes)))
                 counts = {outcome: outcomes[outcome] for outcome in OUTCOMES}
                 rows.append({"factor": name, "value": value, "episodes": episodes, **counts})
     return Envelope(loaded, own.scenario, tuple(overrides), rows)

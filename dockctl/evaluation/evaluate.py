@@ -6,7 +6,7 @@ import math
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
-from functools import cached_property
+from functools import cached_property, partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -30,7 +30,7 @@ from dockctl.sim.starts import Start, own_site
 if TYPE_CHECKING:
     import pandas as pd
 
-Run = Callable[[LoadedPolicy, Rollout, Sequence[Start]], list[Episode]]
+Run = Callable[[Sequence[Start]], list[Episode]]
 
 
 @dataclass(frozen=True, eq=False)
@@ -147,8 +147,10 @@ class Evaluation:
 
 
 @contextmanager
-def running(on: str | None) -> Iterator[Run]:
-    """Yield a function that runs policies from starts, in this process or on Ray.
+def running(on: str | None) -> Iterator[Callable[[LoadedPolicy, Rollout], Run]]:
+    """Yield a function that prepares a policy to run from any starts, in this process or on Ray.
+
+    It raises `DockctlError` if the policy does not match the environment.
 
     Args:
         on: see `dockctl.cluster.connected`; None for this process.
@@ -157,14 +159,18 @@ def running(on: str | None) -> Iterator[Run]:
         DockctlError: Ray cannot be used.
     """
     if on is None:
-        yield lambda policy, rollout, starts: rollout.run(policy.make(rollout.env()), starts)
+        yield lambda policy, rollout: partial(rollout.run, policy.make(rollout.env()))
         return
     from dockctl.cluster import connected
 
     with connected(on) as cores:
         from dockctl.evaluation.ray_rollout import RayRollout
 
-        yield lambda policy, rollout, starts: RayRollout(rollout, policy, cores).run(starts)
+        def prepared(policy: LoadedPolicy, rollout: Rollout) -> Run:
+            policy.make(rollout.env())  # errors of workers would name files of theirs
+            return RayRollout(rollout, policy, cores).run
+
+        yield prepared
 
 
 def evaluate(
@@ -205,15 +211,14 @@ def evaluate(
     starts = checked_starts(loaded, poses) if poses else evaluation_starts(resolved, rollout.worlds)
     starts += testing_starts(resolved, rollout.worlds, episodes, seed)
     shown: list[Episode] = []
-    with running(on) as run:
-        results = run(loaded_policy, rollout, starts)
+    with running(on) as prepared:
+        run = prepared(loaded_policy, rollout)
+        results = run(starts)
         groups: dict[str, list[Episode]] = {start.kind: [] for start in starts}
         for episode in results:
             groups[episode.start.kind].append(episode)
         if record:
-            shown = groups.get("pose") or run(
-                loaded_policy, rollout, trajectory_starts(resolved, rollout.worlds)
-            )
+            shown = groups.get("pose") or run(trajectory_starts(resolved, rollout.worlds))
     recording = None
     if record:
         if poses:

@@ -4,9 +4,8 @@ from __future__ import annotations
 
 import io
 import math
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
-from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -14,16 +13,16 @@ import numpy as np
 
 from dockctl.drawing.scene import Scene
 from dockctl.errors import DockctlError
-from dockctl.evaluation.evaluate import running
+from dockctl.evaluation.evaluate import Run, running
 from dockctl.evaluation.loading import load_policy
 from dockctl.evaluation.policies import LoadedPolicy
-from dockctl.evaluation.rollout import Episode, Rollout
+from dockctl.evaluation.rollout import Rollout
 from dockctl.evaluation.starts import pose_check
 from dockctl.geometry import Floats
 from dockctl.runs.tables import MAP, Value, all_columns, to_csv
 from dockctl.scenarios.schema import Scenario
 from dockctl.sim.checks import PoseCheck
-from dockctl.sim.starts import Site, Start, given_start, own_site
+from dockctl.sim.starts import Site, given_start, own_site
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -129,8 +128,8 @@ def success_map(
     loaded = loaded_policy.scenario(scenario, overrides)
     rollout = Rollout(loaded)
     site, check = own_site(loaded.scenario), pose_check(loaded)
-    with running(on) as run_policy:
-        run = partial(run_policy, loaded_policy, rollout)
+    with running(on) as prepared:
+        run = prepared(loaded_policy, rollout)
         # One heading at a time: the trajectories of all starts would take memory.
         rows = [
             row
@@ -146,11 +145,7 @@ def success_map(
 
 
 def _rows(
-    scenario: Scenario,
-    site: Site,
-    check: PoseCheck,
-    run: Callable[[Sequence[Start]], list[Episode]],
-    offsets: Floats,
+    scenario: Scenario, site: Site, check: PoseCheck, run: Run, offsets: Floats
 ) -> Iterator[dict[str, Value]]:
     """Yield the rows of the starts with one heading offset; a blocked start has no episode.
 
