@@ -10,9 +10,12 @@ PARTS = {
     "scan_ms": "LiDAR scan",
     "state_ms": "State",
     "forward_ms": "Forward pass",
+    "control_ms": "Supervisor, planner",
     "decision_ms": "Whole decision",
 }
 """Columns of ``latency.csv`` [ms], with their names."""
+OPTIONAL = "control_ms"
+"""Only for policies with a supervisor or planner."""
 STATISTICS = {"mean": "mean", "p50": "50%", "p95": "95%", "p99": "99%", "max": "max"}
 """Names of the statistics here and in pandas."""
 
@@ -26,8 +29,14 @@ def summarize(samples: pd.DataFrame) -> dict[str, dict[str, float]]:
     Returns:
         The values of `STATISTICS` by part.
     """
-    table = samples[list(PARTS)].describe(percentiles=[0.5, 0.95, 0.99])
-    return {part: {name: float(table[part][row]) for name, row in STATISTICS.items()} for part in PARTS}
+    parts = timed_parts(samples)
+    table = samples[parts].describe(percentiles=[0.5, 0.95, 0.99])
+    return {part: {name: float(table[part][row]) for name, row in STATISTICS.items()} for part in parts}
+
+
+def timed_parts(samples: pd.DataFrame) -> list[str]:
+    """Return the columns of `PARTS` that the table has."""
+    return [part for part in PARTS if part in samples]
 
 
 def verdict(summary: Mapping[str, Mapping[str, float]], control_period_ms: float) -> str:

@@ -44,7 +44,7 @@ def latency(
         typer.Option(help="Folder of the results; the run's figures, or figures/latency, by default."),
     ] = None,
 ) -> None:
-    """Time the LiDAR scan, the observation and the forward pass of greedy decisions.
+    """Time the LiDAR scan, the observation, the forward pass, and supervisor or planner of greedy decisions.
 
     Writes a histogram (PNG, SVG), every sample (CSV) and the summary (JSON).
 

@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+import itertools
+from collections import deque
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from time import perf_counter
@@ -10,19 +12,19 @@ from typing import Any
 
 import numpy as np
 import pandas as pd
+from numpy.typing import NDArray
 
-from dockctl.agents.interface import Policy
-from dockctl.analysis.latency import PARTS, summarize
+from dockctl.agents.interface import Info, Policy, QPolicy
+from dockctl.analysis.latency import OPTIONAL, PARTS, summarize
 from dockctl.envs.vector import DockingVectorEnv
 from dockctl.evaluation.loading import load_policy
 from dockctl.evaluation.policies import LoadedPolicy
-from dockctl.evaluation.rollout import Rollout
+from dockctl.evaluation.rollout import Rollout, controlled
 from dockctl.evaluation.starts import evaluation_starts
+from dockctl.geometry import Ints
 from dockctl.runs.provenance import hardware
 from dockctl.scenarios.schema import Scenario
-
-WARM_UP = 20
-"""First decisions, which are not counted: they compile code and fill tables and caches."""
+from dockctl.sim.starts import Start
 
 
 @dataclass(frozen=True, eq=False)
@@ -52,12 +54,11 @@ class Latency:
 
     def as_json(self) -> dict[str, Any]:
         """Return the content of ``latency.json``."""
-        summary = self.summary
         return {
             "subject": self.subject,
             "policy": self.policy.facts(),
             "decisions": len(self.samples),
-            "milliseconds": {name: summary[part] for part, name in PARTS.items()},
+            "milliseconds": {PARTS[part]: values for part, values in self.summary.items()},
             "control_period_ms": self.control_period_ms,
             "hardware": hardware(),
         }
@@ -90,29 +91,68 @@ def latency(
 def time_decisions(env: DockingVectorEnv, policy: Policy, decisions: int) -> pd.DataFrame:
     """Run complete greedy episodes of one boat until at least `decisions` decisions are timed.
 
-    The parts of a decision are the scan, the observation, and the forward pass with the action selection.
+    The parts of a decision are the scan, the observation, the forward pass with the action selection, and
+    what the supervisor and the planner of the scenario do. The first episode does not count: its decisions
+    compile code and fill tables and caches.
 
     Returns:
         one row per decision, columns `dockctl.analysis.latency.PARTS` [ms].
     """
-    scenario, simulator = env.scenario, env.simulator
-    starts = evaluation_starts(scenario, env.worlds)
+    timed = _Timed(policy)
+    whole = controlled(timed, env)
+    starts = itertools.cycle(evaluation_starts(env.scenario, env.worlds))
+    deque(_episode(env, whole, timed, next(starts)), maxlen=0)
     rows: list[tuple[float, ...]] = []
-    info: dict[str, Any] = {}
-    episode, ended = 0, True
-    while len(rows) < WARM_UP + decisions or not ended:
-        if ended:
-            _, info = env.reset(seed=0, options={"starts": [starts[episode % len(starts)]]})
-            policy.reset(np.array([0]), info)
-            episode += 1
+    while len(rows) < decisions:
+        rows += _episode(env, whole, timed, next(starts))
+    samples = pd.DataFrame(1000 * np.array(rows), columns=list(PARTS))
+    if whole is timed:
+        samples["forward_ms"] += samples.pop(OPTIONAL)  # the time of calls
+    return samples
+
+
+def _episode(
+    env: DockingVectorEnv, whole: Policy, policy: _Timed, start: Start
+) -> Iterator[tuple[float, ...]]:
+    """Run an episode of one boat; yield the times of each decision, in the order of `PARTS` [s].
+
+    Args:
+        whole: `policy` with supervisor and planner.
+    """
+    _, info = env.reset(seed=0, options={"starts": [start]})
+    whole.reset(np.array([0]), info)
+    ended = False
+    while not ended:
         begin = perf_counter()
-        ranges = simulator.scan()
+        ranges = env.simulator.scan()
         scanned = perf_counter()
         observation = env.observe(ranges)
         observed = perf_counter()
-        action = policy.act(observation, info)
+        action = whole.act(observation, info)
         done = perf_counter()
-        rows.append((scanned - begin, observed - scanned, done - observed, done - begin))
+        control = done - observed - policy.seconds
+        yield scanned - begin, observed - scanned, policy.seconds, control, done - begin
         _, _, terminated, truncated, info = env.step(action)
         ended = bool(terminated[0] or truncated[0])
-    return pd.DataFrame(1000 * np.array(rows[WARM_UP:]), columns=list(PARTS))
+
+
+class _Timed(Policy):
+    """Runs a policy, and measures how long it takes to act.
+
+    Attributes:
+        seconds: time of the latest `act`.
+    """
+
+    def __init__(self, policy: Policy) -> None:
+        self._policy, self.seconds = policy, 0.0
+        if isinstance(policy, QPolicy):  # a supervisor needs the values, and runs no other policies
+            self.q_values = policy.q_values
+
+    def reset(self, rows: Ints, info: Info) -> None:
+        self._policy.reset(rows, info)
+
+    def act(self, observation: NDArray[Any], info: Info) -> NDArray[Any]:
+        begin = perf_counter()
+        action = self._policy.act(observation, info)
+        self.seconds = perf_counter() - begin
+        return action

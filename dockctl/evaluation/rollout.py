@@ -166,11 +166,7 @@ class Rollout:
         if not starts:
             return []
         env, measure = self.env(min(PARALLEL_BOATS, len(starts))), self._clearance if clearance else None
-        if has_supervisor(policy, self.scenario):
-            policy = Supervisor(policy, env)
-        if has_planner(self.scenario):
-            policy = Planner(policy, env)
-        return run_episodes(env, policy, self.seeded(starts), measure)
+        return run_episodes(env, controlled(policy, env), self.seeded(starts), measure)
 
     def seeded(self, starts: Sequence[Start]) -> list[Start]:
         """Return the starts; those without a seed get `evaluation.conditions_seed` and their number."""
@@ -198,6 +194,13 @@ class Rollout:
 
     def _clearance(self, start: Start, poses: Floats) -> float:
         return least_clearance(poses, self.worlds[start.harbor].obstacles.clearance, self._reach_m)
+
+
+def controlled(policy: Policy, env: DockingVectorEnv) -> Policy:
+    """Return the policy with the supervisor and the planner that its scenario has, if any."""
+    if has_supervisor(policy, env.scenario):
+        policy = Supervisor(policy, env)
+    return Planner(policy, env) if has_planner(env.scenario) else policy
 
 
 def run_episodes(

@@ -15,7 +15,7 @@ from dockctl.analysis.episodes import (
     smoothing_window,
     term_columns,
 )
-from dockctl.analysis.latency import PARTS
+from dockctl.analysis.latency import PARTS, timed_parts
 from dockctl.drawing import palette
 from dockctl.drawing.scene import Scene, Stroke, strokes
 from dockctl.geometry import Floats, pose_array
@@ -324,14 +324,14 @@ def latency_charts(samples: pd.DataFrame, control_period_ms: float) -> list[Char
         samples: one row per decision, columns `dockctl.analysis.latency.PARTS` [ms].
     """
     charts = []
-    for part, name in PARTS.items():
+    for part in timed_parts(samples):
         values = samples[part].to_numpy(float)
         low, high = max(float(values.min()), 1e-4), float(values.max())
         edges = np.geomspace(low * 0.98, high * 1.02, BINS)
         counts, _ = np.histogram(values, edges)
         bars = series("decisions", "mean", edges[:-1], counts, "bars", until=numbers(edges[1:]))
         lines = [{"x": control_period_ms, "label": "control period"}] if part == "decision_ms" else []
-        charts.append(chart(name, "Time [ms]", "Decisions", [bars], logx=True, min=0, lines=lines))
+        charts.append(chart(PARTS[part], "Time [ms]", "Decisions", [bars], logx=True, min=0, lines=lines))
     return charts
 
 

@@ -8,7 +8,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.ticker import FuncFormatter, NullFormatter
 
-from dockctl.analysis.latency import PARTS, STATISTICS, summarize
+from dockctl.analysis.latency import PARTS, STATISTICS, summarize, timed_parts
 from dockctl.drawing import palette
 from dockctl.reports.style import label, make_figure, panel_title
 
@@ -16,6 +16,7 @@ COLORS = {
     "scan_ms": palette.BLUE,
     "state_ms": palette.PURPLE,
     "forward_ms": palette.DOCKED,
+    "control_ms": palette.YELLOW,
     "decision_ms": palette.INK,
 }
 
@@ -28,13 +29,14 @@ def latency_figure(samples: pd.DataFrame, subtitle: str, control_period_ms: floa
         subtitle: policy and scenario.
         control_period_ms: time available for a decision.
     """
-    figure = make_figure("Decision time", subtitle, (7.8, 5.6))
-    axes = figure.subplots(len(PARTS), sharex=True)
+    parts = timed_parts(samples)
+    figure = make_figure("Decision time", subtitle, (7.8, 1.2 + 1.1 * len(parts)))
+    axes = figure.subplots(len(parts), sharex=True)
     shortest, longest = float(samples.to_numpy().min()), float(samples.to_numpy().max())
     edges = np.geomspace(max(shortest, 1e-4) / 1.5, 2.5 * max(longest, control_period_ms), 140)
     summary = summarize(samples)
-    for ax, (part, name) in zip(axes, PARTS.items(), strict=True):
-        _draw_part(ax, samples[part], edges, name, COLORS[part], summary[part])
+    for ax, part in zip(axes, parts, strict=True):
+        _draw_part(ax, samples[part], edges, PARTS[part], COLORS[part], summary[part])
         ax.axvline(control_period_ms, color=palette.GOAL, lw=1.3, ls=(0, (4, 2)))
     label_line(axes[0], control_period_ms, f"control period {control_period_ms:g} ms", palette.GOAL)
     axes[-1].set(xscale="log", xlim=(edges[0], edges[-1]))

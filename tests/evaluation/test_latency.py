@@ -1,4 +1,4 @@
-"""The timed observation equals that of the environment."""
+"""What is timed is what the environment and `Rollout` do. No test asserts a time."""
 
 from __future__ import annotations
 
@@ -9,8 +9,11 @@ import pytest
 from numpy.typing import NDArray
 
 from dockctl.agents.interface import Policy
+from dockctl.analysis.latency import OPTIONAL, PARTS
 from dockctl.envs.vector import DockingVectorEnv
+from dockctl.evaluation import Rollout, load_policy
 from dockctl.evaluation.latency import time_decisions
+from dockctl.evaluation.starts import evaluation_starts
 from dockctl.scenarios.loader import load
 from dockctl.scenarios.schema import ObservationPart
 
@@ -43,5 +46,31 @@ def test_the_timed_observation_equals_that_of_the_environment(
     monkeypatch.setattr(env, "step", recording)
     time_decisions(env, Ahead(), 10)
     count = min(len(timed), len(seen)) - 1  # the last step may start another episode
-    assert count >= 29
+    assert count >= 20
     assert np.array_equal(timed[:count], seen[:count])
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("control", ["supervisor", "planner", None])
+def test_the_timed_episode_is_that_of_an_evaluation(
+    monkeypatch: pytest.MonkeyPatch, control: str | None
+) -> None:
+    loaded = load_policy("s1")
+    rollout = Rollout(loaded.scenario(overrides=[f"evaluation.{control}=true"] if control else []))
+    env, starts = rollout.env(), evaluation_starts(rollout.scenario, rollout.worlds)
+    (expected,) = rollout.run(loaded.make(env), starts, clearance=False)
+    poses: list[NDArray[np.float64]] = []
+    step = env.step
+
+    def recording(actions: np.ndarray) -> Any:
+        result = step(actions)
+        poses.append(result[-1]["pose"][0].copy())
+        return result
+
+    monkeypatch.setattr(env, "step", recording)
+    samples = time_decisions(env, loaded.make(env), 10)
+    assert list(samples) == [part for part in PARTS if control or part != OPTIONAL]
+    assert (samples > 0).all(axis=None)
+    assert samples.sum(axis=1).to_numpy() == pytest.approx(2 * samples["decision_ms"].to_numpy())
+    assert len(samples) == expected.steps
+    assert np.array_equal(poses[-expected.steps :], expected.trajectory["pose"][1:])
