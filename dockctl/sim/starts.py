@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
+from pathlib import Path
 from typing import get_args
 
 import numpy as np
@@ -17,7 +18,9 @@ from dockctl.scenarios.harbor import BerthPlace, Generated, Marina, berth_pose, 
 from dockctl.scenarios.layouts import Layout, layouts
 from dockctl.scenarios.schema import Scenario, Task
 from dockctl.scenarios.training import ExploringStarts
+from dockctl.sim.collision import collision_checker
 from dockctl.sim.goal import TO_FINAL, TO_INTERMEDIATE, measure
+from dockctl.sim.harbor.build import build_harbor
 
 MAX_DRAWS = 1000
 TRIAL_DRAWS = 200
@@ -87,6 +90,8 @@ class Start:
 def own_site(scenario: Scenario) -> Site:
     """Return the task at the scenario's own poses, in the harbor in which its berth is free.
 
+    Of generated layouts, which all have this berth, it is the first in which none of the poses is blocked.
+
     Raises:
         InputError: the task is relocated to berths, and its final pose is not the pose of one of them.
     """
@@ -98,7 +103,19 @@ def own_site(scenario: Scenario) -> Site:
         nearest = pose_label(x, y, math.degrees(heading))
         message = f"is not at any berth in task.berths; the nearest berth has {nearest}"
         raise _error(scenario, "task.final", message)
-    return replace(own, harbor=every[same[0]].harbor)
+    harbors = list(dict.fromkeys(every[index].harbor for index in same))
+    return replace(own, harbor=_first_free(scenario, own, harbors) if len(harbors) > 1 else harbors[0])
+
+
+def _first_free(scenario: Scenario, site: Site, harbors: Sequence[int]) -> int:
+    """Return the first generated layout in which the poses of a site are free, or just the first."""
+    every = layouts(scenario.harbor, scenario.task.berths)
+    poses = np.concatenate([site.initial, site.goals])
+    for harbor in harbors:
+        built = build_harbor(every[harbor].harbor, Path())  # generated layouts have no files
+        if not collision_checker(built, scenario.vessel.hull).unreachable(poses, site.goals[1]).any():
+            return harbor
+    return harbors[0]
 
 
 def sites(scenario: Scenario) -> list[Site]:
@@ -149,8 +166,12 @@ def free_sites(
     ]
     for kind in get_args(BerthKind):
         if any(site.kind == kind for site in every) and not any(site.kind == kind for site in free):
-            message = "at each of these berths a pose of the task is blocked; name a berth with more space"
-            raise _error(scenario, f"task.berths.{kind}", message)
+            field, advice = f"task.berths.{kind}", "name a berth with more space"
+            if isinstance(scenario.harbor, Generated):
+                field = "harbor.layouts" if kind == "trained" else "harbor.held_out_layouts"
+                advice = "use more layouts, other seeds or wider fairways"
+            message = f"at each of these berths a pose of the task is blocked; {advice}"
+            raise _error(scenario, field, message)
     return free
 
 

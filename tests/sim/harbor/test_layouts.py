@@ -21,6 +21,7 @@ from dockctl.scenarios.harbor import DEFAULT_MODELS, BerthPlace, Generated, Mari
 from dockctl.scenarios.layouts import LONGEST_CM, generate, layouts
 from dockctl.scenarios.loader import load, load_harbor
 from dockctl.scenarios.vessel import Hull
+from dockctl.sim.checks import check_poses, load_checked
 from dockctl.sim.collision import collision_checker
 from dockctl.sim.harbor.build import Harbor, build_harbor
 from dockctl.sim.harbor.marina import SIDE_CLEARANCE_M
@@ -225,6 +226,29 @@ def test_training_and_evaluation_have_different_layouts() -> None:
         assert site.kind == every[site.harbor].kind
         assert site.berth.startswith(f"{every[site.harbor].harbor.name} ")
     assert own_site(scenario).harbor == 0
+
+
+@pytest.mark.slow
+def test_the_task_itself_is_in_the_first_layout_with_space_for_it() -> None:
+    scenario = load("marinas", overrides=["harbor.seed=16", "harbor.layouts=3"]).scenario
+    assert isinstance(scenario.harbor, Generated) and scenario.task.intermediate is not None
+    narrow, wide = (generate(scenario.harbor, seed).basin.x_min_m for seed in (16, 17))
+    x_m, reach_m = scenario.task.intermediate.x_m, HULL.reach_m
+    assert wide < x_m - reach_m < narrow  # the intermediate pose reaches into the west quay of the first
+    assert own_site(scenario).harbor == 1
+    assert not check_poses(scenario, Path()).problems
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("key", ["layouts", "held_out_layouts"])
+def test_layouts_without_space_for_the_task_are_an_error(key: str) -> None:
+    seeds = {"layouts": (16, 1000), "held_out_layouts": (17, 16)}[key]
+    counts = ("harbor.layouts=1", "harbor.held_out_layouts=1")
+    overrides = [f"harbor.seed={seeds[0]}", f"harbor.held_out_seed={seeds[1]}", *counts]
+    with pytest.raises(InputError) as caught:
+        load_checked("marinas", overrides=overrides)
+    (problem,) = caught.value.problems
+    assert f"harbor.{key}" in str(problem) and "wider fairways" in problem.message
 
 
 @pytest.mark.slow
