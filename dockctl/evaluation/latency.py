@@ -32,16 +32,18 @@ class Latency:
     """Times of decisions.
 
     Attributes:
+        overrides: changed values of the scenario, ``key=value``.
         samples: one row per decision, columns `dockctl.analysis.latency.PARTS` [ms].
     """
 
     policy: LoadedPolicy
     scenario: Scenario
+    overrides: tuple[str, ...]
     samples: pd.DataFrame
 
     @property
     def subject(self) -> str:
-        return f"{self.policy.caption}; scenario {self.scenario.name}"
+        return ", ".join([f"{self.policy.caption}; scenario {self.scenario.name}", *self.overrides])
 
     @property
     def control_period_ms(self) -> float:
@@ -57,6 +59,7 @@ class Latency:
         return {
             "subject": self.subject,
             "policy": self.policy.facts(),
+            "set": list(self.overrides),
             "decisions": len(self.samples),
             "milliseconds": {PARTS[part]: values for part, values in self.summary.items()},
             "control_period_ms": self.control_period_ms,
@@ -85,15 +88,15 @@ def latency(
     loaded = loaded_policy.scenario(scenario, overrides)
     env = Rollout(loaded).env()
     samples = time_decisions(env, loaded_policy.make(env), decisions)
-    return Latency(loaded_policy, loaded.scenario, samples)
+    return Latency(loaded_policy, loaded.scenario, tuple(overrides), samples)
 
 
 def time_decisions(env: DockingVectorEnv, policy: Policy, decisions: int) -> pd.DataFrame:
     """Run complete greedy episodes of one boat until at least `decisions` decisions are timed.
 
     The parts of a decision are the scan, the observation, the forward pass with the action selection, and
-    what the supervisor and the planner of the scenario do. The first episode does not count: its decisions
-    compile code and fill tables and caches.
+    what the supervisor and the planner of the scenario do. Each episode runs twice and is timed the second
+    time: the first one compiles code, and builds the tables of its harbor.
 
     Returns:
         one row per decision, columns `dockctl.analysis.latency.PARTS` [ms].
@@ -101,10 +104,11 @@ def time_decisions(env: DockingVectorEnv, policy: Policy, decisions: int) -> pd.
     timed = _Timed(policy)
     whole = controlled(timed, env)
     starts = itertools.cycle(evaluation_starts(env.scenario, env.worlds))
-    deque(_episode(env, whole, timed, next(starts)), maxlen=0)
     rows: list[tuple[float, ...]] = []
     while len(rows) < decisions:
-        rows += _episode(env, whole, timed, next(starts))
+        start = next(starts)
+        deque(_episode(env, whole, timed, start), maxlen=0)
+        rows += _episode(env, whole, timed, start)
     samples = pd.DataFrame(1000 * np.array(rows), columns=list(PARTS))
     if whole is timed:
         samples["forward_ms"] += samples.pop(OPTIONAL)  # the time of calls

@@ -6,6 +6,7 @@ import importlib
 import inspect
 import json
 from collections.abc import Callable
+from functools import partial
 from pathlib import Path
 from types import ModuleType
 from typing import Any, cast
@@ -14,9 +15,9 @@ import numpy as np
 from gymnasium.spaces import Discrete, Space
 from numpy.typing import NDArray
 
-from dockctl.agents.interface import Info, Policy
+from dockctl.agents.interface import Info, Policy, QPolicy
 from dockctl.envs.vector import DockingVectorEnv
-from dockctl.errors import DockctlError, nearest, plugin_errors
+from dockctl.errors import DockctlError, nearest, plugin_errors, require_shape
 from dockctl.onnx_networks import OnnxNetworks, description, open_session
 from dockctl.scenarios.schema import Scenario
 
@@ -26,6 +27,8 @@ class CheckedPolicy:
 
     def __init__(self, policy: Policy, name: str, file: Path | None, space: Space[Any]) -> None:
         self._policy, self._name, self._file, self._space = policy, name, file, space
+        if isinstance(policy, QPolicy) and isinstance(space, Discrete):  # only then is this one, too
+            self.q_values = partial(self._q_values, policy, int(space.n))
 
     def reset(self, rows: NDArray[np.int64], info: Info) -> None:
         with plugin_errors(f"policy {self._name}: reset fails", self._file):
@@ -44,6 +47,12 @@ class CheckedPolicy:
             f" {np.array2string(actions.ravel()[:4])}; expected shape {shape} with rows in {self._space}",
             code="plugin",
         )
+
+    def _q_values(self, policy: QPolicy, actions: int, observation: NDArray[Any]) -> NDArray[np.float32]:
+        with plugin_errors(f"policy {self._name}: q_values fails", self._file):
+            values = np.asarray(policy.q_values(observation), np.float32)
+        require_shape(f"policy {self._name}: q_values", values.shape, (len(observation), actions))
+        return values
 
 
 def imported(module: str, given: str) -> ModuleType:

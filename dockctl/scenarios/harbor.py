@@ -214,10 +214,30 @@ class Marina(Model):
         seen: dict[tuple[str, float], int] = {}
         for index, row in enumerate(self.rows):
             for at in row.berths:
-                if seen.setdefault((row.side, at), index) != index:
+                if (row.side, at) in seen:
                     field = f"rows.{index}.berth_{row.axis}_m"
-                    message = f"another {row.side} row also has a berth at {at:g}; move one of them"
+                    other = "another" if seen[row.side, at] != index else "this"
+                    message = f"{other} {row.side} row also has a berth at {at:g}; move one of them"
                     raise FieldError(field, message, "duplicate")
+                seen[row.side, at] = index
+        return self
+
+    @model_validator(mode="after")
+    def _places_are_along_an_edge(self) -> Self:
+        for index, row in enumerate(self.rows):
+            bodies = [self.basin] if row.edge_m is None else self._bodies_at(row)
+            ends = [[getattr(body, f"{row.axis}_{end}_m") for end in ("min", "max")] for body in bodies]
+            known = ", ".join(f"{low:g} to {high:g}" for low, high in ends)
+            gap = self.entrance if row.edge_m is None else None
+            for name, places in (("finger", row.fingers), ("berth", row.berths)):
+                for number, at in enumerate(places):
+                    field, message = f"rows.{index}.{name}_{row.axis}_m.{number}", ""
+                    if not any(low <= at <= high for low, high in ends):
+                        message = f"{at:g} is beyond the end of the edge of the row, which is {known}"
+                    elif gap and gap.side == row.side and gap.from_m < at < gap.to_m:
+                        message = f"{at:g} is in the entrance, {gap.from_m:g} to {gap.to_m:g}"
+                    if message:
+                        raise FieldError(field, message, "out_of_range")
         return self
 
     @model_validator(mode="after")
@@ -234,8 +254,11 @@ class Marina(Model):
         """Return the pier or land along which a row lies; None for the quay around the basin."""
         if row.edge_m is None:
             return None
-        bodies = (body for body in (*self.piers, *self.land) if getattr(body, FACES[row.side]) == row.edge_m)
-        return next(bodies, None)
+        return next(iter(self._bodies_at(row)), None)
+
+    def _bodies_at(self, row: SideRow | EndRow) -> list[Rectangle]:
+        """Return the piers and land that have an edge where the row has its."""
+        return [body for body in (*self.piers, *self.land) if getattr(body, FACES[row.side]) == row.edge_m]
 
     def edge_of(self, row: SideRow | EndRow) -> float:
         """Return the coordinate, across the row, of the edge along which it lies [m]."""

@@ -12,6 +12,7 @@ from dockctl.errors import DockctlError
 from dockctl.registry import Registry
 from dockctl.scenarios.base import FieldError
 from dockctl.scenarios.extensions import Kind
+from dockctl.scenarios.yaml_tree import describe
 
 
 class Kinds:
@@ -70,7 +71,9 @@ class Kinds:
         name = given.get("kind", self.default)
         if not isinstance(name, str):
             known = ", ".join(sorted(self.registry.names()))
-            raise FieldError("kind", f"missing (one of: {known})", "missing_key")
+            if name is None:
+                raise FieldError("kind", f"missing (one of: {known})", "missing_key")
+            raise FieldError("kind", f"found {describe(name)}, expected one of: {known}", "wrong_type")
         plugins.load_builtins()
         try:
             model: type[Kind] = self.registry.get(name).value

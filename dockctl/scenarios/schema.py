@@ -184,6 +184,9 @@ class Scenario(Model):
     def _fitted_conditions(self, given: Conditions, field: str) -> Conditions:
         fitted = {}
         for name, condition in given.items():
+            if not name.isidentifier():  # it becomes part of column names
+                message = f"'{name}' is not a name: expected letters, digits and underscores"
+                raise FieldError(field, message)
             try:
                 fitted[name] = _fitted(condition, CONDITIONS, self.vessel)
             except FieldError as error:

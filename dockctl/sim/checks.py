@@ -18,6 +18,7 @@ from dockctl.scenarios.layouts import layouts
 from dockctl.scenarios.loader import LoadedScenario, load
 from dockctl.scenarios.schema import TRAINING_CONDITIONS, Scenario
 from dockctl.sim.collision import CollisionChecker, collision_checker
+from dockctl.sim.disturbances import Disturbances
 from dockctl.sim.harbor.build import Harbor, build_harbor, open_bodies
 from dockctl.sim.harbor.solids import hull_outline
 from dockctl.sim.starts import UNREACHABLE, blocked_berths, free_sites, own_site, rejected_shares
@@ -80,6 +81,15 @@ def check_poses(scenario: Scenario, base_dir: Path) -> PoseFindings:
         InputError: a mesh file of the harbor is missing or damaged.
         DockctlError: the harbor cannot be built.
     """
+    for section, given in (
+        ("conditions", scenario),
+        (TRAINING_CONDITIONS, scenario.with_training_conditions()),
+    ):
+        try:
+            Disturbances(given, 1)
+        except InputError as error:
+            (problem,) = error.problems
+            return PoseFindings([(problem.field.replace("conditions", section, 1), problem.message)])
     scenario = with_few_layouts(scenario)
     every = layouts(scenario.harbor, scenario.task.berths)
     harbors = [build_harbor(layout.harbor, base_dir) for layout in every]

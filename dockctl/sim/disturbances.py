@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from dockctl.errors import DockctlError, require_shape
+from dockctl.errors import InputError, Problem, require_shape
 from dockctl.geometry import Floats, Ints
 from dockctl.plugins import CONDITIONS, Guard
 from dockctl.scenarios.extensions import Disturbance, RangeNoise
@@ -20,7 +20,8 @@ class Disturbances:
     """All conditions of a scenario, in the order of the scenario; errors name the condition.
 
     Raises:
-        DockctlError: a condition cannot be built, or more than one adds noise to the range sensor.
+        PluginError: a condition cannot be built.
+        InputError: more than one adds noise to the range sensor.
     """
 
     def __init__(self, scenario: Scenario, num_boats: int) -> None:
@@ -32,8 +33,15 @@ class Disturbances:
                 if not isinstance(built, Disturbance):
                     raise TypeError(f"build returned {built!r}, not a Disturbance")
                 self._all[name] = guard, built
-        if sum(type(each).range_noise is not Disturbance.range_noise for each in self) > 1:
-            raise DockctlError("conditions: more than one adds noise to the range sensor", code="mismatch")
+        noisy = [
+            name
+            for name, (_, each) in self._all.items()
+            if type(each).range_noise is not Disturbance.range_noise
+        ]
+        if len(noisy) > 1:
+            message = f"adds noise to the range sensor, as '{noisy[0]}' does; leave one of them out"
+            where = f"scenario '{scenario.name}'", 0, 0, f"conditions.{noisy[-1]}"
+            raise InputError([Problem(*where, message, "mismatch")])
 
     def __iter__(self) -> Iterator[Disturbance]:
         return (disturbance for _, disturbance in self._all.values())

@@ -12,12 +12,14 @@ import numpy as np
 import pytest
 
 from dockctl import plugins
-from dockctl.agents.interface import Policy
+from dockctl.agents.interface import Policy, QPolicy
+from dockctl.control.supervisor import has_supervisor
 from dockctl.envs.single import DockingEnv
 from dockctl.envs.vector import DockingVectorEnv
 from dockctl.errors import DockctlError
 from dockctl.evaluation import compare, evaluate, load_policy
 from dockctl.evaluation.policies import BuiltPolicy, LoadedPolicy
+from dockctl.scenarios.loader import load
 from dockctl.testing import ContractError, check_policy
 from dockctl.trust import UntrustedError
 from tests.commands.conftest import dockctl
@@ -45,6 +47,11 @@ def wrong_shape(scenario):
 
 def not_there(scenario):
     return Constant(77)
+
+def valuing(scenario, *, actions: int = 77):
+    policy = Constant(0)
+    policy.q_values = lambda observation: np.tile(np.arange(actions), (len(observation), 1))
+    return policy
 
 def fractions(scenario):
     return Constant(0.5)
@@ -219,6 +226,19 @@ def test_a_policy_that_is_not_found(file: Path, given: str, code: str, suggestio
     assert caught.value.code == code
     assert caught.value.suggestion == suggestion.replace("FILE", str(file))
     assert code != "unknown_name" or "ahead" in str(caught.value)  # those that there are
+
+
+def test_a_controller_that_values_actions_can_have_a_supervisor(file: Path) -> None:
+    env = DockingVectorEnv("s1", 2)
+    scenario = load("s1", overrides=["evaluation.supervisor=true"]).scenario
+    valuing, plain = (load_policy(f"{file}:{factory}").make(env) for factory in ("valuing", "ahead"))
+    assert has_supervisor(valuing, scenario) and not has_supervisor(plain, scenario)
+    assert isinstance(valuing, QPolicy)
+    assert valuing.q_values(np.zeros((2, 3))).tolist() == [list(range(77))] * 2
+    wrong = load_policy(f"{file}:valuing", actions=5).make(env)
+    assert isinstance(wrong, QPolicy)
+    with pytest.raises(DockctlError, match=r"q_values returned shape \(2, 5\), expected \(2, 77\)"):
+        wrong.q_values(np.zeros((2, 3)))
 
 
 @pytest.mark.parametrize(

@@ -10,7 +10,7 @@ from pydantic import Field
 
 from dockctl.geometry import Floats, Ints
 from dockctl.plugins import CONDITIONS
-from dockctl.scenarios.base import Positive, Speed
+from dockctl.scenarios.base import NonNegative, Positive, Speed
 from dockctl.scenarios.extensions import OFF, Condition, Directions, Disturbance, Drawn, draw, register
 from dockctl.scenarios.vessel import Vessel
 from dockctl.sim.conditions.authority import ControlAuthority
@@ -31,7 +31,7 @@ class Current(Condition):
     kind: Literal["current"] = "current"
     speed_mps: Drawn[Speed]
     direction_deg: Directions
-    variation_mps: Drawn[Annotated[Speed, Field(le=3)]] = OFF
+    variation_mps: Drawn[Annotated[NonNegative, Field(le=3)]] = OFF
     variation_time_s: Positive = 100.0
 
     def build(self, num_boats: int) -> Disturbance:

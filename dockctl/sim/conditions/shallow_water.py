@@ -83,14 +83,15 @@ def depth_factors(water: ShallowWater, depth_m: Floats) -> dict[str, Floats]:
     Added mass: K0 + 2/3 K1 b + 8/15 K2 b^2 in sway and K0 + 8/15 K1 b + 40/105 K2 b^2 in yaw. Damping, linear
     and quadratic: 3/2 (K0 + 1/2 K1 b + 1/3 K2 b^2) - 1/2 in sway, and the added-mass factor in yaw. K0, K1
     and K2 are functions of h/T - 1; b = C_b B/T (1 + B/L)^2. From Taimuri et al. (2020, Ocean Engineering
-    218, 108103), as implemented in the open-source package mmgdynamics.
+    218, 108103), as implemented in the open-source package mmgdynamics, which however multiplies K2 of wide
+    hulls by B/T: it is continuous at B/T = 4 only with T/B, as here.
     """
     length, beam, draft, block = water.length_m, water.beam_m, water.draft_m, water.block_coefficient
     assert length is not None and beam is not None and draft is not None and block is not None  # by `fitted`
     gap = depth_m / draft - 1
     k0 = 1 + 0.0775 / gap**2 - 0.011 / gap**3 + 0.000068 / gap**5
     k1 = -0.0643 / gap + 0.0724 / gap**2 - 0.0113 / gap**3 + 0.0000767 / gap**5
-    k2 = (0.0342 if beam / draft <= 4 else 0.137 * beam / draft) / gap
+    k2 = (0.0342 if beam / draft <= 4 else 0.137 * draft / beam) / gap
     b = block * beam / draft * (1 + beam / length) ** 2
     sway_mass = k0 + 2 / 3 * k1 * b + 8 / 15 * k2 * b**2
     yaw_mass = k0 + 8 / 15 * k1 * b + 40 / 105 * k2 * b**2

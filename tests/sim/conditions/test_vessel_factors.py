@@ -10,6 +10,7 @@ import pytest
 from dockctl.errors import InputError
 from dockctl.scenarios.loader import load, load_vessel
 from dockctl.scenarios.vessel import Vessel
+from dockctl.sim.checks import load_checked
 from dockctl.sim.conditions.shallow_water import ShallowWater, depth_factors
 from dockctl.sim.conditions.uncertainty import DAMPING, MASSES
 from dockctl.sim.simulator import Simulator
@@ -75,6 +76,19 @@ def test_factors_by_hand() -> None:
     assert factors["N_r_kgm2ps"] == factors["N_rdot_kgm2"]
 
 
+def test_factors_are_continuous_in_the_beam() -> None:
+    """K2 has another formula above B/T = 4."""
+    narrow, wide = (
+        depth_factors(
+            ShallowWater(depth_m=(0.6,), length_m=3, beam_m=beam_m, draft_m=0.3, block_coefficient=1 / 6),
+            np.array([0.6]),
+        )
+        for beam_m in (1.2, 1.2001)
+    )
+    for name, factor in narrow.items():
+        assert wide[name] == pytest.approx(factor, rel=1e-3)
+
+
 @pytest.mark.parametrize(
     ("text", "field"),
     [
@@ -83,6 +97,9 @@ def test_factors_by_hand() -> None:
         ("uncertainty: {masses: 0.9, damping: 0.9}", "conditions.uncertainty.damping"),
         ("actuators: {delay_steps: 0.5}", "conditions.actuators.delay_steps.0"),
         ("wind: {speed_mps: 3}", "conditions.wind.direction_deg"),
+        ("current: {speed_mps: 0, direction_deg: 0, variation_mps: 5}", "conditions.current.variation_mps"),
+        ("tide: {kind: 5}", "conditions.tide.kind"),
+        ("a.b: {kind: lidar_noise}", "conditions"),
     ],
 )
 def test_a_problem_has_its_place(tmp_path: Path, text: str, field: str) -> None:
@@ -92,3 +109,17 @@ def test_a_problem_has_its_place(tmp_path: Path, text: str, field: str) -> None:
         load(file)
     (problem,) = caught.value.problems
     assert (problem.line, problem.field.removesuffix(".0")) == (2, field.removesuffix(".0"))
+
+
+@pytest.mark.parametrize(("section", "line"), [("conditions", 2), ("training.conditions", 3)])
+def test_one_condition_adds_noise_to_the_range_sensor(tmp_path: Path, section: str, line: int) -> None:
+    file, other = tmp_path / "mine.yaml", "n: {kind: lidar_noise}"
+    own, trained = (f", {other}", "") if section == "conditions" else ("", other)
+    file.write_text(
+        f"extends: s1\nconditions: {{lidar_noise: {{}}{own}}}\ntraining: {{conditions: {{{trained}}}}}\n"
+    )
+    with pytest.raises(InputError) as caught:
+        load_checked(file)
+    (problem,) = caught.value.problems
+    assert (problem.line, problem.field) == (line, f"{section}.n")
+    assert "'lidar_noise'" in problem.message

@@ -273,6 +273,31 @@ def test_an_unknown_free_berth_is_rejected() -> None:
     assert (error.field, error.code, error.suggestion) == ("free_y_m", "unknown_name", "4")
 
 
+@pytest.mark.parametrize(
+    ("row", "field", "reason"),
+    [
+        (
+            {"berth_y_m": (0.0, 31.0)},
+            "berth_y_m.1",
+            "beyond the end of the edge of the row, which is -30 to 30",
+        ),
+        ({"berth_y_m": (0.0,), "finger_y_m": (-31.0,)}, "finger_y_m.0", "beyond"),
+        ({"berth_y_m": (0.0, 5.0, 0.0)}, "berth_y_m", "this east row also has a berth at 0"),
+        ({"berth_y_m": (0.0, 12.0)}, "berth_y_m.1", "in the entrance, 10 to 20"),
+        ({"berth_y_m": (0.0, 9.0), "edge_m": 10.0}, "berth_y_m.1", "which is -5 to 5"),
+    ],
+)
+def test_a_place_beyond_the_edge_of_its_row_is_rejected(row: dict[str, Any], field: str, reason: str) -> None:
+    box = {"x_min_m": 0.0, "x_max_m": 40.0, "y_min_m": -30.0, "y_max_m": 30.0}
+    pier = {"x_min_m": 10.0, "x_max_m": 12.0, "y_min_m": -5.0, "y_max_m": 5.0}
+    entrance = {"side": "east", "from_m": 10.0, "to_m": 20.0}
+    with pytest.raises(ValidationError) as caught:
+        marina(basin=box, piers=(pier,), entrance=entrance, rows=[{"side": "east", **row}])
+    error = caught.value.errors()[0]["ctx"]["error"]
+    assert error.field == f"rows.0.{field}"
+    assert reason in error.message
+
+
 def test_basin_without_water_is_rejected() -> None:
     with pytest.raises(ValidationError, match="x_min_m"):
         marina(basin={"x_min_m": 5.0, "x_max_m": 5.0, "y_min_m": 0.0, "y_max_m": 1.0})
