@@ -87,6 +87,7 @@ def draw_outcomes(ax: Axes, table: pd.DataFrame, policies: Sequence[str], title:
     ax.set_yticks(range(len(policies)), list(map(_name, policies)))
     ax.tick_params(axis="y", labelcolor=palette.INK, labelsize=9)
     ax.set(ylim=(len(policies) - 0.5, -0.5), xlim=(0, 1))
+    ax.set_xticks([0, 0.5, 1])
     percent(ax.xaxis)
     ax.grid(False)
     panel_title(ax, title, pad=6)
@@ -110,7 +111,7 @@ def draw_differences(ax: Axes, measure: Measure, found: Sequence[Contrast], poli
             ends += [low, high]
     margin = max(0.16 * np.ptp(ends), 5 * 10.0**-measure.decimals)
     ax.set_xlim(min(ends) - margin, max(ends) + margin)
-    ax.xaxis.set_major_locator(MaxNLocator(3))
+    ax.xaxis.set_major_locator(MaxNLocator(2))
     panel_title(ax, textwrap.fill(f"Δ {measure.name}", TITLE_CHARACTERS), pad=6)
     ax.set_xlabel(f"[{measure.unit}]", fontsize=8.5, labelpad=2)
     ax.spines["left"].set_visible(False)
