@@ -101,7 +101,10 @@ class Vessel(Model):
         try:
             Vessel.model_validate({**dict(self), **scaled})
         except ValidationError as error:
-            reason = error.errors()[0]["msg"].removeprefix("Value error, ")
+            first = error.errors()[0]
+            reason = first["msg"].removeprefix("Value error, ")
+            if first["type"] != "value_error":  # of a single coefficient
+                reason = f"{first['loc'][0]} would be {first['input']:g}"
             raise FieldError(field, f"changes the vessel too much: {reason}", "out_of_range") from None
 
     @model_validator(mode="after")
