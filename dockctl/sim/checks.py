@@ -13,13 +13,13 @@ import numpy as np
 from dockctl.errors import InputError
 from dockctl.geometry import Floats, pose_array, pose_label, to_world
 from dockctl.scenarios.base import Pose
-from dockctl.scenarios.harbor import Generated
+from dockctl.scenarios.harbor import Generated, Marina
 from dockctl.scenarios.layouts import layouts
 from dockctl.scenarios.loader import LoadedScenario, load
 from dockctl.scenarios.schema import TRAINING_CONDITIONS, Scenario
 from dockctl.sim.collision import CollisionChecker, collision_checker
 from dockctl.sim.disturbances import Disturbances
-from dockctl.sim.harbor.build import Harbor, build_harbor, open_bodies
+from dockctl.sim.harbor.build import Harbor, build_harbor, open_bodies, overlapping_vessels
 from dockctl.sim.harbor.solids import hull_outline
 from dockctl.sim.starts import UNREACHABLE, blocked_berths, free_sites, own_site, rejected_shares
 
@@ -29,6 +29,8 @@ LITTLE_USED = 0.8
 """Fraction of the vessel's limits below which actions are noted."""
 CHECKED_LAYOUTS = 3
 """Number of generated layouts of each kind whose starts are checked; the others follow the same rules."""
+SHOWN_OVERLAPS = 3
+"""Number of overlapping vessels that a note names."""
 SEARCH_RADII_M = np.arange(1, 41) * 0.25
 SEARCH_DIRECTIONS = np.array([(math.cos(a), math.sin(a), 0.0) for a in np.arange(16) * (math.pi / 8)])
 
@@ -148,6 +150,22 @@ def notes(loaded: LoadedScenario) -> list[str]:
         ]
         + [str(loaded.problem(*note)) for note in beyond_authority(scenario)]
     )
+
+
+def overlap_notes(loaded: LoadedScenario) -> list[str]:
+    """Return a note on moored vessels that touch something else, if the marina has some.
+
+    Generated layouts have none.
+    """
+    if not isinstance(spec := loaded.scenario.harbor, Marina):
+        return []
+    if not (pairs := overlapping_vessels(build_harbor(spec, loaded.base_dir))):
+        return []
+    shown = [f"the {vessel} and the {other}" for vessel, other in pairs[:SHOWN_OVERLAPS]]
+    more = f" and {len(pairs) - len(shown)} more" if len(pairs) > len(shown) else ""
+    return [
+        str(loaded.problem("harbor.rows", f"overlapping: {'; '.join(shown)}{more}. Move or free the berths"))
+    ]
 
 
 def unused_authority(scenario: Scenario) -> Iterator[tuple[str, str]]:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from pathlib import Path
 
 import numpy as np
@@ -45,6 +46,20 @@ def test_every_registered_scenario_is_valid() -> None:
     }
     words = "ok s1: one phase, 1 start, 5 observation parts, 5 reward terms; eilbrecht in reference"
     assert any(line.startswith(words) for line in out)
+
+
+def test_vessels_that_overlap_are_noted(tmp_path: Path) -> None:
+    """In the corner of two quays: each of the two pairs is less than 4 m apart along both quays."""
+    file = tmp_path / "corner.yaml"
+    file.write_text(
+        "extends: s1\nharbor:\n  rows:\n    - {side: east, berth_y_m: [-4, 0, 4, 36.5], free_y_m: [0]}\n"
+        "    - {side: north, berth_x_m: [25, 36]}\n"
+    )
+    code, out, (note,) = validate(file)
+    assert (code, len(out)) == (0, 1)
+    assert note.startswith(f"note: {file}:4:5: harbor.rows: overlapping: the moored ")
+    berths = {"north berth x=36", "east berth y=36.5"}
+    assert set(re.findall(r"[a-z]+ berth [xy]=-?[\d.]*\d", note)) == berths
 
 
 def test_the_examples_are_valid() -> None:
