@@ -16,6 +16,7 @@ PARTS = {
 """Columns of ``latency.csv`` [ms], with their names."""
 OPTIONAL = "control_ms"
 """Only for policies with a supervisor or planner."""
+REQUIRED = tuple(part for part in PARTS if part != OPTIONAL)
 STATISTICS = {"mean": "mean", "p50": "50%", "p95": "95%", "p99": "99%", "max": "max"}
 """Names of the statistics here and in pandas."""
 

@@ -32,7 +32,7 @@ def validate(
     from dockctl.experiments.registered import phases, summary
     from dockctl.plugins import SCENARIOS
     from dockctl.scenarios import catalog
-    from dockctl.sim.checks import load_checked, notes, overlap_notes
+    from dockctl.sim.checks import load_checked, notes
 
     catalog.fill()
     for path in plugin or ():
@@ -50,7 +50,7 @@ def validate(
         else:
             content = f"{phases(loaded.scenario)}, {summary(loaded.scenario)}"
             print_text(console, f"ok {source}: {content}")
-            for note in [*notes(loaded), *overlap_notes(loaded)]:
+            for note in notes(loaded):
                 print_text(problems, f"note: {note}", "yellow")
     if failures:
         raise typer.Exit(DockctlError.exit_code)

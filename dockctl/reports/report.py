@@ -17,7 +17,7 @@ from markupsafe import Markup
 
 import dockctl
 from dockctl.analysis.episodes import count_by_kind, summarize
-from dockctl.analysis.latency import OPTIONAL, PARTS, STATISTICS, verdict
+from dockctl.analysis.latency import PARTS, REQUIRED, STATISTICS, verdict
 from dockctl.analysis.latency import summarize as summarize_latency
 from dockctl.analysis.returns import format_unit, verdicts
 from dockctl.analysis.statistics import describe_share
@@ -359,7 +359,7 @@ def _returns_section(page: Page, run: Run) -> None:
 
 
 def _latency_section(page: Page, run: Run) -> None:
-    samples = _measured(run, LATENCY, [part for part in PARTS if part != OPTIONAL])
+    samples = _measured(run, LATENCY, REQUIRED)
     if samples is None:
         return
     summary, period_ms = summarize_latency(samples), 1000 * _control_period_s(run)

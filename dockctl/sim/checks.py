@@ -17,9 +17,9 @@ from dockctl.scenarios.harbor import Generated, Marina
 from dockctl.scenarios.layouts import layouts
 from dockctl.scenarios.loader import LoadedScenario, load
 from dockctl.scenarios.schema import TRAINING_CONDITIONS, Scenario
-from dockctl.sim.collision import CollisionChecker, collision_checker
+from dockctl.sim.collision import CollisionChecker, collision_checker, overlapping_vessels
 from dockctl.sim.disturbances import Disturbances
-from dockctl.sim.harbor.build import Harbor, build_harbor, open_bodies, overlapping_vessels
+from dockctl.sim.harbor.build import Harbor, build_harbor, open_bodies
 from dockctl.sim.harbor.solids import hull_outline
 from dockctl.sim.starts import UNREACHABLE, blocked_berths, free_sites, own_site, rejected_shares
 
@@ -124,8 +124,8 @@ def with_few_layouts(scenario: Scenario) -> Scenario:
 def notes(loaded: LoadedScenario) -> list[str]:
     """Return notes for the user on a scenario that `load_checked` returned.
 
-    They concern starts that are redrawn, berths that are left out, open meshes, and conditions beyond the
-    vessel's control authority.
+    They concern starts that are redrawn, berths that are left out, open meshes, moored vessels that overlap,
+    and conditions beyond the vessel's control authority.
     """
     scenario = loaded.scenario
     return (
@@ -148,18 +148,16 @@ def notes(loaded: LoadedScenario) -> list[str]:
             )
             for field, number in open_bodies(scenario.harbor, loaded.base_dir).items()
         ]
+        + _overlaps(loaded)
         + [str(loaded.problem(*note)) for note in beyond_authority(scenario)]
     )
 
 
-def overlap_notes(loaded: LoadedScenario) -> list[str]:
-    """Return a note on moored vessels that touch something else, if the marina has some.
-
-    Generated layouts have none.
-    """
-    if not isinstance(spec := loaded.scenario.harbor, Marina):
-        return []
-    if not (pairs := overlapping_vessels(build_harbor(spec, loaded.base_dir))):
+def _overlaps(loaded: LoadedScenario) -> list[str]:
+    """Return a note on moored vessels that touch something, if the marina has some; no layout has."""
+    spec = loaded.scenario.harbor
+    pairs = overlapping_vessels(build_harbor(spec, loaded.base_dir)) if isinstance(spec, Marina) else []
+    if not pairs:
         return []
     shown = [f"the {vessel} and the {other}" for vessel, other in pairs[:SHOWN_OVERLAPS]]
     more = f" and {len(pairs) - len(shown)} more" if len(pairs) > len(shown) else ""

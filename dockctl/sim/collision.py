@@ -222,6 +222,11 @@ class _Surfaces:
         gaps: Floats = np.hypot(gap[:, :, 0], gap[:, :, 1])
         return gaps
 
+    @property
+    def bounds(self) -> Floats:
+        """Smallest and largest x, y of each part, (parts, 4) [m]."""
+        return np.hstack([self._low, self._high])
+
     def overlaps(self, bounds: Floats) -> Bools:
         """Return where `gaps` is 0, (n, 4) to (n, parts)."""
         x0, y0, x1, y1 = bounds.T[:, :, None]
@@ -281,6 +286,22 @@ def _box(length: float, beam: float, height: float) -> _Shape:
 def collision_checker(harbor: Harbor, hull: Hull) -> CollisionChecker:
     """Return the checker of a hull in a harbor, from a cache."""
     return CollisionChecker(harbor, hull)
+
+
+def overlapping_vessels(harbor: Harbor) -> list[tuple[str, str]]:
+    """Return the names of each moored vessel and of a part that its surface touches."""
+    surfaces = _Surfaces(harbor, np.ones(len(harbor.triangles), bool))
+    near, is_vessel = surfaces.overlaps(surfaces.bounds), [part.kind == "vessel" for part in harbor.parts]
+    pairs = (
+        (one, other)
+        for one, other in np.argwhere(near).tolist()
+        if is_vessel[one] and one != other and (one < other or not is_vessel[other])
+    )
+    return [
+        (harbor.parts[one].name, harbor.parts[other].name)
+        for one, other in pairs
+        if _touch(surfaces.of_part(one), surfaces.of_part(other))
+    ]
 
 
 def first_contact(path: Floats, obstacles: Obstacles, hull: Hull) -> Floats | None:

@@ -14,7 +14,7 @@ import yaml
 from pydantic import BaseModel, ConfigDict, model_validator
 
 from dockctl.analysis.episodes import from_initial_poses
-from dockctl.analysis.latency import PARTS
+from dockctl.analysis.latency import REQUIRED
 from dockctl.analysis.success_map import COLUMNS as MAP_COLUMNS
 from dockctl.analysis.success_map import (
     SMALL_OFFSET_DEG,
@@ -216,7 +216,7 @@ class ArchivedRun:
     @cached_property
     def latency_samples(self) -> pd.DataFrame:
         """Times of single decisions [ms]."""
-        return self._table(Path(f"{LATENCY}.csv").name, tuple(PARTS))[[*PARTS]]
+        return self._table(Path(f"{LATENCY}.csv").name, REQUIRED)[[*REQUIRED]]
 
     @cached_property
     def map(self) -> pd.DataFrame:

@@ -8,7 +8,7 @@ from functools import partial
 import pandas as pd
 from matplotlib.figure import Figure
 
-from dockctl.analysis.latency import PARTS
+from dockctl.analysis.latency import PARTS, REQUIRED
 from dockctl.analysis.returns import AT_START, DOCKING, format_unit, value, verdicts
 from dockctl.drawing import palette
 from dockctl.experiments.study import Experiment
@@ -258,7 +258,7 @@ def time_page(facts: Facts, archive: Archive) -> Page:
     figures: dict[str, Draw] = {"latency": partial(_latency_figure, first, facts.forward_pass_ms)}
     values = {
         "forward_ms": f"{facts.forward_pass_ms:g}",
-        "decisions": [_decision_row(run, part) for run in archive["s3"] for part in PARTS],
+        "decisions": [_decision_row(run, part) for run in archive["s3"] for part in REQUIRED],
         "seconds_per_step": f"{facts.seconds_per_step:g}",
         "hours": f"{facts.hours_per_scenario:g}",
         "trainings": [_time_row(scenario, archive[scenario.name]) for scenario in facts.scenarios],

@@ -9,7 +9,7 @@ from pathlib import Path
 import pandas as pd
 import pytest
 
-from dockctl.analysis.latency import OPTIONAL, PARTS
+from dockctl.analysis.latency import REQUIRED
 from tests.commands.conftest import Outcome, dockctl, forget_interface
 
 ENDS = ("png", "svg", "csv", "json")
@@ -25,7 +25,7 @@ def test_without_a_run_a_shipped_policy_is_timed(tmp_path: Path, monkeypatch: py
     (table,) = folder.glob("latency-s1-*.csv")
     assert {path.name for path in folder.iterdir()} == {f"{table.stem}.{end}" for end in ENDS}
     samples = pd.read_csv(table)
-    assert list(samples) == ["decision", *(part for part in PARTS if part != OPTIONAL)]
+    assert list(samples) == ["decision", *REQUIRED]
     assert len(samples) >= 10
     assert (samples[["scan_ms", "state_ms", "forward_ms"]].sum(axis=1)).to_numpy() == pytest.approx(
         samples["decision_ms"].to_numpy(), rel=1e-4

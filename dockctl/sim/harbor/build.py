@@ -6,7 +6,6 @@ from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -94,25 +93,6 @@ def open_bodies(spec: HarborSpec, base_dir: Path) -> dict[str, int]:
             solids[f"harbor.fleet.models.{index}"] = moored_model(name).solids
     opened = {field: sum(not s.mesh.is_watertight for s in found) for field, found in solids.items()}
     return {field: number for field, number in opened.items() if number}
-
-
-def overlapping_vessels(harbor: Harbor) -> list[tuple[str, str]]:
-    """Return the names of each moored vessel and of a part that its surface touches."""
-    import trimesh.collision  # slow to import
-
-    collision: Any = trimesh.collision  # without annotations
-    surfaces = collision.CollisionManager()
-    for part in harbor.parts:
-        meshes = [
-            trimesh.Trimesh(solid.mesh.vertices, solid.mesh.faces, process=False) for solid in part.solids
-        ]
-        surfaces.add_object(part.name, trimesh.util.concatenate(meshes))
-    vessels = {part.name for part in harbor.parts if part.kind == "vessel"}
-    _, touching = surfaces.in_collision_internal(return_names=True)
-    pairs = (
-        sorted(pair, key=lambda name: (name not in vessels, name)) for pair in touching if vessels & set(pair)
-    )
-    return sorted((vessel, other) for vessel, other in pairs)
 
 
 @shared(lambda harbor: 3 * harbor.triangles.nbytes)  # the triangles, and the meshes of the parts
