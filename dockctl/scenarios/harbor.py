@@ -225,20 +225,24 @@ class Marina(Model):
     @model_validator(mode="after")
     def _places_are_along_an_edge(self) -> Self:
         for index, row in enumerate(self.rows):
-            bodies = [self.basin] if row.edge_m is None else self._bodies_at(row)
-            ends = [[getattr(body, f"{row.axis}_{end}_m") for end in ("min", "max")] for body in bodies]
-            known = ", ".join(f"{low:g} to {high:g}" for low, high in ends)
-            gap = self.entrance if row.edge_m is None else None
             for name, places in (("finger", row.fingers), ("berth", row.berths)):
                 for number, at in enumerate(places):
-                    field, message = f"rows.{index}.{name}_{row.axis}_m.{number}", ""
-                    if not any(low <= at <= high for low, high in ends):
-                        message = f"{at:g} is beyond the end of the edge of the row, which is {known}"
-                    elif gap and gap.side == row.side and gap.from_m < at < gap.to_m:
-                        message = f"{at:g} is in the entrance, {gap.from_m:g} to {gap.to_m:g}"
-                    if message:
+                    if message := self._misplaced(row, at):
+                        field = f"rows.{index}.{name}_{row.axis}_m.{number}"
                         raise FieldError(field, message, "out_of_range")
         return self
+
+    def _misplaced(self, row: SideRow | EndRow, at: float) -> str:
+        """Return why there is no edge at a position along a row, or an empty string."""
+        bodies = [self.basin] if row.edge_m is None else self._bodies_at(row)
+        ends = [[getattr(body, f"{row.axis}_{end}_m") for end in ("min", "max")] for body in bodies]
+        if not any(low <= at <= high for low, high in ends):
+            known = ", ".join(f"{low:g} to {high:g}" for low, high in ends)
+            return f"{at:g} is beyond the end of the edge of the row, which is {known}"
+        gap = self.entrance
+        if row.edge_m is None and gap and gap.side == row.side and gap.from_m < at < gap.to_m:
+            return f"{at:g} is in the entrance, {gap.from_m:g} to {gap.to_m:g}"
+        return ""
 
     @model_validator(mode="after")
     def _entrance_in_its_quay(self) -> Self:
