@@ -196,7 +196,7 @@ def test_every_block_has_a_language_that_is_tested() -> None:
         assert {*fences[1::2]} <= {"```"}, document
         found.update(f"{document.name} {fence[3:]}" for fence in fences[::2])
     data = {name: count for name, count in found.items() if name.endswith(("yaml", "json", "toml"))}
-    whole = {f"{name}.md yaml" for name in ("choices", "gallery", "plugins", "scenario")}  # any number
+    whole = {f"{name}.md yaml" for name in ("choices", "conditions", "gallery", "plugins", "scenario")}
     once = {"README.md yaml", "studies.md yaml", "scenario.md json", "plugins.md toml"}  # only the first
     assert data.keys() == whole | once and all(data[name] == 1 for name in once)
 

@@ -249,7 +249,7 @@ class TestDocuments:
             kind = {"b": " bool", "i": " int", "f": ""}[array.dtype.kind]
             assert f"{array.shape}{kind}" == numbers, name
 
-    @pytest.mark.parametrize("document", ["choices.md", "scenario.md"])
+    @pytest.mark.parametrize("document", ["choices.md", "conditions.md", "scenario.md"])
     def test_every_yaml_block_about_scenarios_is_valid(self, document: str, tmp_path: Path) -> None:
         blocks = re.findall(r"^```yaml\n(.*?)^```", (ROOT / "docs" / document).read_text(), re.M | re.S)
         assert blocks
