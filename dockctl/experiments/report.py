@@ -156,7 +156,7 @@ def _study_or_comparison(path: Path) -> Page:
     Raises:
         DockctlError: the path is neither.
     """
-    if path.is_file() and isinstance(content := read_json(path), dict):
+    if path.is_file() and isinstance(content := read_json(path), dict) and "policies" in content:
         return comparison_page(content, path)
     if any(path.glob(f"*/{ARCHIVED}")):
         study = _study(path)

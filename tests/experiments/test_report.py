@@ -53,12 +53,13 @@ def test_the_study_has_its_own_title_and_experiments(tmp_path: Path) -> None:
 
 def test_other_paths_are_errors(tmp_path: Path) -> None:
     (tmp_path / "list.json").write_text("[1]")
-    for source in (tmp_path / "nothing", tmp_path, tmp_path / "list.json"):
+    (tmp_path / "evaluation.json").write_text('{"scenario": "s1", "held-out berths": {}}')
+    for source in (tmp_path / "nothing", tmp_path, tmp_path / "list.json", tmp_path / "evaluation.json"):
         with pytest.raises(DockctlError) as error:
             report.write_report(source, tmp_path / "page.html", note=quiet)
         assert str(source) in str(error.value)
         assert error.value.code == "not_found"
-    (tmp_path / "c.json").write_text("{}")
+    (tmp_path / "c.json").write_text('{"policies": {}}')
     with pytest.raises(DockctlError) as error:
         report.write_report(tmp_path / "c.json", tmp_path / "page.html", note=quiet)
     assert "c.json" in str(error.value)
