@@ -19,6 +19,7 @@ from dockctl.envs.vector import DockingVectorEnv
 from dockctl.geometry import Floats
 from dockctl.runs.tables import CONDITION_COLUMNS, TRAJECTORIES, Value, all_columns, to_csv
 from dockctl.scenarios.loader import LoadedScenario
+from dockctl.sim.checks import located
 from dockctl.sim.collision import least_clearance
 from dockctl.sim.starts import Start
 from dockctl.sim.world import World, build_worlds
@@ -162,11 +163,15 @@ class Rollout:
 
         The conditions of episode i are drawn from the seed `evaluation.conditions_seed` + i, unless the start
         has a seed: they depend neither on the policy nor on the number of boats.
+
+        Raises:
+            InputError: the scenario's conditions do not match its vessel or range sensor.
         """
         if not starts:
             return []
         env, measure = self.env(min(PARALLEL_BOATS, len(starts))), self._clearance if clearance else None
-        return run_episodes(env, controlled(policy, env), self.seeded(starts), measure)
+        with located(self.loaded):
+            return run_episodes(env, controlled(policy, env), self.seeded(starts), measure)
 
     def seeded(self, starts: Sequence[Start]) -> list[Start]:
         """Return the starts; those without a seed get `evaluation.conditions_seed` and their number."""

@@ -4,8 +4,6 @@ from __future__ import annotations
 
 import json
 import math
-from collections.abc import Iterator
-from contextlib import contextmanager
 from dataclasses import replace
 from typing import Any
 
@@ -19,7 +17,7 @@ from dockctl.dueling import Hysteresis, Mirror
 from dockctl.envs.hysteresis import action_hysteresis
 from dockctl.envs.mirror import mirror_images
 from dockctl.envs.vector import DockingVectorEnv
-from dockctl.errors import InputError, PluginError
+from dockctl.errors import PluginError
 from dockctl.plugins import (
     ACTIONS,
     ALGORITHMS,
@@ -35,8 +33,7 @@ from dockctl.scenarios.extensions import ActionType, RangeSensorSpec
 from dockctl.scenarios.layouts import layouts
 from dockctl.scenarios.loader import LoadedScenario
 from dockctl.scenarios.schema import TRAINING_CONDITIONS
-from dockctl.sim.conditions.lidar_faults import SectorError
-from dockctl.sim.simulator import IntegrationError
+from dockctl.sim.checks import located
 from dockctl.sim.vessel import ReferenceVesselModel
 from dockctl.sim.world import NothingInRange, in_open_water, scan_points, scan_sectors
 
@@ -61,11 +58,11 @@ def dry_run(loaded: LoadedScenario) -> None:
         PluginError: a plugin failed, or returned a value that is not finite.
         DockctlError: the state of a condition cannot be saved.
     """
-    with _located(loaded):
+    with located(loaded):
         _step(loaded)
         _integrate(loaded)
     if loaded.scenario.training.conditions:
-        with _located(loaded, TRAINING_CONDITIONS):
+        with located(loaded, TRAINING_CONDITIONS):
             trained = replace(loaded, scenario=loaded.scenario.with_training_conditions())
             _step(trained)
             _integrate(trained)
@@ -256,7 +253,7 @@ def build_algorithm(loaded: LoadedScenario, spaces: Spaces, boats: int, device: 
     """
     training = loaded.scenario.training.model_copy(update={"boats": boats})
     spec = algorithm_of(training)
-    with Guard(ALGORITHMS, spec.kind), _located(loaded):
+    with Guard(ALGORITHMS, spec.kind), located(loaded):
         try:
             algorithm = spec.build(spaces, training, device)
         except MemoryError as error:  # the replay buffer is allocated at its full capacity
@@ -273,24 +270,6 @@ def build_algorithm(loaded: LoadedScenario, spaces: Spaces, boats: int, device: 
             margin = training.hysteresis * training.reward_scale
             algorithm.keep_actions(Hysteresis(*action_hysteresis(loaded.scenario, margin)))
     return algorithm
-
-
-@contextmanager
-def _located(loaded: LoadedScenario, conditions: str = "conditions") -> Iterator[None]:
-    """Convert a `FieldError` or `SectorError` in the block to an `InputError` at the location of the field.
-
-    Divergence of the integration is attributed to the conditions: the vessel's validator checked the rest.
-    """
-    try:
-        yield
-    except FieldError as error:
-        problem = loaded.problem(error.field, error.message, error.code, error.suggestion)
-        raise InputError([problem]) from None
-    except IntegrationError as error:
-        raise InputError([loaded.problem(conditions, error.message, error.code)]) from None
-    except SectorError as error:
-        field = conditions + error.field.removeprefix("conditions")
-        raise InputError([loaded.problem(field, error.reason, error.code)]) from None
 
 
 def _require_finite_terms(by_term: dict[str, Any]) -> None:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator, Mapping, Sequence
+from contextlib import contextmanager
 from dataclasses import replace
 from pathlib import Path
 from typing import NamedTuple
@@ -12,15 +13,17 @@ import numpy as np
 
 from dockctl.errors import InputError
 from dockctl.geometry import Floats, pose_array, pose_label, to_world
-from dockctl.scenarios.base import Pose
+from dockctl.scenarios.base import FieldError, Pose
 from dockctl.scenarios.harbor import Generated, Marina
 from dockctl.scenarios.layouts import layouts
 from dockctl.scenarios.loader import LoadedScenario, load
 from dockctl.scenarios.schema import TRAINING_CONDITIONS, Scenario
 from dockctl.sim.collision import CollisionChecker, collision_checker, overlapping_vessels
+from dockctl.sim.conditions.lidar_faults import SectorError
 from dockctl.sim.disturbances import Disturbances
 from dockctl.sim.harbor.build import Harbor, build_harbor, open_bodies
 from dockctl.sim.harbor.solids import hull_outline
+from dockctl.sim.simulator import IntegrationError
 from dockctl.sim.starts import UNREACHABLE, blocked_berths, free_sites, own_site, rejected_shares
 
 MAX_REJECTED, NOTED_REJECTED = 0.95, 0.3
@@ -58,6 +61,30 @@ def load_checked(
     if found.problems:
         raise InputError([loaded.problem(*each) for each in found.problems])
     return replace(loaded, rejected_starts=found.rejected_starts, blocked_berths=found.blocked_berths)
+
+
+@contextmanager
+def located(loaded: LoadedScenario, conditions: str = "conditions") -> Iterator[None]:
+    """Convert an error of a field that shows only in the block to an `InputError` at its location.
+
+    Divergence of the integration is attributed to the conditions: the vessel's validator checked the rest.
+
+    Args:
+        conditions: field with the scenario's conditions.
+
+    Raises:
+        InputError: the block raised a `FieldError`, or a condition does not match the vessel or range sensor.
+    """
+    try:
+        yield
+    except FieldError as error:
+        problem = loaded.problem(error.field, error.message, error.code, error.suggestion)
+        raise InputError([problem]) from None
+    except IntegrationError as error:
+        raise InputError([loaded.problem(conditions, error.message, error.code)]) from None
+    except SectorError as error:
+        field = conditions + error.field.removeprefix("conditions")
+        raise InputError([loaded.problem(field, error.reason, error.code)]) from None
 
 
 class PoseFindings(NamedTuple):

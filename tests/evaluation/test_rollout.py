@@ -3,11 +3,13 @@
 from __future__ import annotations
 
 import csv
+from pathlib import Path
 
 import numpy as np
 import pytest
 
 from dockctl.agents.interface import Info, Policy
+from dockctl.errors import InputError
 from dockctl.evaluation import rollout
 from dockctl.evaluation.rollout import TRIED_FIRST, Rollout, evaluation_rows, run_episodes, trajectories_csv
 from dockctl.scenarios.loader import load
@@ -99,6 +101,27 @@ def test_a_validation_ends_early_where_few_dock(docks: int, played: int) -> None
     episodes = task.validate(Rest(), starts)
     assert [episode.start.index for episode in episodes] == list(range(played))
     assert sum(episode.docked for episode in episodes) == docks
+
+
+@pytest.mark.parametrize(
+    ("conditions", "field"),
+    [
+        ("{lidar_faults: {sectors: [1, 9]}}", "conditions.lidar_faults.sectors"),
+        # three substeps are enough for the vessel's own speeds only
+        ("{current: {speed_mps: 10, direction_deg: 90}}", "conditions"),
+    ],
+)
+def test_conditions_that_do_not_match_the_scenario_have_their_place(
+    conditions: str, field: str, tmp_path: Path
+) -> None:
+    file = tmp_path / "mine.yaml"
+    file.write_text(f"extends: s1\nvessel: {{substeps: 3}}\nconditions: {conditions}\n")
+    loaded = load(file)
+    task, site = Rollout(loaded, [walled()]), own_site(loaded.scenario)
+    with pytest.raises(InputError) as caught:
+        task.run(Rest(), [given_start(site, loaded.scenario.task, site.initial[0], i) for i in range(16)])
+    (problem,) = caught.value.problems
+    assert (Path(problem.file), problem.line, problem.field) == (file, 3, field)
 
 
 class FullAhead(Policy):
