@@ -27,6 +27,10 @@ class BerthPlaces(Model):
         """All berths, quay by quay."""
         return tuple(BerthPlace(side, at) for side in get_args(Side) for at in getattr(self, side))
 
+    def field(self, place: BerthPlace) -> str:
+        """Return the field with a berth of these, for example ``east.0``."""
+        return f"{place.side}.{getattr(self, place.side).index(place.at_m)}"
+
 
 class Berths(Model):
     """Berths for the episodes: each episode moves all poses of the task to one of the berths.
@@ -47,8 +51,9 @@ class Berths(Model):
             message = f"{self.vacant} vacant berths at a time need {groups} harbors, at most {MAX_HARBORS}"
             raise FieldError("vacant", message, "out_of_range")
         if common := set(self.trained.places) & set(self.held_out.places):
-            side, at = min(common)
-            raise FieldError("held_out", f"the {side} berth at {at:g} is also in trained", "duplicate")
+            place = min(common)
+            message = f"the {place.side} berth at {place.at_m:g} is also in trained"
+            raise FieldError(f"held_out.{self.held_out.field(place)}", message, "duplicate")
         return self
 
     def places(self, kind: BerthKind) -> tuple[BerthPlace, ...]:
@@ -83,10 +88,12 @@ def require_berths(harbor: HarborSpec, berths: Berths | None, *, is_given: bool)
     if not isinstance(harbor, Marina):
         message = "the harbor has no berths: expected kind marina or generated"
         raise FieldError(field, message, "mismatch")
-    for place in berths.trained.places + berths.held_out.places:
-        if place not in harbor.berths:
+    for kind in get_args(BerthKind):
+        for place in berths.places(kind):
+            if place in harbor.berths:
+                continue
             on_side = [berth.at_m for berth in harbor.berths if berth.side == place.side]
             nearest = min(on_side, key=lambda at: abs(at - place.at_m), default=None)
             hint = "that quay has none" if nearest is None else f"the nearest one is at {nearest:g}"
             message = f"no berth on the {place.side} quay at {place.at_m:g}; {hint}"
-            raise FieldError(field, message, "mismatch")
+            raise FieldError(f"{field}.{kind}.{getattr(berths, kind).field(place)}", message, "mismatch")

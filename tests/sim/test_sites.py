@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -114,17 +115,22 @@ def test_a_final_pose_must_be_in_a_berth() -> None:
 
 
 @pytest.mark.parametrize(
-    ("override", "code"),
+    ("berths", "field", "code"),
     [
-        ("task.berths.held_out.east=[1]", "mismatch"),
-        ("task.berths.held_out.north=[1]", "mismatch"),
-        ("task.berths.held_out.east=[4]", "duplicate"),
-        ("task.berths.trained={east: [], west: []}", "missing_key"),
+        ("held_out: {east: [1]}", "held_out.east.0", "mismatch"),
+        ("held_out: {north: [1]}", "held_out.north.0", "mismatch"),
+        ("held_out: {east: [0, 4]}", "held_out.east.1", "duplicate"),
+        ("trained: {east: [], west: []}", "trained", "missing_key"),
     ],
 )
-def test_invalid_berths_are_rejected(override: str, code: str) -> None:
-    with pytest.raises(InputError, check=lambda error: error.code == code):
-        load("marina", overrides=[override])
+def test_invalid_berths_are_rejected_in_their_place(
+    berths: str, field: str, code: str, tmp_path: Path
+) -> None:
+    (tmp_path / "mine.yaml").write_text(f"extends: marina\ntask:\n  berths:\n    {berths}\n")
+    with pytest.raises(InputError) as caught:
+        load(tmp_path / "mine.yaml")
+    (problem,) = caught.value.problems
+    assert (problem.line, problem.field, problem.code) == (4, f"task.berths.{field}", code)
 
 
 def test_the_intermediate_pose_is_drawn_in_training() -> None:
