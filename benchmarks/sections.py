@@ -302,9 +302,7 @@ def optimal_control_section(optimal: Json) -> str:
     missed = facts["missed"]
     steady = sum(row["policy_outcome"] == "docked" for row in missed)
     planned = sum("optimum_s" in row for row in missed if row["policy_outcome"] != "docked")
-    rest = (
-        f", and a trajectory was found from {planned or 'none'} of the others" if steady < len(missed) else ""
-    )
+    rest = f"; of the others, a trajectory was found from {planned or 'none'}" if steady < len(missed) else ""
     calm_head = ("start", "optimum [s]", "executed [s]", "policy [s]", "ratio")
     weather_head = ("s1 in", "strongest solved", "time [s]", "weakest unsolved", "policy docks up to")
     return f"""## Optimal control
