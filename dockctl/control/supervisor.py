@@ -14,7 +14,7 @@ from dockctl.agents.interface import Info, Policy, QPolicy
 from dockctl.envs.vector import DockingVectorEnv
 from dockctl.geometry import Floats, Ints
 from dockctl.scenarios.schema import Scenario
-from dockctl.sim.collision import first_contact
+from dockctl.sim.swept import first_contact
 
 STOPPED_MPS = 0.005
 """A boat has stopped when all points of its hull are slower."""

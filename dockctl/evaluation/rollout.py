@@ -20,8 +20,8 @@ from dockctl.geometry import Floats
 from dockctl.runs.tables import CONDITION_COLUMNS, TRAJECTORIES, Value, all_columns, to_csv
 from dockctl.scenarios.loader import LoadedScenario
 from dockctl.sim.checks import located
-from dockctl.sim.collision import least_clearance
 from dockctl.sim.starts import Start
+from dockctl.sim.swept import least_clearance
 from dockctl.sim.world import World, build_worlds
 
 PARALLEL_BOATS = 128

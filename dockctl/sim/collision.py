@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterator, Sequence
-from functools import cache, cached_property, lru_cache
+from collections.abc import Iterator
+from functools import cached_property, lru_cache
 from threading import Lock
 from typing import TYPE_CHECKING, Any, ClassVar, Protocol
 from weakref import WeakSet
@@ -15,17 +15,16 @@ import numpy as np
 from dockctl.compute import shared
 from dockctl.geometry import Bools, Floats, Ints
 from dockctl.scenarios.vessel import Hull
+from dockctl.sim.containment import InsideHull, Interior
 from dockctl.sim.harbor.build import Harbor
-from dockctl.sim.harbor.solids import Mesh, hull_mesh
-from dockctl.sim.harbor.waters import Waters, cross_section
+from dockctl.sim.harbor.solids import hull_mesh
+from dockctl.sim.harbor.waters import Waters
 
 if TYPE_CHECKING:
     from dockctl.sim.harbor.distances import DistanceField
 
 SIZE_BY_TRIANGLES = 8
 """Memory of a checker, relative to the harbor's triangle array; measured on the reference marina."""
-CONTACT_RESOLUTION_M = 0.002
-"""Motion of the hull between the poses at which contact is tested."""
 KEPT_TRIANGLES = 350_000
 """Maximum number of triangles kept as fcl objects, in all harbors together; about 490 bytes each."""
 MAX_BOXES = 128
@@ -84,8 +83,8 @@ class CollisionChecker:
         # Two thirds of a marina (rigs, cabins, decks) cannot touch the hull; only clearances need them.
         self._low, self._high = _Surfaces(harbor, touchable), _Surfaces(harbor, ~touchable)
         bodies = [(index, solid.mesh) for index, part in enumerate(harbor.parts) for solid in part.solids]
-        self._interior = _Interior(bodies, self._middle)
-        self._inside_hull = _InsideHull(bodies, boat)
+        self._interior = Interior(bodies, self._middle)
+        self._inside_hull = InsideHull(bodies, boat)
 
     def near(self, eta: Floats, within_m: float) -> Bools:
         """Return whether the hull can touch a surface if each of its points moves at most this far.
@@ -304,83 +303,6 @@ def overlapping_vessels(harbor: Harbor) -> list[tuple[str, str]]:
     ]
 
 
-def first_contact(path: Floats, obstacles: Obstacles, hull: Hull) -> Floats | None:
-    """Return where the hull first touches something on its way along a path, or None.
-
-    A section of the path is skipped if nothing is near the hull at its middle, by its bounding box or else by
-    the clearance; others are halved, down to `CONTACT_RESOLUTION_M` or, for small hulls, a tenth of the beam
-    or length. A hull therefore cannot cross a surface, and only contact on a shorter path is missed.
-
-    Args:
-        path: (k, 3 + m) successive poses and any m other columns, linear in between; k >= 1.
-        obstacles: what it can touch.
-        hull: the hull.
-
-    Returns:
-        The row of `path`, interpolated, at the contact.
-    """
-    moved = _moved(path, hull.reach_m)
-    resolution = min(CONTACT_RESOLUTION_M, 0.1 * hull.beam_m, 0.1 * hull.length_m)
-    sections = [(0.0, float(moved[-1]))]
-    while sections:
-        begin, end = sections.pop()
-        middle = (begin + end) / 2
-        pose = np.array([[np.interp(middle, moved, column) for column in path.T[:3]]])
-        reached = end - middle + SLACK_M
-        if end - begin <= resolution:
-            if obstacles.blocked(pose)[0]:
-                return np.array([np.interp(middle, moved, column) for column in path.T])
-        elif (
-            obstacles.near(pose, rounded_up(end - middle))[0]
-            and obstacles.clearance_below(pose, reached)[0] < reached
-        ):
-            sections += [(middle, end), (begin, middle)]
-    return None
-
-
-def rounded_up(distance_m: float) -> float:
-    """Round up to one of four values per power of 2, because `near` caches a box for each value."""
-    return float(2.0 ** (math.ceil(4 * math.log2(distance_m)) / 4)) if distance_m > 0 else 0.0
-
-
-def least_clearance(eta: Floats, clearance: Callable[[Floats], Floats], reach_m: float) -> float:
-    """Return the minimum clearance over the poses of a trajectory [m], computed at few of them.
-
-    The clearance cannot change by more than the hull moves. A section of the trajectory is skipped if this
-    bound shows that its clearance is not below the minimum found so far.
-
-    Args:
-        eta: (k, 3) successive poses, x, y [m] and heading [rad]; k >= 1.
-        clearance: clearance of poses, (m, 3) to (m,) [m].
-        reach_m: maximum distance of a point of the hull from the body origin [m].
-    """
-
-    @cache
-    def at(row: int) -> float:
-        return float(clearance(eta[row : row + 1])[0])
-
-    moved = _moved(eta, reach_m)
-    least = min(at(0), at(len(eta) - 1))
-    sections = [(0, len(eta) - 1)]
-    while sections:
-        first, last = sections.pop()
-        bound = (at(first) + at(last) - (moved[last] - moved[first])) / 2
-        if last - first > 1 and bound < least:
-            middle = (first + last) // 2
-            least = min(least, at(middle))
-            sections += [(first, middle), (middle, last)]
-    return least
-
-
-def _moved(path: Floats, reach_m: float) -> Floats:
-    """Return an upper bound on the distance that any point of the hull moved up to each pose of a path [m].
-
-    (k, 3 + m) to (k,). No point moves farther than the body origin plus the heading change times `reach_m`.
-    """
-    x, y, heading = np.diff(path[:, :3], axis=0).T
-    return np.concatenate([[0.0], np.cumsum(np.hypot(x, y) + reach_m * np.abs(heading))])
-
-
 def _bvh(triangles: Floats) -> fcl.BVHModel:
     """Build a bounding volume hierarchy over triangles (m, 3, 3), in their order."""
     model = fcl.BVHModel()
@@ -388,66 +310,3 @@ def _bvh(triangles: Floats) -> fcl.BVHModel:
     model.addSubModel(triangles.reshape(-1, 3), np.arange(3 * len(triangles)).reshape(-1, 3))
     model.endModel()
     return model
-
-
-Body = tuple[int, Mesh]
-
-
-class _Interior:
-    """Finds the part that contains a point at the height `z`, by winding numbers in a cross-section.
-
-    Bodies that are not closed contain nothing.
-    """
-
-    def __init__(self, bodies: Sequence[Body], z: float) -> None:
-        bodies = [
-            (part, mesh)
-            for part, mesh in bodies
-            if mesh.bounds[0, 2] <= z <= mesh.bounds[1, 2] and mesh.is_watertight
-        ]
-        triangles = np.concatenate([np.empty((0, 3, 3)), *(mesh.triangles for _, mesh in bodies)])
-        body = np.repeat(np.arange(len(bodies)), [len(mesh.faces) for _, mesh in bodies])
-        self._segments, cut = cross_section(triangles, z)
-        self._body = body[cut]
-        self._part_of_body = np.array([*(part for part, _ in bodies), -1])
-
-    def part_at(self, eta: Floats) -> Ints:
-        """Return the part that contains the origin of each pose, -1 for none, (n, 3) to (n,)."""
-        return np.array([self._part_containing(x, y) for x, y, _ in eta], np.int64)
-
-    def _part_containing(self, x: float, y: float) -> int:
-        (x0, y0), (x1, y1) = self._segments.transpose(1, 2, 0)
-        crossed = np.flatnonzero((y0 <= y) != (y1 <= y))  # half-open: a shared corner counts once
-        x0, y0, x1, y1 = x0[crossed], y0[crossed], x1[crossed], y1[crossed]
-        right = x0 + (y - y0) / (y1 - y0) * (x1 - x0) > x
-        turns = np.bincount(self._body[crossed[right]], np.sign(y1 - y0)[right], minlength=1)
-        return int(self._part_of_body[np.argmax(turns != 0) if turns.any() else -1])
-
-
-class _InsideHull:
-    """Finds the part inside the hull without contact: bodies that are small enough, tested by one corner."""
-
-    def __init__(self, bodies: Sequence[Body], hull: Mesh) -> None:
-        reach = np.linalg.norm(hull.extents[:2])
-        low, high = hull.bounds[:, 2]
-        small = [
-            (part, mesh.vertices[0])
-            for part, mesh in bodies
-            if mesh.bounds[0, 2] > low and mesh.bounds[1, 2] < high and mesh.extents[:2].max() < reach
-        ]
-        self._parts = np.array([part for part, _ in small], np.int64)
-        self._points = np.array([point for _, point in small]).reshape(-1, 3)
-        self._normals = hull.normals
-        self._offsets = np.einsum("ij,ij->i", hull.normals, hull.triangles[:, 0])
-
-    def part_in(self, eta: Floats) -> Ints:
-        """Return the part inside the hull at each pose, -1 for none, (n, 3) to (n,)."""
-        found = np.full(len(eta), -1)
-        for row, (x, y, heading) in enumerate(eta if len(self._parts) else ()):
-            shifted = self._points - (x, y, 0.0)
-            cosine, sine = np.cos(heading), np.sin(heading)
-            body = shifted @ np.array([[cosine, -sine, 0], [sine, cosine, 0], [0, 0, 1]])
-            inside = (body @ self._normals.T < self._offsets).all(axis=1)  # the hull is convex
-            if inside.any():
-                found[row] = self._parts[inside.argmax()]
-        return found

@@ -14,11 +14,12 @@ from dockctl.geometry import Bools, Floats, Ints, rotate
 from dockctl.plugins import RANGE_SENSORS, Guard
 from dockctl.scenarios.extensions import NoisyRangeSensor
 from dockctl.scenarios.schema import Scenario
-from dockctl.sim.collision import Obstacles, first_contact, rounded_up
+from dockctl.sim.collision import Obstacles
 from dockctl.sim.devices import CPU, require_device, sensor_on, vessel_model
 from dockctl.sim.disturbances import Disturbances
 from dockctl.sim.goal import TO_FINAL, StepStatus, measure, reached
 from dockctl.sim.starts import Start
+from dockctl.sim.swept import first_contact, rounded_up
 from dockctl.sim.vessel import coefficients
 from dockctl.sim.world import World, prepare
 

@@ -9,8 +9,8 @@ from hypothesis import strategies as st
 
 from dockctl.geometry import Floats
 from dockctl.scenarios.vessel import Hull
-from dockctl.sim.collision import least_clearance
 from dockctl.sim.harbor.solids import hull_mesh
+from dockctl.sim.swept import least_clearance
 
 PILES = np.array([[0.0, 0.0], [3.0, 1.0], [-2.0, 4.0]])
 KEEL = np.array([[-1.5, 0.0], [0.0, 0.3], [1.5, 0.0]])

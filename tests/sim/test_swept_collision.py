@@ -17,10 +17,11 @@ from dockctl.errors import DockctlError
 from dockctl.geometry import Floats
 from dockctl.scenarios.loader import load
 from dockctl.scenarios.vessel import Hull, Vessel
-from dockctl.sim.collision import CollisionChecker, first_contact
+from dockctl.sim.collision import CollisionChecker
 from dockctl.sim.harbor.solids import box, hull_outline, prism
 from dockctl.sim.simulator import Simulator
 from dockctl.sim.starts import Start, given_start, own_site
+from dockctl.sim.swept import first_contact
 from dockctl.sim.vessel import VesselModel
 from tests.sim.harbor.harbors import reference_harbor
 from tests.sim.test_collision import checker, placed, separation
