@@ -99,6 +99,8 @@ def _print(result: Comparison) -> None:
                 counts = f"{pair.only_first} by {pair.first}, {pair.only_second} by {pair.second}"
                 text = f"Docked by only one policy: {counts}; exact McNemar p = {pair.p:.2g}.\n"
                 print_text(console, text, "dim")
+    for note in dict.fromkeys(note for each in result.evaluations.values() for note in each.notes):
+        print_text(Console(stderr=True), f"note: {note}", "yellow")
 
 
 def _outcome_table(result: Comparison, kind: str) -> Table:

@@ -2,14 +2,15 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
-from dataclasses import asdict, dataclass
+from collections.abc import Iterator, Mapping, Sequence
+from contextlib import contextmanager
+from dataclasses import asdict, dataclass, replace
 from functools import cached_property
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from dockctl.analysis.contrast import Contrast, contrasts
-from dockctl.errors import DockctlError
+from dockctl.errors import DockctlError, InputError
 from dockctl.evaluation.evaluate import Evaluation, evaluate
 from dockctl.evaluation.loading import load_policy
 from dockctl.evaluation.policies import LoadedPolicy, distinct_names
@@ -116,7 +117,8 @@ def compare(
     variants = {change: [*overrides, *([change] if change else [])] for change in ("", *vary)}
     for policy in loaded:
         for changed in variants.values():
-            policy.scenario(source, changed)  # reports errors of all policies before the first episode
+            with _named_vary(vary):
+                policy.scenario(source, changed)  # reports errors of all policies before the first episode
     results = {
         f"{name}, {change}" if change else name: evaluate(
             policy, source, episodes=episodes, seed=seed, overrides=changed
@@ -126,6 +128,21 @@ def compare(
     }
     _require_same_starts(results)
     return Comparison(results)
+
+
+@contextmanager
+def _named_vary(vary: Sequence[str]) -> Iterator[None]:
+    """Name the option ``--vary`` instead of ``--set`` in errors of these changes."""
+    given = {f"--set {change}" for change in vary} | {f"--set {change.partition('=')[0]}" for change in vary}
+    try:
+        yield
+    except InputError as error:
+        raise InputError(
+            [
+                replace(each, file=each.file.replace("--set", "--vary", 1)) if each.file in given else each
+                for each in error.problems
+            ]
+        ) from None
 
 
 def _require_same_starts(results: Mapping[str, Evaluation]) -> None:

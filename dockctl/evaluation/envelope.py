@@ -147,6 +147,8 @@ def envelope(
         if name not in FACTORS:
             message = f"unknown factor '{name}' (known: {', '.join(FACTORS)})"
             raise DockctlError(message, code="unknown_name", suggestion=nearest(name, FACTORS))
+    if repeated := [name for name, count in Counter(factors).items() if count > 1]:
+        raise DockctlError(f"the factor '{repeated[0]}' is given twice", code="duplicate")
     loaded = load_policy(policy)
     own = loaded.scenario(scenario, overrides)
     worlds = build_worlds(own.scenario, own.base_dir)  # no factor changes a harbor

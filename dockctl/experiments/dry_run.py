@@ -58,6 +58,11 @@ def dry_run(loaded: LoadedScenario) -> None:
         PluginError: a plugin failed, or returned a value that is not finite.
         DockctlError: the state of a condition cannot be saved.
     """
+    with np.errstate(all="ignore"):  # values that are not finite are errors, which name their origin
+        _dry_run(loaded)
+
+
+def _dry_run(loaded: LoadedScenario) -> None:
     with located(loaded):
         _step(loaded)
         _integrate(loaded)
@@ -100,16 +105,16 @@ def _step(loaded: LoadedScenario) -> None:
         ):
             with Guard(CONDITIONS, condition.kind):
                 _require_notes(condition.notes(scenario.vessel))
-                hooks = (
-                    condition.side_force_n(scenario.vessel),
-                    disturbance.water_velocity(),
-                    disturbance.air_velocity(),
-                    disturbance.force(env.simulator.eta.copy(), env.simulator.nu.copy()),
-                    disturbance.pose_error(),
-                    disturbance.velocity_error(),
-                )
-                for values in hooks:
-                    _require_finite(CONDITIONS, condition.kind, values)
+                hooks = {
+                    "side_force_n": condition.side_force_n(scenario.vessel),
+                    "water_velocity": disturbance.water_velocity(),
+                    "air_velocity": disturbance.air_velocity(),
+                    "force": disturbance.force(env.simulator.eta.copy(), env.simulator.nu.copy()),
+                    "pose_error": disturbance.pose_error(),
+                    "velocity_error": disturbance.velocity_error(),
+                }
+                for hook, values in hooks.items():
+                    _require_finite(CONDITIONS, condition.kind, values, f"{hook} of ")
         observation, _, _, _, info = env.step(actions)
         _require_finite(RANGE_SENSORS, lidar.kind, env.simulator.sector_ranges_m)
         scan_points(env.worlds[0].lidar, lidar.kind, env.simulator.eta[0])
@@ -277,7 +282,7 @@ def _require_finite_terms(by_term: dict[str, Any]) -> None:
         _require_finite(REWARD_TERMS, name, values)
 
 
-def _require_finite(registry: Registry[Any], name: str, values: ArrayLike) -> None:
+def _require_finite(registry: Registry[Any], name: str, values: ArrayLike, what: str = "") -> None:
     if not np.isfinite(values).all():
         entry = registry.get(name)
-        raise PluginError(f"{entry.origin}: {registry.noun} '{name}' is not finite{entry.place}")
+        raise PluginError(f"{entry.origin}: {what}{registry.noun} '{name}' is not finite{entry.place}")

@@ -77,14 +77,16 @@ def require_berths(harbor: HarborSpec, berths: Berths | None, *, is_given: bool)
             several = "layouts" if harbor.layouts > 1 else "held_out_layouts"
             message = "several layouts need 'task: {berths: {}}', so that episodes use the free berths of all"
             raise FieldError(field if is_given else f"harbor.{several}", message, "missing_key")
-        if berths is not None and (berths.trained.places or berths.held_out.places):
-            message = "generated layouts have their own free berths; omit trained and held_out"
+        if berths is not None and (
+            berths.trained.places or berths.held_out.places or berths.vacant != Berths().vacant
+        ):
+            message = "generated layouts have their own free berths; omit trained, held_out and vacant"
             raise FieldError(field, message, "mismatch")
         return
     if berths is None:
         return
     if not berths.trained.places:
-        raise FieldError(f"{field}.trained", "expected at least one berth", "missing_key")
+        raise FieldError(f"{field}.trained", "expected at least one berth of the harbor", "missing_key")
     if not isinstance(harbor, Marina):
         message = "the harbor has no berths: expected kind marina or generated"
         raise FieldError(field, message, "mismatch")

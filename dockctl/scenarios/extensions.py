@@ -25,7 +25,7 @@ from pydantic_core import CoreSchema
 from dockctl.errors import PluginError
 from dockctl.geometry import MAX_SECTORS, Floats, Ints
 from dockctl.registry import Entry, Registry
-from dockctl.scenarios.base import Count, Length, Model, Number
+from dockctl.scenarios.base import Count, Heading, Length, Model
 from dockctl.scenarios.vessel import Vessel
 from dockctl.scenarios.yaml_tree import describe
 
@@ -318,8 +318,12 @@ class Condition(Kind, ABC):
 
     Register it with a group: water, air, sensing, actuation or vessel. A key may be `Drawn`: a number, or a
     range from which each episode draws.
+
+    Attributes:
+        is_single: whether a scenario may have only one of this kind, because two do not add up.
     """
 
+    is_single: ClassVar[bool] = False
     model_config = ConfigDict(validate_default=True)  # a number is a valid default of a `Drawn` key
 
     @abstractmethod
@@ -387,7 +391,7 @@ def _through_zero(given: Any) -> Any:
     return given
 
 
-Directions = Annotated[Drawn[Number], BeforeValidator(_through_zero)]
+Directions = Annotated[Drawn[Heading], BeforeValidator(_through_zero)]
 """A direction [°], or a range of directions from which each episode draws."""
 
 

@@ -356,7 +356,8 @@ class Generated(Model):
             for start, count in ((self.seed, self.layouts), (self.held_out_seed, self.held_out_layouts))
         )
         if second and first.start < second.stop and second.start < first.stop:
-            message = f"the seeds {second.start} to {second[-1]} are also used for training"
+            seeds, trained = (f"{each.start} to {each[-1]}" for each in (second, first))
+            message = f"the seeds {seeds} overlap those for training, {trained}"
             raise FieldError("held_out_seed", message, "duplicate")
         return self
 

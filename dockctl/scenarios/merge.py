@@ -5,10 +5,13 @@ from __future__ import annotations
 from dataclasses import replace
 from typing import Any
 
+from dockctl.errors import nearest
+from dockctl.plugins import CONDITIONS
 from dockctl.scenarios.yaml_tree import Location, Node, input_error
 
 SELECTORS = ("preset", "kind")
 """Keys that select the meaning of their section: a section that changes one of them inherits nothing."""
+CONDITION_SECTIONS = (("conditions",), ("training", "conditions"))
 
 
 def merge(base: Node, over: Node, path: tuple[str, ...] = ()) -> Node:
@@ -26,14 +29,37 @@ def merge(base: Node, over: Node, path: tuple[str, ...] = ()) -> Node:
         key in over.value and over.value[key].to_python() != _to_python(base.get(key)) for key in SELECTORS
     ):
         return over
-    merged = {
-        key: merge(base.value[key], over.value[key], (*path, key))
-        if key in base.value and key in over.value
-        else over.value.get(key, base.value.get(key))
+    merged: dict[str, Node] = {
+        key: _added(over.value[key], base, (*path, key))
+        if key not in base.value
+        else merge(base.value[key], over.value[key], (*path, key))
+        if key in over.value
+        else base.value[key]
         for key in {**base.value, **over.value}
     }
     keys, problems = {**base.keys, **over.keys}, base.problems + over.problems
-    return Node(merged, over.location, keys, problems)  # type: ignore[arg-type]  # one of the two has the key
+    return Node(merged, over.location, keys, problems)
+
+
+def _added(node: Node, base: Node, path: tuple[str, ...]) -> Node:
+    """Return a node that `base` lacks; a null that would remove a condition there has a problem.
+
+    ``conditions.wind=null`` is valid for every scenario, also without wind, but not with a misspelled name.
+    """
+    *above, name = path
+    if node.value is None and tuple(above) in CONDITION_SECTIONS:
+        known = [*base.value] if isinstance(base.value, dict) else []
+        if above == ["conditions"] and name in CONDITIONS.names():
+            return node
+        names = f"known: {', '.join(known)}" if known else "there are none"
+        message = f"no condition '{name}' to remove ({names})"
+        problem = node.location.problem(message, ".".join(path), "unknown_name", nearest(name, known))
+        return replace(node, problems=(*node.problems, problem))
+    if isinstance(node.value, dict) and any(path == each[: len(path)] for each in CONDITION_SECTIONS):
+        empty = replace(node, value={}, keys={})
+        children = {key: _added(child, empty, (*path, key)) for key, child in node.value.items()}
+        return replace(node, value=children)
+    return node
 
 
 def _as_term(node: Node) -> Node:

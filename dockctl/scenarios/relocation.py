@@ -12,7 +12,7 @@ import numpy as np
 
 from dockctl.errors import Code, DockctlError, nearest
 from dockctl.geometry import pose_array, relocate_poses
-from dockctl.scenarios.harbor import BerthPlace, Marina, Side, berth_pose, docked_gap
+from dockctl.scenarios.harbor import BerthPlace, Generated, Marina, Side, berth_pose, docked_gap
 from dockctl.scenarios.schema import Scenario
 from dockctl.scenarios.yaml_tree import Node, describe, input_error
 
@@ -55,6 +55,9 @@ def _place(scenario: Scenario, given: Node) -> BerthPlace:
     def error(message: str, code: Code, suggestion: str = "") -> DockctlError:
         return input_error(given.location, message, BERTH, code, suggestion)
 
+    if isinstance(scenario.harbor, Generated):
+        message = "generated layouts have different berths; use 'task: {berths: {}}' to dock at all free ones"
+        raise error(message, "mismatch")
     if not isinstance(scenario.harbor, Marina):
         raise error(f"the harbor '{scenario.harbor.name}' has no berths: expected kind marina", "mismatch")
     if scenario.task.berths is not None:

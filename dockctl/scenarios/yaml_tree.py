@@ -286,7 +286,8 @@ def _scalar(node: yaml.ScalarNode, location: Location, path: str) -> Scalar:
             return int(digits, 0 if digits[:2] in ("0o", "0x") else 10)
         if kind == "float" and "n" not in digits.lower() and math.isfinite(float(digits)):
             return float(digits)
-        message = f"found {text[:40]}, expected a finite number of ordinary size"
+        shown = text if len(text) <= 40 else f"{text[:37]}..."
+        message = f"found {shown}, expected a finite number with at most 18 digits"
         raise input_error(location, message, path, "out_of_range")
     raise input_error(
         location, f"the tag {node.tag} does not match the value '{text[:40]}'", path, "yaml_syntax"

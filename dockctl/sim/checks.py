@@ -19,8 +19,7 @@ from dockctl.scenarios.layouts import layouts
 from dockctl.scenarios.loader import LoadedScenario, load
 from dockctl.scenarios.schema import TRAINING_CONDITIONS, Scenario
 from dockctl.sim.collision import CollisionChecker, collision_checker, overlapping_vessels
-from dockctl.sim.conditions.lidar_faults import SectorError
-from dockctl.sim.disturbances import Disturbances
+from dockctl.sim.disturbances import ConditionError, Disturbances
 from dockctl.sim.harbor.build import Harbor, build_harbor, open_bodies
 from dockctl.sim.harbor.solids import hull_outline
 from dockctl.sim.simulator import IntegrationError
@@ -46,13 +45,17 @@ def load_checked(
     received: bool = False,
     trust: bool = False,
 ) -> LoadedScenario:
-    """Load `source` as `load` does, and check its mesh files and that none of its poses is blocked.
+    """Load `source` as `load` does, and check its conditions, mesh files, and that no pose is blocked.
 
     Raises:
         InputError: all problems of the scenario, with their locations.
         DockctlError: the scenario or a plugin does not exist.
     """
     loaded = load(source, overrides=overrides, plugin_files=plugin_files, received=received, trust=trust)
+    with located(loaded):
+        Disturbances(loaded.scenario, 1)
+    with located(loaded, TRAINING_CONDITIONS):
+        Disturbances(loaded.scenario.with_training_conditions(), 1)
     try:
         found = check_poses(loaded.scenario, loaded.base_dir)
     except InputError as error:  # of a mesh file: the field is known, but not its line
@@ -82,7 +85,7 @@ def located(loaded: LoadedScenario, conditions: str = "conditions") -> Iterator[
         raise InputError([problem]) from None
     except IntegrationError as error:
         raise InputError([loaded.problem(conditions, error.message, error.code)]) from None
-    except SectorError as error:
+    except ConditionError as error:
         field = conditions + error.field.removeprefix("conditions")
         raise InputError([loaded.problem(field, error.reason, error.code)]) from None
 
@@ -110,15 +113,6 @@ def check_poses(scenario: Scenario, base_dir: Path) -> PoseFindings:
         InputError: a mesh file of the harbor is missing or damaged.
         DockctlError: the harbor cannot be built.
     """
-    for section, given in (
-        ("conditions", scenario),
-        (TRAINING_CONDITIONS, scenario.with_training_conditions()),
-    ):
-        try:
-            Disturbances(given, 1)
-        except InputError as error:
-            (problem,) = error.problems
-            return PoseFindings([(problem.field.replace("conditions", section, 1), problem.message)])
     scenario = with_few_layouts(scenario)
     every = layouts(scenario.harbor, scenario.task.berths)
     harbors = [build_harbor(layout.harbor, base_dir) for layout in every]

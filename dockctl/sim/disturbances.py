@@ -7,13 +7,31 @@ from typing import Any
 
 import numpy as np
 
-from dockctl.errors import InputError, Problem, require_shape
+from dockctl.errors import Code, DockctlError, require_shape
 from dockctl.geometry import Floats, Ints
 from dockctl.plugins import CONDITIONS, Guard
+from dockctl.runs.tables import EVALUATION, EVALUATIONS, MAP
+from dockctl.scenarios.base import FieldError
 from dockctl.scenarios.extensions import Disturbance, RangeNoise
 from dockctl.scenarios.schema import Scenario
 from dockctl.scenarios.vessel import Vessel
 from dockctl.sim.starts import Start
+
+RESULTS = frozenset({*EVALUATION, *EVALUATIONS, *MAP})
+"""Columns that no value of a condition may have."""
+
+
+class ConditionError(DockctlError):
+    """A condition does not match the rest of its scenario, which shows only when it runs.
+
+    Attributes:
+        field: dotted path of its field in the scenario.
+        reason: what was found and what is allowed, without the field.
+    """
+
+    def __init__(self, field: str, reason: str, code: Code) -> None:
+        super().__init__(f"{field}: {reason}", code=code)
+        self.field, self.reason = field, reason
 
 
 class Disturbances:
@@ -21,7 +39,7 @@ class Disturbances:
 
     Raises:
         PluginError: a condition cannot be built.
-        InputError: more than one adds noise to the range sensor.
+        ConditionError: two conditions cannot be combined.
     """
 
     def __init__(self, scenario: Scenario, num_boats: int) -> None:
@@ -33,15 +51,14 @@ class Disturbances:
                 if not isinstance(built, Disturbance):
                     raise TypeError(f"build returned {built!r}, not a Disturbance")
                 self._all[name] = guard, built
-        noisy = [
-            name
-            for name, (_, each) in self._all.items()
-            if type(each).range_noise is not Disturbance.range_noise
-        ]
-        if len(noisy) > 1:
-            message = f"adds noise to the range sensor, as '{noisy[0]}' does; leave one of them out"
-            where = f"scenario '{scenario.name}'", 0, 0, f"conditions.{noisy[-1]}"
-            raise InputError([Problem(*where, message, "mismatch")])
+        first: dict[str, str] = {}  # the name of the first condition, by what it does
+        for name, condition in scenario.conditions.items():
+            does = f"is a condition of kind {condition.kind}" if condition.is_single else ""
+            if type(self._all[name][1]).range_noise is not Disturbance.range_noise:
+                does = "adds noise to the range sensor"
+            if does and first.setdefault(does, name) != name:
+                message = f"{does}, like '{first[does]}', and the two do not add up; leave one of them out"
+                raise ConditionError(f"conditions.{name}", message, "mismatch")
 
     def __iter__(self) -> Iterator[Disturbance]:
         return (disturbance for _, disturbance in self._all.values())
@@ -134,20 +151,38 @@ class Disturbances:
         return None
 
     def reported_ranges(self, ranges: Floats, rows: Ints, range_m: float) -> Floats:
-        """Return what the sensor reports of the ranges (k, sectors) [m] that the boats `rows` (k,) scan."""
-        for guard, disturbance in self._all.values():
-            with guard:
-                reported = disturbance.reported_ranges(ranges, rows, range_m)
-                require_shape(f"{type(disturbance).__name__}.reported_ranges", reported.shape, ranges.shape)
-                ranges = reported
+        """Return what the sensor reports of the ranges (k, sectors) [m] that the boats `rows` (k,) scan.
+
+        Raises:
+            ConditionError: a condition does not match the sensor.
+        """
+        for name, (guard, disturbance) in self._all.items():
+            try:
+                with guard:
+                    reported = disturbance.reported_ranges(ranges, rows, range_m)
+                    hook = f"{type(disturbance).__name__}.reported_ranges"
+                    require_shape(hook, reported.shape, ranges.shape)
+                    if not np.isfinite(reported).all():
+                        raise ValueError(f"{hook} returned a value that is not finite")
+                    ranges = reported
+            except FieldError as error:
+                raise ConditionError(f"conditions.{name}.{error.field}", error.message, error.code) from None
         return ranges
 
     def episode(self) -> dict[str, Floats]:
-        """Return what the conditions drew for each boat's episode (n,), by ``<condition>_<value>``."""
-        drawn = {}
+        """Return what the conditions drew for each boat's episode (n,), by ``<condition>_<value>``.
+
+        Raises:
+            ConditionError: a result or another condition already has this name.
+        """
+        drawn = dict[str, Floats]()
         for name, (guard, disturbance) in self._all.items():
             with guard:
                 for key, value in disturbance.episode().items():
                     require_shape(f"{type(disturbance).__name__}.episode", np.shape(value), (self._boats,))
-                    drawn[f"{name}_{key}"] = np.array(value, float)
+                    column = f"{name}_{key}"
+                    if column in RESULTS or column in drawn:
+                        reason = f"its '{key}' needs the column {column}, which is taken; use another name"
+                        raise ConditionError(f"conditions.{name}", reason, "duplicate")
+                    drawn[column] = np.array(value, float)
         return drawn

@@ -122,6 +122,7 @@ def test_a_faulty_change_is_an_error_before_the_first_episode(
     assert (outcome.code, outcome.error_code) == (2, "unknown_key")
     assert outcome.error is not None
     assert outcome.error.suggestion == "max_steps"
+    assert "--vary task.max_stepz" in str(outcome.error)
     assert not calls
 
 

@@ -183,6 +183,22 @@ def test_a_sensor_whose_scan_cannot_be_drawn(fault: dict[str, str], tmp_path: Pa
     assert not (tmp_path / "out").exists()
 
 
+@pytest.mark.parametrize(
+    ("hook", "code"),
+    [
+        ("water_velocity", "def water_velocity(self): return np.inf"),
+        ("reported_ranges", "def reported_ranges(self, ranges, rows, range_m): return ranges * np.nan"),
+    ],
+)
+@pytest.mark.filterwarnings("error")
+def test_the_hook_whose_value_is_not_finite_is_named(hook: str, code: str, tmp_path: Path) -> None:
+    path = tmp_path / "mine.py"
+    plugin(path, "condition")
+    path.write_text(path.read_text().replace("@register(CONDITIONS", f"    {code}\n@register(CONDITIONS"))
+    with pytest.raises(PluginError, match=f"{hook}.*mine.py:"):
+        dry_run(load("s1", overrides=[SELECTED["condition"]], plugin_files=[path]))
+
+
 def test_a_condition_may_report_more_than_the_range_of_the_sensor(tmp_path: Path) -> None:
     path = tmp_path / "mine.py"
     plugin(path, "condition")

@@ -157,6 +157,26 @@ WRONG: dict[str, tuple[str, list[str]]] = {
         "reward: {terms: {speed: {weight: -20, flor: 0.1}}}\n",
         ["2:39 reward.terms.speed.flor unknown_key params.floor"],
     ),
+    "a misspelled condition to remove": (
+        "conditions: {wnd: null, wind: null, current: {speed_mps: 0, direction_deg: 0}}\n"
+        "training: {conditions: {wind: null}}\n",
+        ["2:19 conditions.wnd unknown_name", "3:31 training.conditions.wind unknown_name"],
+    ),
+    "conditions beyond any boat": (
+        "conditions:\n"
+        "  lidar_noise: {sigma_m: 11}\n"
+        "  navigation: {heading_deg: [0, 181]}\n"
+        "  actuators: {astern_factor: 2.1, propeller_lag_s: 61, rudder_rate_degps: 0.01}\n"
+        "  current: {speed_mps: 0.1, direction_deg: 36001}\n",
+        [
+            "3:26 conditions.lidar_noise.sigma_m out_of_range",
+            "4:33 conditions.navigation.heading_deg.1 out_of_range",
+            "5:30 conditions.actuators.astern_factor out_of_range",
+            "5:52 conditions.actuators.propeller_lag_s out_of_range",
+            "5:75 conditions.actuators.rudder_rate_degps out_of_range",
+            "6:44 conditions.current.direction_deg out_of_range",
+        ],
+    ),
     "removing an unknown reward term": (
         "reward: {terms: {sped: null}}\n",
         ["2:18 reward.terms.sped unknown_name speed"],

@@ -16,7 +16,7 @@ from dockctl.scenarios.vessel import Vessel
 from dockctl.sim.conditions.authority import ControlAuthority
 
 Steps = Annotated[int, Strict(), Field(ge=0, le=100)]
-Factor = Annotated[Positive, Field(le=10)]
+Factor = Annotated[Positive, Field(le=2)]
 NOTED_ASTERN = 0.1
 """Astern factor below which a note warns that the propeller has hardly any thrust astern."""
 
@@ -31,8 +31,8 @@ class Actuators(Condition):
     examples = ({"delay_steps": [0, 2], "propeller_lag_s": 0.1, "rudder_rate_degps": [20, 40]},)
     kind: Literal["actuators"] = "actuators"
     delay_steps: Drawn[Steps] = (0,)
-    propeller_lag_s: Drawn[NonNegative] = OFF
-    rudder_rate_degps: Drawn[Positive] | None = None
+    propeller_lag_s: Drawn[Annotated[NonNegative, Field(le=60)]] = OFF
+    rudder_rate_degps: Drawn[Annotated[Positive, Field(ge=0.1)]] | None = None
     astern_factor: Drawn[Factor] = (1.0,)
 
     def build(self, num_boats: int) -> Disturbance:

@@ -3,27 +3,15 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import Literal
+from typing import Annotated, Literal, Self
 
 import numpy as np
-from pydantic import Field
+from pydantic import Field, model_validator
 
-from dockctl.errors import DockctlError
 from dockctl.geometry import Floats, Ints
 from dockctl.plugins import CONDITIONS
-from dockctl.scenarios.base import Count, NonNegative
+from dockctl.scenarios.base import MAX_COORDINATE_M, Count, FieldError, NonNegative
 from dockctl.scenarios.extensions import OFF, Condition, Disturbance, Drawn, draw, register
-
-
-class SectorError(DockctlError):
-    """A faulty sector does not exist in the range sensor."""
-
-    code = "out_of_range"
-    field = "conditions.lidar_faults.sectors"
-
-    def __init__(self, sector: int, sectors: int) -> None:
-        self.reason = f"found {sector}, but the range sensor has {sectors} sectors"
-        super().__init__(f"{self.field}: {self.reason}")
 
 
 @register(
@@ -40,8 +28,15 @@ class LidarFaults(Condition):
     kind: Literal["lidar_faults"] = "lidar_faults"
     sectors: tuple[Count, ...] = Field(min_length=1, description="numbers of the faulty sectors, from 1")
     mode: Literal["blind", "frozen", "occluded"] = "blind"
-    occluded_m: NonNegative = 0.5
+    occluded_m: Annotated[NonNegative, Field(le=MAX_COORDINATE_M)] = 0.5
     after_s: Drawn[NonNegative] = OFF
+
+    @model_validator(mode="after")
+    def _sectors_differ(self) -> Self:
+        for index, sector in enumerate(self.sectors):
+            if sector in self.sectors[:index]:
+                raise FieldError(f"sectors.{index}", f"{sector} is listed twice", "duplicate")
+        return self
 
     def build(self, num_boats: int) -> Disturbance:
         return FaultySectors(self, num_boats)
@@ -67,11 +62,15 @@ class FaultySectors(Disturbance):
         """Replace the ranges of the faulty sectors.
 
         Raises:
-            SectorError: the sensor does not have these sectors.
+            FieldError: the sensor does not have these sectors, or never reads such a range.
         """
         sectors = np.array(self.faults.sectors) - 1
-        if sectors.max() >= ranges.shape[1]:
-            raise SectorError(int(sectors.max()) + 1, ranges.shape[1])
+        if (last := sectors.max() + 1) > ranges.shape[1]:
+            message = f"found {last}, but the range sensor has {ranges.shape[1]} sectors"
+            raise FieldError("sectors", message, "out_of_range")
+        if self.faults.occluded_m > range_m:
+            message = f"found {self.faults.occluded_m:g}, but the range sensor reads at most {range_m:g} m"
+            raise FieldError("occluded_m", message, "out_of_range")
         failed = self.elapsed[rows] >= self.after[rows]
         if self.faults.mode == "frozen":
             fresh = failed & ~self.frozen[rows]

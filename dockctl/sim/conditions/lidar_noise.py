@@ -3,9 +3,10 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import Literal
+from typing import Annotated, Literal
 
 import numpy as np
+from pydantic import Field
 
 from dockctl.geometry import Floats, Ints
 from dockctl.plugins import CONDITIONS
@@ -23,7 +24,7 @@ class LidarNoise(Condition):
 
     examples = ({"sigma_m": [0, 0.03], "lost_returns": 0.05, "lost_sectors": 0.2},)
     kind: Literal["lidar_noise"] = "lidar_noise"
-    sigma_m: Drawn[NonNegative] = OFF
+    sigma_m: Drawn[Annotated[NonNegative, Field(le=10)]] = OFF
     lost_returns: Drawn[Fraction] = OFF
     lost_sectors: Drawn[Fraction] = OFF
 

@@ -3,15 +3,18 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import Literal
+from typing import Annotated, Literal
 
 import numpy as np
+from pydantic import Field
 
 from dockctl.geometry import Floats, Ints
 from dockctl.plugins import CONDITIONS
-from dockctl.scenarios.base import NonNegative
+from dockctl.scenarios.base import NonNegative, Speed
 from dockctl.scenarios.extensions import OFF, Condition, Disturbance, Drawn, draw, register
 from dockctl.sim.conditions.draws import draw_seed, normals
+
+HalfTurn = Annotated[NonNegative, Field(le=180)]
 
 
 @register(CONDITIONS, group="sensing", source="not in the thesis")
@@ -20,10 +23,10 @@ class Navigation(Condition):
 
     examples = ({"position_m": 0.02, "heading_deg": [0, 0.5], "velocity_mps": 0.03},)
     kind: Literal["navigation"] = "navigation"
-    position_m: Drawn[NonNegative] = OFF
-    heading_deg: Drawn[NonNegative] = OFF
-    velocity_mps: Drawn[NonNegative] = OFF
-    yaw_rate_degps: Drawn[NonNegative] = OFF
+    position_m: Drawn[Annotated[NonNegative, Field(le=100)]] = OFF
+    heading_deg: Drawn[HalfTurn] = OFF
+    velocity_mps: Drawn[Speed] = OFF
+    yaw_rate_degps: Drawn[HalfTurn] = OFF
 
     def build(self, num_boats: int) -> Disturbance:
         return NavigationErrors(self, num_boats)

@@ -30,6 +30,7 @@ class ShallowWater(Condition):
     """
 
     examples = ({"depth_m": [0.4, 2]},)
+    is_single = True
     kind: Literal["shallow_water"] = "shallow_water"
     depth_m: Drawn[Length]
     length_m: Length | None = None

@@ -21,6 +21,8 @@ AIR_KGPM3 = 1.224
 TRANSVERSE, AHEAD, ASTERN, CROSS_FORCE = 0.90, 0.55, 0.60, 0.60
 """CD_t, CD_lAF at 0 and at 180 degrees, and delta, of Blendermann's speed boat."""
 
+Area = Annotated[Positive, Field(le=20_000)]  # the largest ships have about 15,000 m2
+
 
 @register(CONDITIONS, group="air", source="not in the thesis; Blendermann 1994, MSS blendermann94.m")
 class Wind(Condition):
@@ -31,15 +33,16 @@ class Wind(Condition):
     """
 
     examples = ({"speed_mps": [0, 5], "direction_deg": [0, 360], "gust_mps": [0, 1.5]},)
+    is_single = True  # forces of two winds are not the force of both
     kind: Literal["wind"] = "wind"
     speed_mps: Drawn[Annotated[NonNegative, Field(le=100)]]  # a tropical cyclone has up to 95 m/s
     direction_deg: Directions
     gust_mps: Drawn[Annotated[NonNegative, Field(le=30)]] = OFF
     gust_time_s: Positive = 2.0
-    lateral_area_m2: Positive | None = None
-    frontal_area_m2: Positive | None = None
-    length_m: Positive | None = None
-    centroid_m: Number = 0.0
+    lateral_area_m2: Area | None = None
+    frontal_area_m2: Area | None = None
+    length_m: Annotated[Positive, Field(le=500)] | None = None
+    centroid_m: Annotated[Number, Field(ge=-500, le=500)] = 0.0
 
     def fitted(self, vessel: Vessel) -> Wind:
         hull = vessel.hull

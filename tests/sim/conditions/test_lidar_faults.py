@@ -68,11 +68,34 @@ def test_a_sector_that_does_not_exist_is_refused() -> None:
     assert caught.value.code == "out_of_range"
 
 
-def test_a_sector_that_does_not_exist_has_its_place(tmp_path: Path) -> None:
+@pytest.mark.parametrize(
+    ("conditions", "field", "column"),
+    [
+        ("{lidar_faults: {sectors: [1, 9]}}", "conditions.lidar_faults.sectors", 38),
+        ("{algae: {kind: lidar_faults, sectors: [9]}}", "conditions.algae.sectors", 51),
+        (
+            "{lidar_faults: {sectors: [1], mode: occluded, occluded_m: 101}}",
+            "conditions.lidar_faults.occluded_m",
+            71,
+        ),
+    ],
+)
+def test_what_the_sensor_cannot_read_has_its_place(
+    conditions: str, field: str, column: int, tmp_path: Path
+) -> None:
+    """The sensor has 8 sectors and reads up to 100 m."""
     file = tmp_path / "mine.yaml"
-    file.write_text("extends: s1\nconditions: {lidar_faults: {sectors: [1, 9]}}\n")
+    file.write_text(f"extends: s1\nconditions: {conditions}\n")
     with pytest.raises(InputError) as caught:
         dry_run(load(file))
     (problem,) = caught.value.problems
-    assert (problem.line, problem.column) == (2, 38)
-    assert (problem.field, problem.code) == ("conditions.lidar_faults.sectors", "out_of_range")
+    assert (problem.field, problem.line, problem.column) == (field, 2, column)
+    assert problem.code == "out_of_range"
+
+
+def test_a_sector_fails_only_once() -> None:
+    with pytest.raises(InputError) as caught:
+        load("s1", overrides=["conditions.lidar_faults={sectors: [2, 1, 2]}"])
+    (problem,) = caught.value.problems
+    assert problem.code == "duplicate"
+    assert "sectors.2" in str(problem)
