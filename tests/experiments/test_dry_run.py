@@ -133,7 +133,7 @@ def test_an_exception_of_several_lines_is_one_error(tmp_path: Path) -> None:
 @pytest.mark.filterwarnings("error")
 def test_conditions_in_which_the_integration_diverges_are_located(tmp_path: Path) -> None:
     scenario = tmp_path / "storm.yaml"
-    wind = "{speed_mps: 50, direction_deg: 90, length_m: 1e9}"
+    wind = "{speed_mps: 100, direction_deg: 90, lateral_area_m2: 20000}"
     scenario.write_text(f"extends: s1\nconditions:\n  wind: {wind}\n")
     with pytest.raises(InputError) as caught:
         dry_run(load(str(scenario)))
