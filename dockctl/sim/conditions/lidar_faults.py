@@ -68,7 +68,7 @@ class FaultySectors(Disturbance):
         if (last := sectors.max() + 1) > ranges.shape[1]:
             message = f"found {last}, but the range sensor has {ranges.shape[1]} sectors"
             raise FieldError("sectors", message, "out_of_range")
-        if self.faults.occluded_m > range_m:
+        if self.faults.mode == "occluded" and self.faults.occluded_m > range_m:
             message = f"found {self.faults.occluded_m:g}, but the range sensor reads at most {range_m:g} m"
             raise FieldError("occluded_m", message, "out_of_range")
         failed = self.elapsed[rows] >= self.after[rows]

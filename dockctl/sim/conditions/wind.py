@@ -21,7 +21,7 @@ AIR_KGPM3 = 1.224
 TRANSVERSE, AHEAD, ASTERN, CROSS_FORCE = 0.90, 0.55, 0.60, 0.60
 """CD_t, CD_lAF at 0 and at 180 degrees, and delta, of Blendermann's speed boat."""
 
-Area = Annotated[Positive, Field(le=20_000)]  # the largest ships have about 15,000 m2
+Area = Annotated[Positive, Field(le=20_000)]
 
 
 @register(CONDITIONS, group="air", source="not in the thesis; Blendermann 1994, MSS blendermann94.m")

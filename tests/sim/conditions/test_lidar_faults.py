@@ -93,6 +93,11 @@ def test_what_the_sensor_cannot_read_has_its_place(
     assert problem.code == "out_of_range"
 
 
+def test_only_an_occluded_sector_needs_a_range_that_the_sensor_reads() -> None:
+    faulty, _ = ranges("{sectors: [1], mode: blind, occluded_m: 101}")
+    assert (faulty[..., 0] == RANGE_M).all()
+
+
 def test_a_sector_fails_only_once() -> None:
     with pytest.raises(InputError) as caught:
         load("s1", overrides=["conditions.lidar_faults={sectors: [2, 1, 2]}"])
