@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 
 from dockctl import testing
+from dockctl.errors import PluginError
 from dockctl.plugins import CONDITIONS
 from dockctl.scenarios.extensions import Condition, Disturbance, register
 from dockctl.testing.contract import Rule
@@ -80,9 +81,14 @@ class NotFinite(Gusts):
         return np.full((len(eta), 3), np.nan)
 
 
-class LosesSectors(Gusts):
+class NoRanges(Gusts):
     def reported_ranges(self, ranges: Any, rows: Any, range_m: float) -> Any:
         return np.full_like(ranges, np.nan)
+
+
+class LosesSectors(Gusts):
+    def reported_ranges(self, ranges: Any, rows: Any, range_m: float) -> Any:
+        return ranges[:, 1:]
 
 
 class Unsaveable(Gusts):
@@ -91,19 +97,9 @@ class Unsaveable(Gusts):
         self.scale = lambda: 1
 
 
-@pytest.mark.parametrize(
-    ("state", "rule"),
-    [
-        (Gusts, None),
-        (FirstGenerator, "independent_rows"),
-        (LastingTime, "deterministic"),
-        (ChangesArgument, "pure"),
-        (NotFinite, "finite"),
-        (LosesSectors, "finite"),
-        (Unsaveable, "resumable"),
-    ],
-)
-def test_conditions_that_break_a_rule_are_rejected(state: type[Gusts], rule: Rule | None) -> None:
+def check_gusty(state: type[Gusts]) -> None:
+    """Check a condition whose disturbance is `state`."""
+
     class Gusty(Condition):
         kind: Literal["gusty"] = "gusty"
 
@@ -112,10 +108,31 @@ def test_conditions_that_break_a_rule_are_rejected(state: type[Gusts], rule: Rul
 
     with own_registries():
         register(CONDITIONS, group="water")(Gusty)
-        if rule is None:
-            testing.check_condition("gusty")
-        else:
-            assert_rejected(lambda: testing.check_condition("gusty"), rule)
+        testing.check_condition("gusty")
+
+
+@pytest.mark.parametrize(
+    ("state", "rule"),
+    [
+        (FirstGenerator, "independent_rows"),
+        (LastingTime, "deterministic"),
+        (ChangesArgument, "pure"),
+        (NotFinite, "finite"),
+        (Unsaveable, "resumable"),
+    ],
+)
+def test_conditions_that_break_a_rule_are_rejected(state: type[Gusts], rule: Rule) -> None:
+    assert_rejected(lambda: check_gusty(state), rule)
+
+
+def test_a_condition_that_breaks_no_rule_passes() -> None:
+    check_gusty(Gusts)
+
+
+@pytest.mark.parametrize(("state", "reason"), [(NoRanges, "not finite"), (LosesSectors, "shape")])
+def test_ranges_that_the_simulator_refuses_name_the_hook(state: type[Gusts], reason: str) -> None:
+    with pytest.raises(PluginError, match=rf"{state.__name__}.reported_ranges returned .*{reason}"):
+        check_gusty(state)
 
 
 def test_a_condition_whose_state_is_incomplete_is_rejected() -> None:
