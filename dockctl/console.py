@@ -7,7 +7,7 @@ import os
 import re
 import shlex
 import textwrap
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from copy import copy
 from dataclasses import replace
 from typing import Self
@@ -84,6 +84,12 @@ def print_text(console: Console, text: str, style: str = "") -> None:
         if console.is_terminal and not line.startswith(" "):
             line = textwrap.fill(line, console.width, break_long_words=False, break_on_hyphens=False)
         console.print(Text(printable(line), style=style), soft_wrap=True)
+
+
+def print_notes(notes: Iterable[str]) -> None:
+    """Print what the user should know, each note once, on standard error."""
+    for note in dict.fromkeys(notes):
+        print_text(Console(stderr=True), f"note: {note}", "yellow")
 
 
 def print_table(console: Console, table: Table) -> None:

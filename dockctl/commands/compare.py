@@ -11,7 +11,7 @@ from rich.table import Column, Table
 from rich.text import Text
 
 from dockctl.commands.options import Episodes, Json, Overrides, Plugins, StartSeed, Trust, save_figures
-from dockctl.console import make_table, numeric, print_table, print_text
+from dockctl.console import make_table, numeric, print_notes, print_table, print_text
 from dockctl.run_files import FIGURES
 from dockctl.runs.files import require_writable, require_writable_file, write_atomically
 from dockctl.runs.results import file_stem
@@ -99,8 +99,7 @@ def _print(result: Comparison) -> None:
                 counts = f"{pair.only_first} by {pair.first}, {pair.only_second} by {pair.second}"
                 text = f"Docked by only one policy: {counts}; exact McNemar p = {pair.p:.2g}.\n"
                 print_text(console, text, "dim")
-    for note in dict.fromkeys(note for each in result.evaluations.values() for note in each.notes):
-        print_text(Console(stderr=True), f"note: {note}", "yellow")
+    print_notes(note for each in result.evaluations.values() for note in each.notes)
 
 
 def _outcome_table(result: Comparison, kind: str) -> Table:

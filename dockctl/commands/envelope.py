@@ -21,7 +21,7 @@ from dockctl.commands.options import (
     save_figures,
     select_policy,
 )
-from dockctl.console import make_table, numeric, print_table, print_text
+from dockctl.console import make_table, numeric, print_notes, print_table, print_text
 from dockctl.run_files import ENVELOPE
 from dockctl.runs.tables import ENVELOPE as COLUMNS
 from dockctl.runs.tables import to_csv
@@ -71,6 +71,7 @@ def envelope(
     with Console(stderr=True).status("running episodes"):
         result = run(given, scenario, factors=chosen, episodes=episodes, overrides=set_ or (), on=on)
     _print(result)
+    print_notes(given.notes_on(result.scenario, result.overrides))
     if json_:
         json_.write(result.as_json())
     labels = {name: factor.label for name, factor in FACTORS.items()}

@@ -28,7 +28,7 @@ from dockctl.commands.options import (
     print_paths,
     select_policy,
 )
-from dockctl.console import make_table, numeric, print_table, print_text
+from dockctl.console import make_table, numeric, print_notes, print_table, print_text
 from dockctl.runs.files import require_writable_file, write_atomically
 from dockctl.runs.tables import START_KINDS
 
@@ -126,8 +126,7 @@ def evaluate(
     if folder and result.recording:
         result.recording.write(folder)
         print_paths([folder])
-    for note in result.notes:
-        print_text(Console(stderr=True), f"note: {note}", "yellow")
+    print_notes(result.notes)
     if result.rejected_draws:
         note = f"{result.rejected_draws} poses drawn for the random starts {UNREACHABLE}, and were redrawn"
         print_text(Console(stderr=True), f"note: {note}")

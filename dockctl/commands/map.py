@@ -23,7 +23,7 @@ from dockctl.commands.options import (
     save_figures,
     select_policy,
 )
-from dockctl.console import count, make_table, numeric, print_table, print_text
+from dockctl.console import count, make_table, numeric, print_notes, print_table, print_text
 from dockctl.run_files import MAP
 
 if TYPE_CHECKING:
@@ -77,6 +77,7 @@ def map_(
     with Console(stderr=True).status("running episodes"):
         result = success_map(loaded_policy, scenario, grid, overrides=set_ or (), on=on)
     _print(result)
+    print_notes(loaded_policy.notes_on(result.scenario, set_ or ()))
     if json_:
         json_.write(result.as_json())
     caption, task = loaded_policy.caption_on(result.scenario, set_ or ()), result.scenario.task

@@ -8,7 +8,7 @@ import typer
 from rich.console import Console
 
 from dockctl.commands.options import Overrides, Plugins, Trust
-from dockctl.console import print_text
+from dockctl.console import print_notes, print_text
 from dockctl.errors import DockctlError
 
 
@@ -50,7 +50,6 @@ def validate(
         else:
             content = f"{phases(loaded.scenario)}, {summary(loaded.scenario)}"
             print_text(console, f"ok {source}: {content}")
-            for note in notes(loaded):
-                print_text(problems, f"note: {note}", "yellow")
+            print_notes(notes(loaded))
     if failures:
         raise typer.Exit(DockctlError.exit_code)

@@ -20,6 +20,7 @@ from dockctl.commands.options import (
     print_paths,
     select_policy,
 )
+from dockctl.console import print_notes
 
 
 def view(
@@ -80,6 +81,7 @@ def view(
         policies = [select_policy(each, None, plugin, trust, scenario) for each in (given, *(also or ()))]
         with Console(stderr=True).status("running episodes"):
             shown = replay(policies, scenario, poses, set_ or ())
+        print_notes(note for each in policies for note in each.notes_on(shown.scenario, set_ or ()))
         names = [p.file_name for p in policies] + ([shown.scenario.name] if scenario else [])
     data = page_data(shown)
     if out or not (gif or mp4):

@@ -24,7 +24,6 @@ from dockctl.runs.tables import EVALUATION as EVALUATION_COLUMNS
 from dockctl.runs.tables import START_KEYS, Value, all_columns, to_csv
 from dockctl.scenarios.base import Pose
 from dockctl.scenarios.schema import Scenario
-from dockctl.sim.checks import beyond_authority, unused_authority
 from dockctl.sim.starts import Start, own_site
 
 if TYPE_CHECKING:
@@ -75,11 +74,8 @@ class Evaluation:
 
     @property
     def notes(self) -> list[str]:
-        """What the user should know about a scenario other than the policy's own."""
-        if self.is_own and self.policy.own_scenario is not None:
-            return []
-        found = [*beyond_authority(self.scenario), *unused_authority(self.scenario)]
-        return [f"{field}: {message}" for field, message in found if not field.startswith("training.")]
+        """See `LoadedPolicy.notes_on`."""
+        return self.policy.notes_on(self.scenario, self.overrides)
 
     @property
     def stem(self) -> str:

@@ -25,7 +25,7 @@ from dockctl.scenarios.catalog import display_path
 from dockctl.scenarios.content import first_difference
 from dockctl.scenarios.loader import LoadedScenario, load
 from dockctl.scenarios.schema import Scenario
-from dockctl.sim.checks import load_checked
+from dockctl.sim.checks import beyond_authority, load_checked, unused_authority
 
 Factory = Callable[[Scenario], Any]
 Build = Callable[[DockingVectorEnv], Any]
@@ -127,6 +127,16 @@ class LoadedPolicy(ABC):
     def is_own(self, scenario: Scenario, overrides: Sequence[str]) -> bool:
         """Whether `scenario`, resolved with these changed values, is the policy's own, unchanged."""
         return not overrides and not self.is_transfer(scenario)
+
+    def notes_on(self, scenario: Scenario, overrides: Sequence[str]) -> list[str]:
+        """Return what the user should know about a scenario, if it is not the policy's own, unchanged.
+
+        These are conditions beyond the vessel's control authority, and authority that no action uses.
+        """
+        if self.own_scenario is not None and self.is_own(scenario, overrides):
+            return []
+        found = [*beyond_authority(scenario), *unused_authority(scenario)]
+        return [f"{field}: {message}" for field, message in found if not field.startswith("training.")]
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)

@@ -64,6 +64,29 @@ def test_another_boat_and_weather_are_noted(run: Path) -> None:
     assert dockctl("evaluate", run, "--episodes", 1).err == ""
 
 
+@pytest.mark.parametrize(
+    "command",
+    [
+        ("map", "--reach-m", 0, "--headings", 0),
+        ("envelope", "--factors", "distance", "--episodes", 1),
+        ("view", "--set", "task.max_steps=2"),
+    ],
+    ids=lambda command: command[0],
+)
+def test_weather_is_noted_once_by_other_commands(
+    run: Path, command: tuple[object, ...], tmp_path: Path
+) -> None:
+    out = tmp_path / ("page.html" if command[0] == "view" else "out")
+    outcome = dockctl(
+        *command, run, "--set", "conditions.wind={speed_mps: 8, direction_deg: 90}", "--out", out
+    )
+    assert outcome.code == 0, outcome.err
+    assert (
+        outcome.err.count("note: conditions.wind.speed_mps: wind of 8 m/s on the beam pushes with 53 N") == 1
+    )
+    assert not dockctl(*command, run, "--out", out).err.count("note:")
+
+
 def test_starts_are_seeded_and_do_not_depend_on_their_number(run: Path) -> None:
     results = []
     for episodes, seed in ((4, 1), (4, 1), (2, 1), (2, 2)):
