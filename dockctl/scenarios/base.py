@@ -42,6 +42,8 @@ Length = Annotated[Positive, Field(le=MAX_COORDINATE_M)]
 Fraction = Annotated[float, Strict(), Field(allow_inf_nan=False, ge=0, le=1)]
 Count = Annotated[int, Strict(), Field(ge=1)]
 Flag = Annotated[bool, Strict()]
+Title = Annotated[str, Field(min_length=1)]
+"""Name that is shown in reports and figures."""
 
 NAME = r"^[A-Za-z0-9][A-Za-z0-9_.-]{0,63}$"
 """Pattern of the names of scenarios, experiments and checkpoints: safe in paths and on command lines."""

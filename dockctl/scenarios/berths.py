@@ -86,7 +86,11 @@ def require_berths(harbor: HarborSpec, berths: Berths | None, *, is_given: bool)
     if berths is None:
         return
     if not berths.trained.places:
-        raise FieldError(f"{field}.trained", "expected at least one berth of the harbor", "missing_key")
+        raise FieldError(
+            f"{field}.trained",
+            "expected at least one berth; only generated layouts need no list",
+            "missing_key",
+        )
     if not isinstance(harbor, Marina):
         message = "the harbor has no berths: expected kind marina or generated"
         raise FieldError(field, message, "mismatch")

@@ -19,6 +19,7 @@ from dockctl.scenarios.base import (
     Length,
     Model,
     Positive,
+    Title,
 )
 from dockctl.scenarios.yaml_tree import describe
 
@@ -189,7 +190,7 @@ class Marina(Model):
     """A basin with rows of finger piers, moored vessels, and optional solids from mesh files."""
 
     kind: Literal["marina"]
-    name: str = "marina"
+    name: Title = "marina"
     basin: Basin
     entrance: Entrance | None = Field(default=None, description="gap in a quay; null for a closed basin")
     land: Rectangles = Field(default=(), description="quays inside the basin")
@@ -309,7 +310,7 @@ class Generated(Model):
     """
 
     kind: Literal["generated"]
-    name: str = "generated"
+    name: Title = "generated"
     seed: int = Field(default=0, ge=0, strict=True, description="seed of the first layout")
     layouts: Count = Field(default=1, le=MAX_LAYOUTS, description="number of layouts for training")
     held_out_seed: int = Field(default=1_000_000, ge=0, strict=True)
@@ -366,7 +367,7 @@ class MeshHarbor(Model):
     """A harbor from mesh files only."""
 
     kind: Literal["meshes"]
-    name: str = "meshes"
+    name: Title = "meshes"
     meshes: tuple[MeshFile, ...] = Field(min_length=1)
 
 

@@ -51,6 +51,7 @@ EXPECTED = {
     "finite_number": "a finite number",
     "too_short": "at least {min_length} item",
     "too_long": "at most {max_length} items",
+    "string_too_short": "a text that is not empty",
     "string_too_long": "at most {max_length} characters",
     "string_pattern_mismatch": "letters, digits, dots, dashes and underscores, a letter or digit first",
     "literal_error": "{expected}",
@@ -59,7 +60,7 @@ EXPECTED = {
 
 RANGES = (
     *("greater_than", "greater_than_equal", "less_than", "less_than_equal", "finite_number"),
-    *("too_short", "too_long", "string_too_long", "int_parsing_size"),
+    *("too_short", "too_long", "string_too_short", "string_too_long", "int_parsing_size"),
 )
 """Error types of values that have the right type."""
 

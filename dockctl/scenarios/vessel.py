@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 from pydantic import Field, ValidationError, model_validator
 
-from dockctl.scenarios.base import Count, FieldError, Model, NonNegative, Number, Positive
+from dockctl.scenarios.base import Count, FieldError, Model, NonNegative, Number, Positive, Title
 
 RK4_STABILITY_LIMIT = 2.6
 """Classical Runge-Kutta is stable if the fastest rate times the step is below this limit: the stability
@@ -44,7 +44,7 @@ class Vessel(Model):
     Names follow Fossen. As in Table 3.1, damping coefficients are positive and added masses negative.
     """
 
-    name: str = "vessel"
+    name: Title = "vessel"
     hull: Hull = Hull()
     mass_kg: Positive
     yaw_inertia_kgm2: Positive

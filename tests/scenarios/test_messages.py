@@ -250,6 +250,10 @@ def test_every_problem_has_location_code_and_suggestion(tmp_path: Path, case: st
 WIND = "conditions: {wind: {speed_mps: 1, direction_deg: %s}}\n"
 GENERATED = "harbor: {kind: generated, %s}\n"
 WORDS = {
+    "empty name": (
+        "harbor: {name: ''}\n",
+        "harbor.name: found the text '', expected a text that is not empty",
+    ),
     "a range of directions through 0°": (
         WIND % "[350, 10]",
         "conditions.wind.direction_deg: found [350, 10], expected the lower bound first; a range through 0°"
