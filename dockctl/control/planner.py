@@ -11,7 +11,7 @@ from dockctl.agents.interface import Info, Policy
 from dockctl.compute import map_on_all_cores
 from dockctl.control.forecast import Forecast
 from dockctl.control.plans import RandomPlans
-from dockctl.control.safety_filter import SafetyFilter, margin
+from dockctl.control.safety_filter import SafetyFilter, touching
 from dockctl.envs.vector import DockingVectorEnv
 from dockctl.geometry import Floats, Ints
 from dockctl.scenarios.schema import Scenario
@@ -119,21 +119,29 @@ class Planner(Policy):
         self._tried_s[to_final] += self._period_s
 
         def chosen(row: int) -> int:
-            planned = self._planned(row, poses[row]) if near[row] else None
-            return self._filter.safe(row, poses[row], int(actions[row])) if planned is None else planned
+            kept = self._best.pop(row, None)
+            planned = self._planned(row, poses[row], kept) if near[row] else None
+            if planned is None:
+                return self._filter.safe(row, poses[row], int(actions[row]))
+            self._filter.forget_plan(row)
+            return planned
 
         rows = np.flatnonzero(~simulator.resting).tolist()
         actions[rows] = map_on_all_cores(chosen, rows)
         self._forecast.command(self._commands[actions])
         return actions
 
-    def _planned(self, row: int, pose: Floats) -> int | None:
-        """Return the first action of the best plan of a boat at a pose (3,), or None if none docks."""
+    def _planned(self, row: int, pose: Floats, kept: _Plans | None) -> int | None:
+        """Return the first action of the best plan of a boat at a pose (3,), or None if none docks.
+
+        Args:
+            kept: the best plans of the control step before.
+        """
         rng, tried = self._rngs[row], self._plans.draw(self._rngs[row], RANDOM)
-        margin_m = margin(MARGIN_M, float(self._simulator.obstacles(row).approximate_clearance(pose)))
-        if (kept := self._best.pop(row, None)) is not None:
+        here_m = float(self._simulator.obstacles(row).approximate_clearance(pose))
+        if kept is not None:
             tried = np.vstack([np.hstack([kept.actions[:, 1:], kept.actions[:, -1:]]), tried])
-        best = self._clear(row, self._predicted(row, tried), margin_m)
+        best = self._clear(row, self._predicted(row, tried), here_m)
         if len(best.cost) == 0:
             return None
         for _ in range(ROUNDS):
@@ -141,7 +149,7 @@ class Planner(Policy):
                 break
             changed = self._predicted(row, self._plans.changes(rng, best.actions, best.last + 1, CHANGES))
             better = changed.cost < (best.cost[-1] if len(best.cost) == KEPT else np.inf)
-            best = best.best_with(self._clear(row, changed.at(np.flatnonzero(better)), margin_m))
+            best = best.best_with(self._clear(row, changed.at(np.flatnonzero(better)), here_m))
         self._best[row] = best
         return int(best.actions[0, 0]) if best.needed[0] <= ENOUGH else None
 
@@ -164,15 +172,19 @@ class Planner(Policy):
         )
         return np.asarray(np.max(shares, axis=0).reshape(eta.shape[:2]))
 
-    def _clear(self, row: int, plans: _Plans, margin_m: float) -> _Plans:
-        """Return the best plans that stay clear up to their last step, the best one first."""
+    def _clear(self, row: int, plans: _Plans, here_m: float) -> _Plans:
+        """Return the best plans that stay clear up to their last step, the best one first.
+
+        Args:
+            here_m: clearance of the boat.
+        """
         clearance, found = self._simulator.obstacles(row).approximate_clearance, list[int]()
         order = plans.cost.argsort(kind="stable")[:CHECKED]
         for begin in range(0, len(order), CHECKED_AT_ONCE):
             some = order[begin : begin + CHECKED_AT_ONCE]
-            touching = clearance(plans.poses[some]) < margin_m
-            touching &= np.arange(touching.shape[1]) <= 2 * plans.last[some, None] + 1
-            found += some[~touching.any(axis=1)].tolist()
+            touched = touching(clearance(plans.poses[some]), MARGIN_M, here_m)
+            touched &= np.arange(touched.shape[1]) <= 2 * plans.last[some, None] + 1
+            found += some[~touched.any(axis=1)].tolist()
             if len(found) >= KEPT:
                 break
         return plans.at(np.array(found[:KEPT], np.int64))

@@ -6,7 +6,7 @@ import numpy as np
 
 from dockctl.control.forecast import Forecast
 from dockctl.control.plans import RandomPlans
-from dockctl.geometry import Floats, Ints
+from dockctl.geometry import Bools, Floats, Ints
 from dockctl.sim.simulator import Simulator
 
 SAFE_S, SAFE_M = 30.0, 0.15
@@ -21,9 +21,15 @@ OPEN_M = 2.0
 """Clearance beyond which more of it makes a plan no better."""
 
 
-def margin(usual_m: float, here_m: float) -> float:
-    """Return the clearance of a plan: the usual one, or for a boat that has less, hardly less than it has."""
-    return min(usual_m, max(here_m - LOST_M, 0.0))
+def touching(clearance_m: Floats, usual_m: float, here_m: float) -> Bools:
+    """Return where a plan is too close to the harbor.
+
+    Args:
+        clearance_m: of its poses.
+        usual_m: how much a plan should have; a boat that has less may lose hardly any of it.
+        here_m: clearance of the boat.
+    """
+    return clearance_m <= min(usual_m, max(here_m - LOST_M, 0.0))
 
 
 class SafetyFilter:
@@ -51,6 +57,10 @@ class SafetyFilter:
     def reset(self, row: int) -> None:
         """Forget the episode of a boat."""
         self._rngs[row] = np.random.default_rng(1)
+        self.forget_plan(row)
+
+    def forget_plan(self, row: int) -> None:
+        """Forget the plan of a boat that takes another action than `safe` returned, or would return."""
         self._best.pop(row, None)
 
     def safe(self, row: int, pose: Floats, action: int) -> int:
@@ -77,8 +87,8 @@ class SafetyFilter:
         """
         poses, _ = self._forecast.poses(row, self._commands[plans])
         clearance = self._clearance(row, poses)
-        touching = clearance < margin(SAFE_M, here)
-        until = np.where(touching.any(axis=1), touching.argmax(axis=1), touching.shape[1])
+        touched = touching(clearance, SAFE_M, here)
+        until = np.where(touched.any(axis=1), touched.argmax(axis=1), touched.shape[1])
         safest = np.lexsort([np.minimum(clearance, OPEN_M).mean(axis=1), until])[-1]
         return plans[safest], until[safest] / 2
 

@@ -204,7 +204,7 @@ def evaluate(
     if episodes is None:
         episodes = 0 if poses else random.episodes
     rollout = Rollout(loaded)
-    starts = checked_starts(loaded, poses) if poses else evaluation_starts(resolved, rollout.worlds)
+    starts = checked_starts(loaded, poses) if poses else evaluation_starts(resolved, rollout.worlds, seed)
     starts += testing_starts(resolved, rollout.worlds, episodes, seed)
     shown: list[Episode] = []
     with running(on) as prepared:

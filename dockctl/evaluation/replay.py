@@ -111,7 +111,7 @@ def replay(
 def preview(loaded: LoadedScenario, poses: Sequence[Pose] = ()) -> Replay:
     """Return the boat at each start, without a policy; the arguments are those of `replay`."""
     rollout = Rollout(loaded)
-    starts = _starts(loaded, poses)
+    starts = rollout.seeded(_starts(loaded, poses))
     return _replay(loaded, [_Run("", "", None, start, rollout.at_start(start), rollout) for start in starts])
 
 

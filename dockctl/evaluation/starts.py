@@ -52,10 +52,13 @@ def evaluation_poses(scenario: Scenario) -> list[Start]:
     return [given_start(site, task, pose_array(pose), index) for index, pose in enumerate(poses)]
 
 
-def evaluation_starts(scenario: Scenario, worlds: Sequence[World]) -> list[Start]:
+def evaluation_starts(scenario: Scenario, worlds: Sequence[World], seed: int | None = None) -> list[Start]:
     """Return the evaluation poses, or random starts at the trained berths of a task with berths.
 
     There, the intermediate poses are drawn as in training.
+
+    Args:
+        seed: of the random starts; the scenario's by default.
 
     Raises:
         DockctlError: no pose around an initial pose is reachable, or no berth is free.
@@ -68,7 +71,7 @@ def evaluation_starts(scenario: Scenario, worlds: Sequence[World]) -> list[Start
         _trained(scenario, worlds),
         worlds,
         episodes=evaluation.trained_berths,
-        seed=evaluation.random_starts.seed,
+        seed=evaluation.random_starts.seed if seed is None else seed,
         kind="trained",
         spread=True,
     )

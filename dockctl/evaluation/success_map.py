@@ -5,7 +5,7 @@ from __future__ import annotations
 import io
 import math
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -133,8 +133,8 @@ def success_map(
         # One heading at a time: the trajectories of all starts would take memory.
         rows = [
             row
-            for heading in grid.headings_deg
-            for row in _rows(loaded.scenario, site, check, run, grid.offsets(heading))
+            for number, heading in enumerate(grid.headings_deg)
+            for row in _rows(loaded.scenario, site, check, run, grid.offsets(heading), number)
         ]
     if all(row["blocked"] for row in rows):
         raise DockctlError(
@@ -145,16 +145,23 @@ def success_map(
 
 
 def _rows(
-    scenario: Scenario, site: Site, check: PoseCheck, run: Run, offsets: Floats
+    scenario: Scenario, site: Site, check: PoseCheck, run: Run, offsets: Floats, number: int
 ) -> Iterator[dict[str, Value]]:
     """Yield the rows of the starts with one heading offset; a blocked start has no episode.
 
+    Each start of the map has conditions of its own, which do not depend on the policy.
+
     Args:
         offsets: (k, 3) dx [m], dy [m] and heading offset [°].
+        number: of these starts' heading offset, from 0.
     """
     poses = site.initial[0] + np.column_stack([offsets[:, :2], np.radians(offsets[:, 2])])
     free = [check.free(pose) for pose in poses]
-    starts = [given_start(site, scenario.evaluated_task, poses[i], i) for i in range(len(poses)) if free[i]]
+    first_seed = scenario.evaluation.conditions_seed + number * len(poses)
+    starts = [
+        replace(given_start(site, scenario.evaluated_task, poses[i], i), seed=first_seed + i)
+        for i in np.flatnonzero(free).tolist()
+    ]
     episodes = iter(run(starts))
     for (dx, dy, turn), (x, y, heading), is_free in zip(offsets, poses, free, strict=True):
         place: dict[str, Value] = {

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections import Counter
 from typing import Literal, Self, get_args
 
 from pydantic import Field, model_validator
@@ -50,6 +51,11 @@ class Berths(Model):
         if groups > MAX_HARBORS:
             message = f"{self.vacant} vacant berths at a time need {groups} harbors, at most {MAX_HARBORS}"
             raise FieldError("vacant", message, "out_of_range")
+        for kind in get_args(BerthKind):
+            listed: BerthPlaces = getattr(self, kind)
+            if twice := [place for place, number in Counter(listed.places).items() if number > 1]:
+                message = f"the {twice[0].side} berth at {twice[0].at_m:g} is listed twice"
+                raise FieldError(f"{kind}.{listed.field(twice[0])}", message, "duplicate")
         if common := set(self.trained.places) & set(self.held_out.places):
             place = min(common)
             message = f"the {place.side} berth at {place.at_m:g} is also in trained"

@@ -343,7 +343,7 @@ class Condition(Kind, ABC):
         return []
 
     def side_force_n(self, vessel: Vessel) -> float:
-        """Return the maximum side force needed to hold the boat in place [N], for the notes."""
+        """Return the side force needed to hold the boat across the strongest flow [N], for the notes."""
         return 0.0
 
 

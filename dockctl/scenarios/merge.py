@@ -7,11 +7,15 @@ from typing import Any
 
 from dockctl.errors import nearest
 from dockctl.plugins import CONDITIONS
+from dockctl.scenarios.schema import ACTION_KINDS, SENSOR_KINDS
+from dockctl.scenarios.training import ALGORITHM
 from dockctl.scenarios.yaml_tree import Location, Node, input_error
 
 SELECTORS = ("preset", "kind")
 """Keys that select the meaning of their section: a section that changes one of them inherits nothing."""
 CONDITION_SECTIONS = (("conditions",), ("training", "conditions"))
+KINDS = {("actions",): ACTION_KINDS, ("sensors", "lidar"): SENSOR_KINDS, ("training", "algorithm"): ALGORITHM}
+"""Sections with a default kind."""
 
 
 def merge(base: Node, over: Node, path: tuple[str, ...] = ()) -> Node:
@@ -26,7 +30,7 @@ def merge(base: Node, over: Node, path: tuple[str, ...] = ()) -> Node:
     if not isinstance(base.value, dict):
         return replace(over, problems=base.problems + over.problems)
     if any(
-        key in over.value and over.value[key].to_python() != _to_python(base.get(key)) for key in SELECTORS
+        key in over.value and _selected(over, key, path) != _selected(base, key, path) for key in SELECTORS
     ):
         return over
     merged: dict[str, Node] = {
@@ -67,8 +71,15 @@ def _as_term(node: Node) -> Node:
     return Node({"weight": node}, node.location, {"weight": node.location}) if is_weight else node
 
 
-def _to_python(node: Node | None) -> Any:
-    return node.to_python() if node else None
+def _selected(section: Node, key: str, path: tuple[str, ...]) -> Any:
+    """Return the preset or kind of a section, the default kind if it names none."""
+    if (node := section.get(key)) is not None:
+        return node.to_python()
+    if key != "kind":
+        return None
+    if path[:-1] in CONDITION_SECTIONS:
+        return path[-1]
+    return KINDS[path].default if path in KINDS else None
 
 
 def put(node: Node, keys: list[str], value: Node, location: Location, done: tuple[str, ...] = ()) -> Node:

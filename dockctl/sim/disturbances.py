@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
 from typing import Any
+from zlib import crc32
 
 import numpy as np
 
@@ -71,16 +72,21 @@ class Disturbances:
         return any(getattr(type(each), hook) is not getattr(Disturbance, hook) for each in self)
 
     def reset(self, rows: Ints, starts: Sequence[Start], rngs: Sequence[np.random.Generator]) -> None:
-        """Begin an episode in each of the rows (k,); the seed of its start replaces its generator."""
+        """Begin an episode in each of the rows (k,); the seed of its start replaces its generator.
+
+        Each condition draws from generators of its own, which depend on its name: without it, or with other
+        values, the others are the same.
+        """
         if not self._all:
             return
-        drawn = [
-            rngs[i] if start.seed is None else np.random.default_rng(start.seed)
+        seeds = [
+            int(rngs[i].integers(2**63)) if start.seed is None else start.seed
             for i, start in enumerate(starts)
         ]
-        for guard, disturbance in self._all.values():
+        for name, (guard, disturbance) in self._all.items():
+            own = crc32(name.encode())
             with guard:
-                disturbance.reset(rows, drawn)
+                disturbance.reset(rows, [np.random.default_rng([seed, own]) for seed in seeds])
 
     def advance(self, period_s: float) -> None:
         """Advance to the next control period."""

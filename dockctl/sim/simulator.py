@@ -53,7 +53,7 @@ class Simulator:
         eta: (n, 3) x, y [m] and heading [rad].
         nu: (n, 3) u, v [m/s] and r [rad/s] over ground.
         command: (n, 2) propeller force [N] and rudder angle [rad] of the last step; zero at a start.
-        actuation: (n, 2) actual force and angle at the end of the last step, if a condition changes them.
+        actuation: (n, 2) mean actual force and angle over the last substep, if a condition changes them.
         phase: (n,) 0 on the way to the intermediate pose, 1 on the way to the final pose.
         goals: (n, 2, 3) intermediate and final pose of each boat.
         harbor: (n,) index of the world that each boat is in.
@@ -97,9 +97,7 @@ class Simulator:
 
     def prepare(self, harbors: Iterable[int]) -> None:
         """Build the sensor's tables for these harbors now, in parallel; `reset` does so for its starts."""
-        if len(self.worlds) == 1:  # as in `in_harbors`, the index does not matter
-            harbors = [0]
-        missing = sorted(set(harbors) - self._prepared)
+        missing = sorted({self._index(harbor) for harbor in harbors} - self._prepared)
         with self._sensor:
             prepare([self.worlds[number] for number in missing])
         self._prepared.update(missing)
@@ -185,7 +183,9 @@ class Simulator:
             clearance = np.full(len(eta), limit_m)
             for index in np.unique(harbor):
                 rows = harbor == index
-                clearance[rows] = self.worlds[index].obstacles.clearance_below(eta[rows], limit_m)
+                clearance[rows] = self.worlds[self._index(index)].obstacles.clearance_below(
+                    eta[rows], limit_m
+                )
             return clearance
 
         return below
@@ -276,7 +276,11 @@ class Simulator:
 
     def obstacles(self, row: int) -> Obstacles:
         """Return what the boat `row` can collide with."""
-        return self.worlds[int(self.harbor[row])].obstacles
+        return self.worlds[self._index(self.harbor[row])].obstacles
+
+    def _index(self, harbor: int) -> int:
+        """Return the index of a harbor in `worlds`; in a single world, all boats are in it."""
+        return int(harbor) if len(self.worlds) > 1 else 0
 
     def _move(self) -> Bools:
         """Integrate the equations of motion over one control period; return which boats collided, (n,).

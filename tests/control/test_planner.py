@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
 import pytest
@@ -11,7 +12,6 @@ import pytest
 from dockctl.control.planner import CHANGES, RANDOM, ROUNDS, Planner
 from dockctl.evaluation import rollout
 from dockctl.evaluation.rollout import Episode, Rollout
-from dockctl.geometry import Floats
 from dockctl.scenarios.loader import load
 from dockctl.scenarios.schema import PolicyInterface
 from dockctl.sim.goal import TO_FINAL
@@ -82,7 +82,7 @@ def test_the_measured_distance_decides_whether_to_plan(
     """The final pose of scenario 1 is (36, 0, 180°); plans begin within 7 m, and later within 15 m."""
     planned: list[int] = []
     monkeypatch.setattr("dockctl.control.planner.LATER_S", later_s)
-    monkeypatch.setattr(Planner, "_planned", lambda self, row, pose: planned.append(row))
+    monkeypatch.setattr(Planner, "_planned", lambda self, row, pose, kept: planned.append(row))
     monkeypatch.setattr(Simulator, "measured_pose", lambda self: self.eta + [error_m, 0, 0])
     given = task("evaluation.planner=true", "task.max_steps=1")
     pose = np.array([36 - before_m, 0, np.pi])
@@ -96,8 +96,8 @@ def needed(monkeypatch: pytest.MonkeyPatch, *, random: int, rounds: int) -> list
     found: list[float] = []
     planned = Planner._planned
 
-    def recorded(self: Planner, row: int, pose: Floats) -> int | None:
-        action = planned(self, row, pose)
+    def recorded(self: Planner, row: int, *arguments: Any) -> int | None:
+        action = planned(self, row, *arguments)
         found.append(float(self._best[row].needed[0]))
         return action
 

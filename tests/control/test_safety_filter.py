@@ -18,6 +18,8 @@ POSES = ((20.0, -8.0, 1.2), (14.0, 6.0, 2.0), (22.0, 4.0, -0.6), (25.0, -6.0, 0.
 """In the fairway of scenario 3, x, y [m] and heading [rad]."""
 STRONG = np.r_[0:14, 63:77]
 """Actions with nearly full thrust."""
+FULL_AHEAD = 73
+"""50 N, rudder amidships."""
 
 
 def run(policy: Policy, task: Rollout, *poses: tuple[float, float, float]) -> list[Episode]:
@@ -37,6 +39,13 @@ def test_boats_under_full_thrust_are_kept_clear_in_weather(seed: int) -> None:
         outcomes.append([episode.outcome for episode in run(Values(*values), task, *POSES)])
     assert outcomes[0].count("collision") > 0
     assert "collision" not in outcomes[1]
+
+
+def test_a_boat_whose_clearance_seems_to_be_zero_moves_away() -> None:
+    """As beside a wall: an approximate clearance is zero up to some centimeters."""
+    loaded = load("s3", overrides=[WEATHER, "evaluation.planner=true", "task.max_steps=3"])
+    (episode,) = run(Values(*[only(FULL_AHEAD)] * 3), Rollout(loaded, [walled(30.0)]), (30.0, -8.0, 0.0))
+    assert episode.trajectory["command"][1, 0] < 0
 
 
 def test_in_open_water_nothing_is_replaced() -> None:

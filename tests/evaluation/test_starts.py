@@ -45,6 +45,12 @@ def test_negative_numbers_are_an_error(episodes: int, seed: int) -> None:
     assert caught.value.code == "out_of_range"
 
 
+def test_the_seed_draws_the_starts_at_trained_berths() -> None:
+    own, seeds = MARINA.evaluation.random_starts.seed, (None, MARINA.evaluation.random_starts.seed, 7)
+    starts = [[start.eta.tolist() for start in drawn.evaluation_starts(MARINA, OPEN, seed)] for seed in seeds]
+    assert starts[0] == starts[1] != starts[2] and own != 7
+
+
 @pytest.mark.parametrize("scenario", [S1, MARINA])
 def test_validation_starts_differ_from_those_of_an_evaluation(scenario: Scenario) -> None:
     """They are many, bounded like test starts, at trained berths, and the same for every training seed."""

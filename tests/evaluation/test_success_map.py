@@ -7,7 +7,7 @@ import math
 import pytest
 
 from dockctl.errors import DockctlError
-from dockctl.evaluation import Grid
+from dockctl.evaluation import Grid, success_map
 
 
 @pytest.mark.parametrize(
@@ -45,3 +45,14 @@ def test_a_grid_without_a_size_is_an_error(reach: float, step: float) -> None:
     with pytest.raises(DockctlError) as caught:
         Grid(reach, step)
     assert caught.value.code == "out_of_range"
+
+
+def test_each_start_has_its_own_weather_for_every_policy() -> None:
+    """With two headings at nine positions, the 18 draws differ, and a second map repeats them."""
+    weather = ("conditions.wind={speed_mps: [0, 5], direction_deg: [0, 360]}", "task.max_steps=1")
+    first, second = (
+        success_map(policy, "s1", Grid(1, 1, (0, 20)), overrides=weather).table for policy in ("s1", "s2")
+    )
+    speeds = first["wind_speed_mps"]
+    assert len(speeds) == 18 and speeds.nunique() == len(speeds)
+    assert speeds.tolist() == second["wind_speed_mps"].tolist()

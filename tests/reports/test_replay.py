@@ -159,6 +159,13 @@ def test_currents_are_in_the_page() -> None:
     np.testing.assert_allclose(stored(block, given["arrays"]["current"]), [[0.0, 0.1]], atol=1e-6)
 
 
+def test_the_weather_of_a_scenario_without_a_policy_is_always_the_same() -> None:
+    loaded = load("s1", overrides=["conditions.current={speed_mps: [0, 0.1], direction_deg: [0, 360]}"])
+    flows = [preview(loaded, POSES[:2]).tracks[i].episode.trajectory["current"] for i in (0, 1, 0)]
+    np.testing.assert_array_equal(flows[0], flows[2])
+    assert (flows[0] != flows[1]).all()
+
+
 @pytest.mark.thorough
 def test_the_sectors_of_the_page_contain_the_points_of_their_index() -> None:
     loaded = load("s1", overrides=["sensors.lidar.sectors=6"])

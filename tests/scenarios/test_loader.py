@@ -5,8 +5,10 @@ from __future__ import annotations
 import itertools
 import os
 from pathlib import Path
+from typing import Any
 
 import pytest
+import yaml
 
 from dockctl.errors import DockctlError, InputError
 from dockctl.plugins import HARBORS, VESSELS
@@ -99,6 +101,33 @@ def test_a_preset_inherits_nothing(tmp_path: Path) -> None:
     ):
         assert training.seed == 4
         assert training.model_dump(include=set(THESIS)) == THESIS
+
+
+@pytest.mark.parametrize(
+    ("section", "base", "over", "kept"),
+    [
+        (
+            "conditions.wind",
+            "{speed_mps: 3, direction_deg: 0, gust_mps: 1}",
+            "{kind: wind, speed_mps: 5}",
+            "gust_mps",
+        ),
+        ("sensors.lidar", "{sectors: 16}", "{kind: spinning, channels: 8}", "sectors"),
+        ("actions", "{rudder_deg: [-5, 0, 5]}", "{kind: grid, propeller_n: [-5, 0, 5]}", "rudder_deg"),
+    ],
+)
+def test_the_name_of_a_default_kind_changes_nothing(section: str, base: str, over: str, kept: str) -> None:
+    loaded = loader.load("s1", overrides=[f"{section}={base}", f"{section}={over}"])
+    value: Any = loaded.scenario
+    for key in section.split("."):
+        value = value[key] if isinstance(value, dict) else getattr(value, key)
+    assert kept in value.model_fields_set
+    expected = yaml.safe_load(base)[kept]
+    assert getattr(value, kept) in (
+        expected,
+        (expected,),
+        tuple(expected) if isinstance(expected, list) else None,
+    )
 
 
 def test_another_kind_of_harbor_inherits_nothing(tmp_path: Path) -> None:

@@ -250,6 +250,10 @@ def test_every_problem_has_location_code_and_suggestion(tmp_path: Path, case: st
 WIND = "conditions: {wind: {speed_mps: 1, direction_deg: %s}}\n"
 GENERATED = "harbor: {kind: generated, %s}\n"
 WORDS = {
+    "a berth twice": (
+        "task: {berths: {trained: {west: [12, 4, 12]}}}\n",
+        "task.berths.trained.west.0: the west berth at 12 is listed twice",
+    ),
     "empty name": (
         "harbor: {name: ''}\n",
         "harbor.name: found the text '', expected a text that is not empty",

@@ -4,12 +4,14 @@ from __future__ import annotations
 
 from pathlib import Path
 
+import numpy as np
 import pytest
 
 from dockctl.errors import InputError
 from dockctl.experiments.dry_run import dry_run
 from dockctl.scenarios.loader import load
 from dockctl.sim.checks import load_checked
+from tests.sim.conditions.conditions import simulator
 
 WIND = "{kind: wind, speed_mps: 1, direction_deg: 0}"
 NOISE = "{kind: lidar_noise, sigma_m: 0.1}"
@@ -44,3 +46,21 @@ def test_a_condition_does_not_hide_a_result(tmp_path: Path) -> None:
     (problem,) = caught.value.problems
     assert (problem.line, problem.field, problem.code) == (4, "conditions.contact", "duplicate")
     assert "contact_speed_mps" in problem.message
+
+
+def test_a_condition_draws_the_same_with_and_without_others() -> None:
+    """Also during the episode; so a comparison with one of them changed is in otherwise equal weather."""
+    gusts = "wind: {speed_mps: [0, 5], direction_deg: [0, 360], gust_mps: [0, 1.5]}"
+    others = "uncertainty: {masses: 0.2}, tide: {kind: current, speed_mps: [0, 0.1], direction_deg: [0, 360]}"
+    air, drawn = [], []
+    for conditions in (gusts, f"{others}, {gusts}"):
+        sim = simulator(conditions, boats=3)
+        drawn.append({key: value for key, value in sim.disturbances.episode().items() if "wind" in key})
+        for _ in range(3):
+            sim.disturbances.advance(0.5)
+            air.append(sim.wind())
+    assert drawn[0].keys() == drawn[1].keys() and len(drawn[0]) == 3
+    for key, value in drawn[0].items():
+        np.testing.assert_array_equal(value, drawn[1][key])
+        assert len(set(value)) == 3
+    np.testing.assert_array_equal(air[:3], air[3:])

@@ -13,6 +13,9 @@ from dockctl.plugins import CONDITIONS
 from dockctl.scenarios.base import MAX_COORDINATE_M, Count, FieldError, NonNegative
 from dockctl.scenarios.extensions import OFF, Condition, Disturbance, Drawn, draw, register
 
+ROUNDING_S = 1e-9
+"""More than the rounding error of a sum of control periods."""
+
 
 @register(
     CONDITIONS, group="sensing", source="not in the thesis; its section 5.2 asks for the LiDAR's influence"
@@ -71,7 +74,7 @@ class FaultySectors(Disturbance):
         if self.faults.mode == "occluded" and self.faults.occluded_m > range_m:
             message = f"found {self.faults.occluded_m:g}, but the range sensor reads at most {range_m:g} m"
             raise FieldError("occluded_m", message, "out_of_range")
-        failed = self.elapsed[rows] >= self.after[rows]
+        failed = self.elapsed[rows] >= self.after[rows] - ROUNDING_S
         if self.faults.mode == "frozen":
             fresh = failed & ~self.frozen[rows]
             self.values[rows[fresh]] = ranges[fresh][:, sectors]

@@ -32,11 +32,14 @@ def simulator(loaded: LoadedScenario, boats: int = 1) -> Simulator:
     return sim
 
 
-def test_it_solves_the_full_equations_of_motion() -> None:
-    """nu' = d/dt(R^T V_c) + M^-1 (tau - C(nu_r) nu_r - D(nu_r) nu_r), d/dt(R^T V_c) = [r v_c, -r u_c, 0]."""
-    sim = simulator(scenario(**{"vessel.substeps": 100}))
-    model, command = VesselModel(sim.vessel.vessel), np.array([[40.0, 0.4]])
-    flow = 0.15 * np.array([math.cos(math.radians(70)), math.sin(math.radians(70))])
+def solved(
+    sim: Simulator, command: np.ndarray, flow: np.ndarray, time_s: float, state: np.ndarray
+) -> np.ndarray:
+    """Return eta and nu after a time in a constant current (2,), from the full equations of motion.
+
+    nu' = d/dt(R^T V_c) + M^-1 (tau - C(nu_r) nu_r - D(nu_r) nu_r), d/dt(R^T V_c) = [r v_c, -r u_c, 0].
+    """
+    model = VesselModel(sim.vessel.vessel)
 
     def rate(_: float, state: np.ndarray) -> np.ndarray:
         psi, nu = state[2], state[3:]
@@ -46,12 +49,32 @@ def test_it_solves_the_full_equations_of_motion() -> None:
         nu_dot = model.nu_dot((nu - [u_c, v_c, 0.0])[None], model.tau(command))[0] + accelerating
         return np.concatenate([model.eta_dot(state[None, :3], nu[None])[0], nu_dot])
 
-    begin = np.concatenate([sim.eta[0], sim.nu[0]])
-    truth = solve_ivp(rate, (0, 20), begin, rtol=1e-10, atol=1e-10, method="DOP853").y[:, -1]
+    end: np.ndarray = solve_ivp(rate, (0, time_s), state, rtol=1e-10, atol=1e-10, method="DOP853").y[:, -1]
+    return end
+
+
+def test_it_solves_the_full_equations_of_motion() -> None:
+    sim = simulator(scenario(**{"vessel.substeps": 100}))
+    command = np.array([[40.0, 0.4]])
+    flow = 0.15 * np.array([math.cos(math.radians(70)), math.sin(math.radians(70))])
+    truth = solved(sim, command, flow, 20.0, np.concatenate([sim.eta[0], sim.nu[0]]))
     for _ in range(40):
         sim.step(command)
     assert sim.eta[0] == pytest.approx(truth[:3], abs=1e-8)
     assert sim.nu[0] == pytest.approx(truth[3:], abs=1e-8)
+
+
+def test_the_velocity_over_ground_is_continuous_when_the_current_changes() -> None:
+    """So the equations hold from the state at the end of each period, with the current of the next one."""
+    current = "{speed_mps: 0, direction_deg: 0, variation_mps: 0.2, variation_time_s: 0.5}"
+    sim, command = simulator(scenario(current, **{"vessel.substeps": 100})), np.array([[40.0, 0.4]])
+    truth, flows = np.concatenate([sim.eta[0], sim.nu[0]]), []
+    for _ in range(6):
+        flows.append(sim.current()[0])
+        truth = solved(sim, command, flows[-1], 0.5, truth)
+        sim.step(command)
+        assert np.concatenate([sim.eta[0], sim.nu[0]]) == pytest.approx(truth, abs=1e-8)
+    assert np.abs(np.diff(flows, axis=0)).max() > 0.1
 
 
 def test_a_boat_without_thrust_ends_up_moving_with_the_water() -> None:

@@ -19,13 +19,13 @@ AHEAD = 73
 RANGE_M = 100.0
 
 
-def ranges(fault: str | None, boats: int = 2) -> tuple[Any, Any]:
+def ranges(fault: str | None, *changes: str, boats: int = 2, steps: int = 6) -> tuple[Any, Any]:
     """Sector ranges (steps + 1, boats, 8) while the boats drive ahead, and the pose."""
     overrides = [f"conditions.lidar_faults={fault}"] if fault else []
-    env = DockingVectorEnv(load("s1", overrides=overrides), boats, worlds=[walled()])
+    env = DockingVectorEnv(load("s1", overrides=[*overrides, *changes]), boats, worlds=[walled()])
     _, info = env.reset(seed=0)
     scans, poses = [info["sector_ranges_m"]], [info["pose"]]
-    for _ in range(6):
+    for _ in range(steps):
         _, _, _, _, info = env.step(np.full(boats, AHEAD))
         scans.append(info["sector_ranges_m"])
         poses.append(info["pose"])
@@ -49,6 +49,12 @@ def test_a_frozen_sector_reads_its_first_value_after_the_fault() -> None:
     assert np.array_equal(faulty[:4], true[:4])
     assert (faulty[3:, :, 2] == true[3, :, 2]).all()
     assert np.array_equal(np.delete(faulty, 2, axis=2), np.delete(true, 2, axis=2))
+
+
+def test_a_fault_begins_at_its_time_also_where_the_periods_do_not_add_up_exactly() -> None:
+    """Eight times 0.1 is less than 0.8 in floating point."""
+    faulty, _ = ranges("{sectors: [3], after_s: 0.8}", "vessel.control_period_s=0.1", boats=1, steps=9)
+    assert (faulty[:, 0, 2] == RANGE_M).tolist() == [False] * 8 + [True] * 2
 
 
 def test_a_frozen_sector_is_released_by_a_reset() -> None:

@@ -186,15 +186,6 @@ def test_a_variable_current_has_its_variance_and_time() -> None:
     assert abs(crossed.mean()) < 4 * 0.02**2 / math.sqrt(boats)
 
 
-def test_the_speed_over_ground_is_continuous_when_the_current_changes() -> None:
-    sim = simulator("current: {speed_mps: 0, direction_deg: 0, variation_mps: 0.2, variation_time_s: 0.5}")
-    before, nu = sim.current(), sim.nu.copy()
-    sim.step(np.zeros((1, 2)))
-    assert np.abs(sim.current() - before).max() > 0.01
-    # over one period the water drags the boat by less than its own velocity
-    assert np.abs(sim.nu[:, :2] - nu[:, :2]).max() < np.abs(before).max()
-
-
 def test_the_condition_is_built_for_many_boats() -> None:
     assert UniformWind(WIND, 3).air_velocity().shape == (3, 2)
 
