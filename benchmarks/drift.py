@@ -48,7 +48,9 @@ def main() -> None:
     parser.add_argument("files", nargs="+", type=Path, help="files of dockctl evaluate --json")
     files = parser.parse_args().files
     scenario = load("marinas-weather").scenario
-    wind = next(each for each in scenario.conditions.values() if isinstance(each, Wind))
+    wind = next(
+        each.fitted(scenario.vessel) for each in scenario.conditions.values() if isinstance(each, Wind)
+    )
     rows = [row for file in files for row in json.loads(file.read_text())["episodes"]]
     rows = [row for row in rows if row["start_kind"] == "held_out"]
     authority = ControlAuthority.of(scenario.vessel)

@@ -331,7 +331,7 @@ class Condition(Kind, ABC):
         """Return the condition for `num_boats` boats."""
 
     def fitted(self, vessel: Vessel) -> Condition:
-        """Return the condition with defaults that depend on the vessel filled in; by default unchanged.
+        """Return the condition with values that depend on the vessel filled in; by default unchanged.
 
         Raises:
             FieldError: it is not possible for this vessel; the field is a key of the condition.

@@ -176,23 +176,21 @@ class Scenario(Model):
 
     @model_validator(mode="after")
     def _conditions_fit(self) -> Self:
-        conditions = {"conditions": self._fitted_conditions(self.conditions, "conditions")}
-        own = {"conditions": self._fitted_conditions(self.training.conditions, TRAINING_CONDITIONS)}
-        self.__dict__.update(conditions, training=self.training.model_copy(update=own))
+        """Check them. Values that depend on the vessel stay unset, so that another vessel has its own."""
+        self._require_fitting(self.conditions, "conditions")
+        self._require_fitting(self.training.conditions, TRAINING_CONDITIONS)
         return self
 
-    def _fitted_conditions(self, given: Conditions, field: str) -> Conditions:
-        fitted = {}
+    def _require_fitting(self, given: Conditions, field: str) -> None:
         for name, condition in given.items():
             if not name.isidentifier():  # it becomes part of column names
                 message = f"'{name}' is not a name: expected letters, digits and underscores"
                 raise FieldError(field, message)
             try:
-                fitted[name] = _fitted(condition, CONDITIONS, self.vessel)
+                _fitted(condition, CONDITIONS, self.vessel)
             except FieldError as error:
                 where = f"{field}.{name}.{error.field}"
                 raise FieldError(where, error.message, error.code, error.suggestion) from None
-        return fitted
 
     @model_validator(mode="after")
     def _berths_exist(self) -> Self:

@@ -48,7 +48,7 @@ class Disturbances:
         self._all: dict[str, tuple[Guard, Disturbance]] = {}
         for name, condition in scenario.conditions.items():
             with (guard := Guard(CONDITIONS, condition.kind)):
-                built = condition.build(num_boats)
+                built = condition.fitted(scenario.vessel).build(num_boats)
                 if not isinstance(built, Disturbance):
                     raise TypeError(f"build returned {built!r}, not a Disturbance")
                 self._all[name] = guard, built

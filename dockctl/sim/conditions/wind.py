@@ -63,12 +63,12 @@ class Wind(Condition):
         return self.speed_mps[-1] + 2 * self.gust_mps[-1]
 
     def side_force_n(self, vessel: Vessel) -> float:
-        return float(wind_force(self, np.zeros(1), np.array([self._strongest_mps]))[0, 1])
+        return float(wind_force(self.fitted(vessel), np.zeros(1), np.array([self._strongest_mps]))[0, 1])
 
     def notes(self, vessel: Vessel) -> list[tuple[str, str]]:
         authority, speed, push = ControlAuthority.of(vessel), self._strongest_mps, self.side_force_n(vessel)
         angle = np.linspace(0, np.pi, 181)
-        forces = wind_force(self, -speed * np.cos(angle), speed * np.sin(angle))
+        forces = wind_force(self.fitted(vessel), -speed * np.cos(angle), speed * np.sin(angle))
         along, _, moment = np.abs(forces).max(axis=0)
         gusts = " (the mean and two standard deviations of the gusts)" if self.gust_mps != OFF else ""
         messages = []

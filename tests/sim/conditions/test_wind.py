@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -11,10 +12,11 @@ from scipy.integrate import solve_ivp
 from dockctl.envs.vector import DockingVectorEnv
 from dockctl.evaluation.rollout import Rollout, trajectories_csv
 from dockctl.geometry import Floats
-from dockctl.scenarios.loader import load_vessel
+from dockctl.scenarios.loader import dump, load, load_vessel
 from dockctl.sim.checks import notes
 from dockctl.sim.conditions.authority import ControlAuthority
 from dockctl.sim.conditions.wind import UniformWind, Wind, wind_force
+from dockctl.sim.disturbances import Disturbances
 from dockctl.sim.simulator import Simulator
 from dockctl.sim.starts import given_start, own_site
 from dockctl.sim.vessel import VesselModel
@@ -184,6 +186,16 @@ def test_a_variable_current_has_its_variance_and_time() -> None:
     assert (flows[20] ** 2).mean() == pytest.approx(0.02**2, abs=5 * 0.02**2 / math.sqrt(boats))
     crossed = flows[0][:, 0] * flows[0][:, 1]
     assert abs(crossed.mean()) < 4 * 0.02**2 / math.sqrt(boats)
+
+
+def test_a_stored_scenario_has_the_areas_of_the_vessel_that_it_is_used_with(tmp_path: Path) -> None:
+    file = tmp_path / "stored.yaml"
+    file.write_text(dump(scenario("wind: {speed_mps: 5, direction_deg: 0}").scenario))
+    for freeboard_m, lateral_m2, frontal_m2 in ((0.5, 1.5, 0.5), (1.0, 3.0, 1.0)):
+        loaded = load(file, overrides=[f"vessel.hull.freeboard_m={freeboard_m}"])
+        (built,) = Disturbances(loaded.scenario, 1)
+        assert isinstance(built, UniformWind)
+        assert (built.wind.lateral_area_m2, built.wind.frontal_area_m2) == (lateral_m2, frontal_m2)
 
 
 def test_the_condition_is_built_for_many_boats() -> None:
