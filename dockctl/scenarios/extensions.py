@@ -231,7 +231,7 @@ class Disturbance:
     """
 
     def reset(self, rows: Ints, rngs: Sequence[np.random.Generator]) -> None:
-        """Draw the values of the episodes that start in `rows` (k,), each from its boat's generator."""
+        """Draw the values of the episodes that start in `rows` (k,), each from a generator of its own."""
 
     def advance(self, period_s: float) -> None:
         """Advance by one control period; a boat may draw only from seeds that `reset` drew for it."""
