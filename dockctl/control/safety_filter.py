@@ -60,7 +60,7 @@ class SafetyFilter:
         self.forget_plan(row)
 
     def forget_plan(self, row: int) -> None:
-        """Forget the plan of a boat that takes another action than `safe` returned, or would return."""
+        """Forget the plan of a boat whose next action does not come from `safe`."""
         self._best.pop(row, None)
 
     def safe(self, row: int, pose: Floats, action: int) -> int:
