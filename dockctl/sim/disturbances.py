@@ -109,23 +109,31 @@ class Disturbances:
                 disturbance.restore(own)
 
     def sum(self, hook: str, columns: int, *arguments: Any) -> Floats:
-        """Return the sum (n, columns) of a hook over all conditions."""
+        """Return the sum (n, columns) of a hook over all conditions.
+
+        Raises:
+            DockctlError: a condition failed, or returned another shape or a value that is not finite.
+        """
         total = np.zeros((self._boats, columns))
         for guard, disturbance in self._all.values():
             with guard:
                 value = np.asarray(getattr(disturbance, hook)(*arguments))
-                if value.ndim:  # the default is the scalar 0
-                    require_shape(f"{type(disturbance).__name__}.{hook}", value.shape, total.shape)
+                if value.ndim or value:  # the default is the scalar 0
+                    _require_valid(disturbance, hook, value, total.shape if value.ndim else ())
                 total += value
         return total
 
     def actuate(self, commands: Floats, substep_s: float) -> Floats:
-        """Return the forces and angles of the actuators, (n, substeps, 2), at commands of the same shape."""
+        """Return the forces and angles of the actuators, (n, substeps, 2), at commands of the same shape.
+
+        Raises:
+            DockctlError: a condition failed, or returned another shape or a value that is not finite.
+        """
         actual = commands
         for guard, disturbance in self._all.values():
             with guard:
                 actual = disturbance.actuate(actual, substep_s)
-                require_shape(f"{type(disturbance).__name__}.actuate", actual.shape, commands.shape)
+                _require_valid(disturbance, "actuate", actual, commands.shape)
         return actual
 
     def coefficient_factors(self, vessel: Vessel) -> Mapping[str, Floats]:
@@ -141,8 +149,9 @@ class Disturbances:
                     if not isinstance(getattr(vessel, name, None), float):
                         raise ValueError(f"coefficient_factors: the vessel has no coefficient '{name}'")
                     require_shape("coefficient_factors", np.shape(factor), (self._boats,))
-                    if not (np.asarray(factor) > 0).all():
-                        raise ValueError(f"coefficient_factors: a factor of '{name}' is not positive")
+                    if not ((np.asarray(factor) > 0) & np.isfinite(factor)).all():
+                        reason = f"a factor of '{name}' is not a positive number"
+                        raise ValueError(f"coefficient_factors: {reason}")
                     factors[name] = factors.get(name, 1.0) * factor
         return factors
 
@@ -166,10 +175,7 @@ class Disturbances:
             try:
                 with guard:
                     reported = disturbance.reported_ranges(ranges, rows, range_m)
-                    hook = f"{type(disturbance).__name__}.reported_ranges"
-                    require_shape(hook, reported.shape, ranges.shape)
-                    if not np.isfinite(reported).all():
-                        raise ValueError(f"{hook} returned a value that is not finite")
+                    _require_valid(disturbance, "reported_ranges", reported, ranges.shape)
                     ranges = reported
             except FieldError as error:
                 raise ConditionError(f"conditions.{name}.{error.field}", error.message, error.code) from None
@@ -192,3 +198,16 @@ class Disturbances:
                         raise ConditionError(f"conditions.{name}", reason, "duplicate")
                     drawn[column] = np.array(value, float)
         return drawn
+
+
+def _require_valid(disturbance: Disturbance, hook: str, values: Floats, shape: tuple[int, ...]) -> None:
+    """Check what a hook returned.
+
+    Raises:
+        DockctlError: another shape.
+        ValueError: a value that is not finite.
+    """
+    who = f"{type(disturbance).__name__}.{hook}"
+    require_shape(who, values.shape, shape)
+    if not np.isfinite(values).all():
+        raise ValueError(f"{who} returned a value that is not finite")

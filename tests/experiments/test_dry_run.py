@@ -187,6 +187,12 @@ def test_a_sensor_whose_scan_cannot_be_drawn(fault: dict[str, str], tmp_path: Pa
     ("hook", "code"),
     [
         ("water_velocity", "def water_velocity(self): return np.inf"),
+        ("air_velocity", "def air_velocity(self): return np.nan"),
+        ("force", "def force(self, eta, nu): return nu * np.nan"),
+        ("pose_error", "def pose_error(self): return np.nan"),
+        ("velocity_error", "def velocity_error(self): return np.nan"),
+        ("actuate", "def actuate(self, commands, substep_s): return commands * np.nan"),
+        ("coefficient_factors", "def coefficient_factors(self): return {'mass_kg': np.full(4, np.inf)}"),
         ("reported_ranges", "def reported_ranges(self, ranges, rows, range_m): return ranges * np.nan"),
     ],
 )
