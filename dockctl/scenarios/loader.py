@@ -134,12 +134,16 @@ def load(
     received = received or is_received(path)
     tree = _without_replaced(tree, plugin_files, received=received, trust=trust)
     berth, tree = tree.get(BERTH), tree.without(BERTH)
-    problems = [*_load_plugins(tree), *function_problems(tree)]
+    failed = [*_load_plugins(tree)]
     try:
-        scenario = validate(tree, Scenario, problems)
-    except InputError:
+        scenario = validate(tree, Scenario, [*failed, *function_problems(tree)])
+    except InputError as error:
         _require_no_part(path, first)
-        raise
+        if not failed:
+            raise
+        # Of the values, names may be unknown because the plugin that registers them did not load.
+        certain = [*failed, *tree.all_problems()]
+        raise InputError(p for p in error.problems if p in certain or p.code != "unknown_name") from None
     if berth is not None and berth.value is not None:
         tree = at_berth(tree, scenario, berth)
         scenario = validate(tree, Scenario)

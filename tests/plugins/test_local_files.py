@@ -166,6 +166,16 @@ def test_an_incomplete_class_is_rejected_where_it_is_selected(write: Write, base
     assert (problem.line, problem.field, problem.code) == (3, "actions.kind", "plugin")
 
 
+@pytest.mark.parametrize("faulty", ["import nothing_of_this_name", "def (", None])
+def test_a_name_of_a_plugin_that_does_not_load_is_no_second_error(write: Write, faulty: str | None) -> None:
+    if faulty is not None:
+        write("mine.py", faulty)
+    text = "extends: s1\nplugins: [mine.py]\nconditions: {mine: {}}\nreward: {terms: {mine: 1}}\nname: [1]\n"
+    with pytest.raises(InputError) as caught:
+        loader.load(write("x.yaml", text))
+    assert [problem.field for problem in caught.value.problems] == ["plugins.0", "name"]
+
+
 FAILING = """from typing import Literal
 from gymnasium.spaces import Discrete
 from dockctl import plugins
