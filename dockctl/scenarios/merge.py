@@ -103,7 +103,9 @@ def put(node: Node, keys: list[str], value: Node, location: Location, done: tupl
             raise input_error(location, message, code="out_of_range" if key.isdecimal() else "wrong_type")
         items = list(node.value)
         items[int(key)] = put(items[int(key)], rest, value, location, (*done, key))
-        return replace(node, value=items)
+        # Numbers in a list are one value, like the bounds of a range.
+        is_value = all(isinstance(item.value, int | float) for item in items)
+        return replace(node, value=items, location=location if is_value else node.location)
     inner = value
     for part in reversed(keys):
         inner = Node({part: inner}, location, {part: location})

@@ -297,6 +297,14 @@ def test_a_message_names_the_field_and_what_is_expected(tmp_path: Path, case: st
     assert problem.file == str(tmp_path / "x.yaml") and problem.line >= 2
 
 
+def test_an_error_of_a_range_is_that_of_the_change_of_its_bound() -> None:
+    with pytest.raises(InputError) as caught:
+        loader.load("s1-weather", overrides=["conditions.wind.speed_mps.0=9"])
+    (problem,) = caught.value.problems
+    assert (problem.file, problem.line) == ("--set conditions.wind.speed_mps.0", 0)
+    assert problem.field == "conditions.wind.speed_mps"
+
+
 def test_every_missing_section_is_reported(tmp_path: Path) -> None:
     path = tmp_path / "x.yaml"
     path.write_text("title: nothing else\n")
