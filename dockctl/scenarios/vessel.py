@@ -141,14 +141,15 @@ class Vessel(Model):
                     "out_of_range",
                 )
             rate = self._fastest_rate(bounds)
-        needed = rate * self.control_period_s / RK4_STABILITY_LIMIT
-        if not needed < self.substeps:
+        limit = rate * self.control_period_s / RK4_STABILITY_LIMIT
+        if not limit < self.substeps:
+            needed = f"{limit // 1 + 1:.0f}"
             raise FieldError(
                 "substeps",
                 f"{self.substeps} in {self.control_period_s:g} s are unstable, because the vessel's velocity"
-                f" changes at up to {rate:.3g} 1/s; expected more",
+                f" changes at up to {rate:.3g} 1/s; expected at least {needed}",
                 "out_of_range",
-                f"{needed // 1 + 1:.0f}",
+                needed,
             )
         return self
 

@@ -111,6 +111,17 @@ def test_a_problem_has_its_place(tmp_path: Path, text: str, field: str) -> None:
     assert (problem.line, problem.field.removesuffix(".0")) == (2, field.removesuffix(".0"))
 
 
+def test_the_number_of_substeps_that_is_expected_is_the_smallest(tmp_path: Path) -> None:
+    file = tmp_path / "mine.yaml"
+    file.write_text("extends: s1\nconditions: {uncertainty: {masses: 0.9}}\n")
+    with pytest.raises(InputError) as caught:
+        load(file)
+    needed = int(str(caught.value).split("expected at least ")[1])
+    load(file, overrides=[f"vessel.substeps={needed}"])
+    with pytest.raises(InputError):
+        load(file, overrides=[f"vessel.substeps={needed - 1}"])
+
+
 @pytest.mark.parametrize(("section", "line"), [("conditions", 2), ("training.conditions", 3)])
 def test_one_condition_adds_noise_to_the_range_sensor(tmp_path: Path, section: str, line: int) -> None:
     file, other = tmp_path / "mine.yaml", "n: {kind: lidar_noise}"
