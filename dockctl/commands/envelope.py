@@ -84,7 +84,7 @@ def _print(result: Envelope) -> None:
     """Print the outcomes of each value of each factor."""
     from dockctl.analysis.statistics import describe_share
 
-    print_text(Console(), f"Policy {result.policy.description} on scenario '{result.scenario.name}'")
+    print_text(Console(), result.policy.title_on(result.scenario, result.overrides))
     table = make_table("factor", *numeric("docked", "success", "95 %\ninterval", "collision", "timeout"))
     for row in result.rows:
         share = describe_share(int(row["docked"] or 0), int(row["episodes"] or 0))

@@ -117,9 +117,8 @@ def evaluate(
         note = f"note: {result.policy.run.path} is read-only, so the result is not stored in it"
         print_text(Console(stderr=True), note)
     console = Console()
-    changes = "".join(f", {change}" for change in result.overrides)
-    changes += ", with a supervisor" * result.supervised + ", with a planner" * result.planned
-    print_text(console, f"Policy {given.description} on scenario '{result.scenario.name}'{changes}")
+    helpers = ", with a supervisor" * result.supervised + ", with a planner" * result.planned
+    print_text(console, given.title_on(result.scenario, result.overrides) + helpers)
     if "pose" in result.groups:
         print_table(console, _episode_table(result))
     print_table(console, _summary_table(result))

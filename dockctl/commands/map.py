@@ -77,10 +77,10 @@ def map_(
     with Console(stderr=True).status("running episodes"):
         result = success_map(loaded_policy, scenario, grid, overrides=set_ or (), on=on)
     _print(result)
-    print_notes(loaded_policy.notes_on(result.scenario, set_ or ()))
+    print_notes(loaded_policy.notes_on(result.scenario, result.overrides))
     if json_:
         json_.write(result.as_json())
-    caption, task = loaded_policy.caption_on(result.scenario, set_ or ()), result.scenario.task
+    caption, task = loaded_policy.caption_on(result.scenario, result.overrides), result.scenario.task
     save_figures(
         lambda: {outputs.stem: map_figure(result.table, result.plan, task, caption)}, outputs.figures
     )
@@ -96,7 +96,7 @@ def _print(result: SuccessMap) -> None:
     free, reach_m = analysis.free_starts(rows), analysis.half_width(rows)
     print_text(
         console,
-        f"Policy {result.policy.description} on scenario '{result.scenario.name}':"
+        f"{result.policy.title_on(result.scenario, result.overrides)}:"
         f" {count(len(free), 'free start')} within ±{reach_m:g} m, {len(rows) - len(free):,} blocked",
     )
     names = ("docked", "success", "95 %\ninterval", "collision", "timeout", "success\nradius")

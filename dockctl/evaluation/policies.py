@@ -14,7 +14,7 @@ from dockctl.agents import checkpoint
 from dockctl.agents.checkpoint import PolicyCard, require_spaces
 from dockctl.agents.interface import Policy, Spaces, Tensors
 from dockctl.envs.vector import DockingVectorEnv
-from dockctl.errors import DockctlError, plugin_errors
+from dockctl.errors import DockctlError, InputError, plugin_errors
 from dockctl.evaluation.libraries import CheckedPolicy
 from dockctl.plugins import OBSERVATION_PARTS
 from dockctl.reading import read_bytes
@@ -24,7 +24,8 @@ from dockctl.runs.listing import given_name
 from dockctl.scenarios.catalog import display_path
 from dockctl.scenarios.content import first_difference
 from dockctl.scenarios.loader import LoadedScenario, load
-from dockctl.scenarios.schema import Scenario
+from dockctl.scenarios.schema import INTERFACE, Scenario
+from dockctl.scenarios.yaml_tree import Location
 from dockctl.sim.checks import beyond_authority, load_checked, unused_authority
 
 Factory = Callable[[Scenario], Any]
@@ -57,6 +58,10 @@ class LoadedPolicy(ABC):
     def description(self) -> str:
         """Text for the first line of a report."""
         return self.long_name
+
+    def title_on(self, scenario: Scenario, overrides: Sequence[str]) -> str:
+        """First line of a report, with the scenario and its changed values."""
+        return ", ".join([f"Policy {self.description} on scenario '{scenario.name}'", *overrides])
 
     @property
     def caption(self) -> str:
@@ -205,8 +210,10 @@ class CheckpointPolicy(LoadedPolicy):
         if overrides and (interface := self.card.interface):
             unchanged = load(source, **self._plugins(source)).scenario
             if not interface.agrees(unchanged, loaded.scenario):
-                message = "--set: observation, actions and range sensor belong to the policy"
-                raise DockctlError(f"{message}; leave them out", code="mismatch")
+                keys = [change.partition("=")[0] for change in overrides]
+                changed = [key for key in keys if key.partition(".")[0] in INTERFACE] or keys
+                message = "observation, actions and range sensor belong to the policy; leave this out"
+                raise InputError(Location(f"--set {key}").problem(message, "", "mismatch") for key in changed)
         return replace(loaded, scenario=self._with_interface(loaded.scenario))
 
     def is_transfer(self, scenario: Scenario) -> bool:

@@ -88,6 +88,7 @@ class SuccessMap:
 
     policy: LoadedPolicy
     scenario: Scenario
+    overrides: tuple[str, ...]
     csv: str
     plan: Scene
 
@@ -99,8 +100,12 @@ class SuccessMap:
 
     def as_json(self) -> dict[str, Any]:
         """Return the starts and the outcomes of their episodes, as plain data."""
-        starts = self.table.to_dict("records")
-        return {"policy": self.policy.facts(), "scenario": self.scenario.name, "starts": starts}
+        return {
+            "policy": self.policy.facts(),
+            "scenario": self.scenario.name,
+            "set": list(self.overrides),
+            "starts": self.table.to_dict("records"),
+        }
 
 
 def success_map(
@@ -141,7 +146,8 @@ def success_map(
             f"no start is free in '{loaded.scenario.name}': choose other headings or a larger reach"
         )
     plan = rollout.worlds[site.harbor].scene()
-    return SuccessMap(loaded_policy, loaded.scenario, to_csv(rows, all_columns(MAP, rows)), plan)
+    csv = to_csv(rows, all_columns(MAP, rows))
+    return SuccessMap(loaded_policy, loaded.scenario, tuple(overrides), csv, plan)
 
 
 def _rows(

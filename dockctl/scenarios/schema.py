@@ -272,6 +272,8 @@ def _fitted(part: Part, registry: Registry[type[Any]], vessel: Vessel) -> Part:
         raise Guard(registry, part.kind).locate(error) from error
 
 
+INTERFACE = ("observation", "sensors", "actions")
+"""Sections of the scenario that a policy keeps."""
 HELPERS = ("supervisor", "planner")
 """Keys of the evaluation that a policy keeps."""
 

@@ -126,6 +126,13 @@ def test_a_faulty_change_is_an_error_before_the_first_episode(
     assert not calls
 
 
+def test_a_change_of_what_belongs_to_the_policy_is_named(tmp_path: Path) -> None:
+    changes = ("--set", "task.max_steps=9", "--vary", "sensors.lidar.sectors=4")
+    outcome = dockctl("compare", "s1", *changes, "--out", tmp_path / "figures")
+    assert (outcome.code, outcome.error_code) == (2, "mismatch")
+    assert str(outcome.error).startswith("--vary sensors.lidar.sectors: ")
+
+
 @pytest.mark.parametrize(
     ("arguments", "code", "suggestion"),
     [

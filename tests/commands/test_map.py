@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import re
 import shutil
 from pathlib import Path
@@ -61,6 +62,14 @@ def test_the_table_has_what_the_conditions_drew(run: Path) -> None:
     table = pd.read_csv(run / "mine.csv")
     assert table["blocked"][0] == 1
     assert table["wind_speed_mps"].isna().equals(table["blocked"] == 1)
+
+
+def test_changed_values_are_named(run: Path, tmp_path: Path) -> None:
+    change = "evaluation.max_steps=5"
+    small = ("--set", change, "--reach-m", 0, "--headings", "0", "--json", tmp_path / "map.json")
+    outcome = dockctl("map", "--ckpt", run, *small)
+    assert json.loads((tmp_path / "map.json").read_text())["set"] == [change]
+    assert change in outcome.out.partition(":")[0]
 
 
 @pytest.mark.thorough
