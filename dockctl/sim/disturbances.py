@@ -140,7 +140,7 @@ class Disturbances:
         """Return the factors (n,) of the vessel's coefficients by name.
 
         Raises:
-            DockctlError: the vessel has no such coefficient, or a factor is not positive.
+            DockctlError: the vessel has no such coefficient, or a factor is not a positive number.
         """
         factors = dict[str, Floats]()
         for guard, disturbance in self._all.values():

@@ -142,7 +142,7 @@ class Simulator:
 
         Raises:
             IntegrationError: the integration of a boat diverged.
-            DockctlError: a condition failed, or returned the wrong shape.
+            DockctlError: a condition failed, or returned another shape or a value that is not finite.
         """
         phase, distance, heading_error = self.phase.copy(), self.distance_m, self.heading_error_rad
         previous_command, self.command = self.command, command.astype(float)

@@ -205,6 +205,22 @@ def test_the_hook_whose_value_is_not_finite_is_named(hook: str, code: str, tmp_p
         dry_run(load("s1", overrides=[SELECTED["condition"]], plugin_files=[path]))
 
 
+def test_a_condition_that_fails_after_the_dry_run_is_named(tmp_path: Path) -> None:
+    path = tmp_path / "mine.py"
+    plugin(path, "condition")
+    late = (
+        "    def advance(self, period_s): self.t = getattr(self, 't', 0) + 1\n"
+        "    def force(self, eta, nu): return nu * (np.nan if getattr(self, 't', 0) >= 100 else 0)\n"
+    )
+    path.write_text(path.read_text().replace("@register(CONDITIONS", f"{late}@register(CONDITIONS"))
+    changes = (SELECTED["condition"], "training.stop=null", "training.total_steps=4000")
+    settings = [argument for change in changes for argument in ("--set", change)]
+    outcome = quick_train(tmp_path / "runs", "s1", *settings, "--plugin", path)
+    assert outcome.code == 2
+    assert "Water.force returned a value that is not finite" in outcome.err
+    assert f"{path}:" in outcome.err
+
+
 def test_a_condition_may_report_more_than_the_range_of_the_sensor(tmp_path: Path) -> None:
     path = tmp_path / "mine.py"
     plugin(path, "condition")

@@ -30,7 +30,7 @@ BAD = {
     "cloud of the future": {"cloud": Reading(10.6, CLOUD)},
     "time is NaN": {"pose": Reading(math.nan, AWAY)},
     "time is text": {"pose": Reading("now", AWAY)},  # type: ignore[arg-type]  # wrong on purpose
-    "time is a number as text": {"pose": Reading("10", AWAY)},  # type: ignore[arg-type]
+    "time is a number as text": {"pose": Reading("10", AWAY)},  # type: ignore[arg-type]  # wrong on purpose
     "pose is NaN": {"pose": (23.0, math.nan, 1.0)},
     "heading is infinite": {"pose": (23.0, -10.0, math.inf)},
     "velocity is NaN": {"velocity": (math.nan, 0.0, 0.0)},
