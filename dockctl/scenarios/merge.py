@@ -8,7 +8,7 @@ from typing import Any
 from dockctl.errors import nearest
 from dockctl.plugins import CONDITIONS
 from dockctl.scenarios.schema import ACTION_KINDS, SENSOR_KINDS
-from dockctl.scenarios.training import ALGORITHM
+from dockctl.scenarios.training import ALGORITHM, Training
 from dockctl.scenarios.yaml_tree import Location, Node, input_error
 
 SELECTORS = ("preset", "kind")
@@ -72,11 +72,11 @@ def _as_term(node: Node) -> Node:
 
 
 def _selected(section: Node, key: str, path: tuple[str, ...]) -> Any:
-    """Return the preset or kind of a section, the default kind if it names none."""
+    """Return the preset or kind of a section, the default one if it names none."""
     if (node := section.get(key)) is not None:
         return node.to_python()
-    if key != "kind":
-        return None
+    if key == "preset":
+        return Training.model_fields["preset"].default
     if path[:-1] in CONDITION_SECTIONS:
         return path[-1]
     return KINDS[path].default if path in KINDS else None

@@ -114,9 +114,12 @@ def test_a_preset_inherits_nothing(tmp_path: Path) -> None:
         ),
         ("sensors.lidar", "{sectors: 16}", "{kind: spinning, channels: 8}", "sectors"),
         ("actions", "{rudder_deg: [-5, 0, 5]}", "{kind: grid, propeller_n: [-5, 0, 5]}", "rudder_deg"),
+        ("training", "{batch_size: 64}", "{preset: default, gamma: 0.9}", "batch_size"),
     ],
 )
-def test_the_name_of_a_default_kind_changes_nothing(section: str, base: str, over: str, kept: str) -> None:
+def test_the_name_of_a_default_kind_or_preset_changes_nothing(
+    section: str, base: str, over: str, kept: str
+) -> None:
     loaded = loader.load("s1", overrides=[f"{section}={base}", f"{section}={over}"])
     value: Any = loaded.scenario
     for key in section.split("."):
