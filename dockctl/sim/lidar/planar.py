@@ -7,10 +7,9 @@ from functools import cached_property
 from typing import TYPE_CHECKING, Annotated, Literal
 
 import numpy as np
-from numpy.typing import NDArray
 from pydantic import Field
 
-from dockctl.geometry import Floats, sector_index
+from dockctl.geometry import Floats, Ints
 from dockctl.plugins import RANGE_SENSORS
 from dockctl.scenarios.base import Count, NonNegative
 from dockctl.scenarios.extensions import RangeNoise, RangeSensor, RangeSensorSpec, register
@@ -75,28 +74,37 @@ class PlanarSensor:
         return origins, directions, zero + self.spec.range_m
 
     @cached_property
-    def _sectors(self) -> NDArray[np.int64]:
-        """Sector of each ray, (rays,): all points of a ray from the body's origin are in one sector."""
-        x, y, _ = self._rays[1].T
-        sectors: NDArray[np.int64] = sector_index(np.arctan2(y, x), self.spec.sectors)
-        return sectors
+    def _sectors(self) -> tuple[Ints, Ints]:
+        """Rays and their sectors, (k,) each: all points of a ray from the body's origin are in one sector.
+
+        A ray on the edge of two sectors is in both, so that port and starboard are mirror images.
+        """
+        rays, sectors = self.spec.rays, self.spec.sectors
+        number = np.arange(rays)
+        # The angle from dead astern, in units of 1 / (2 rays) of a sector: integers have no rounding errors.
+        sector, remainder = np.divmod((2 * number + rays) * sectors % (2 * rays * sectors), 2 * rays)
+        on_edge = remainder == 0
+        others = (sector[on_edge] - 1) % sectors
+        return np.concatenate([number, number[on_edge]]), np.concatenate([sector, others])
 
     def sector_ranges(self, eta: Floats) -> Floats:
         """Return the range of each sector's nearest return, (n, sectors) [m], from poses (n, 3)."""
+        rays, sectors = self._sectors
         nearest = np.full((len(eta), self.spec.sectors), self.spec.range_m)
         for row, pose in zip(nearest, eta, strict=True):
-            np.minimum.at(row, self._sectors, self._volumes.trace(pose, *self._rays))
+            np.minimum.at(row, sectors, self._volumes.trace(pose, *self._rays)[rays])
         return nearest
 
     def noisy_sector_ranges(self, eta: Floats, noise: RangeNoise) -> Floats:
         """Return the range of each sector's nearest noisy return, (n, sectors) [m], from poses (n, 3)."""
         from dockctl.sim.lidar.return_noise import noisy_hits
 
+        rays, sectors = self._sectors
         nearest = np.full((len(eta), self.spec.sectors), self.spec.range_m)
         given = zip(noise.seeds, noise.sigma_m, noise.lost_returns, strict=True)
         for row, pose, (seed, sigma_m, lost) in zip(nearest, eta, given, strict=True):
             hits = noisy_hits(self._volumes.trace(pose, *self._rays), seed, sigma_m, lost)
-            np.minimum.at(row, self._sectors, hits)
+            np.minimum.at(row, sectors, hits[rays])
         return nearest
 
     def points(self, pose: Floats, every: int = 1) -> Floats:

@@ -71,6 +71,24 @@ def test_brute_force_gives_the_same_points() -> None:
         assert points == pytest.approx(np.array(expected))
 
 
+@pytest.mark.parametrize("rays", [8, 16, 90, 720])
+@pytest.mark.parametrize("sectors", [7, 8, 12])
+def test_a_mirrored_harbor_gives_mirrored_ranges(rays: int, sectors: int) -> None:
+    """Also where rays are on the edges of sectors. The clutter is not symmetric."""
+    spec, triangles = PlanarScanner(rays=rays, sectors=sectors, z_m=0.8), clutter(3, solids=25, spread=12.0)
+    ranges = spec.build(triangles).sector_ranges(POSES)
+    mirrored = spec.build(triangles * [1, -1, 1]).sector_ranges(POSES * [1, -1, -1])
+    assert mirrored == pytest.approx(ranges[:, ::-1])
+    assert (ranges[:, ::-1] != pytest.approx(ranges)) and (ranges < spec.range_m).any()
+
+
+def test_a_ray_on_an_edge_counts_in_both_sectors() -> None:
+    """Of 8 rays, each is on an edge: a pile dead ahead is seen in both sectors beside the bow."""
+    pile = trimesh.creation.box(bounds=[[5, -0.1, 0], [6, 0.1, 2]])
+    sensor = PlanarScanner(rays=8, sectors=8, range_m=50).build(np.array(pile.triangles))
+    assert sensor.sector_ranges(np.zeros((1, 3)))[0] == pytest.approx([50, 50, 50, 5, 5, 50, 50, 50])
+
+
 def test_obstacles_below_the_scan_plane_give_the_maximum_range() -> None:
     low = basin(height=0.9)
     assert (PlanarScanner(z_m=1.0).build(low).sector_ranges(POSES) == 100.0).all()
