@@ -21,10 +21,13 @@ KINDS = {("actions",): ACTION_KINDS, ("sensors", "lidar"): SENSOR_KINDS, ("train
 def merge(base: Node, over: Node, path: tuple[str, ...] = ()) -> Node:
     """Merge `over` into `base`: mappings key by key; other values are replaced. Locations are preserved.
 
-    A number for a reward term replaces its weight and keeps its parameters.
+    A number for a reward term replaces its weight and keeps its parameters. The name of a kind is a
+    section with only this key.
     """
     if path[:-1] == ("reward", "terms"):
         base, over = _as_term(base), _as_term(over)
+    if path in KINDS or path[:-1] in CONDITION_SECTIONS:
+        base, over = _as_section(base), _as_section(over)
     if not isinstance(over.value, dict):
         return over
     if not isinstance(base.value, dict):
@@ -71,6 +74,11 @@ def _as_term(node: Node) -> Node:
     return Node({"weight": node}, node.location, {"weight": node.location}) if is_weight else node
 
 
+def _as_section(node: Node) -> Node:
+    is_kind = isinstance(node.value, str)
+    return Node({"kind": node}, node.location, {"kind": node.location}) if is_kind else node
+
+
 def _selected(section: Node, key: str, path: tuple[str, ...]) -> Any:
     """Return the preset or kind of a section, the default one if it names none."""
     if (node := section.get(key)) is not None:
@@ -97,8 +105,8 @@ def put(node: Node, keys: list[str], value: Node, location: Location, done: tupl
         return merge(node, value, done)
     key, *rest = keys
     if isinstance(node.value, list):
-        if not key.isdecimal() or int(key) >= len(node.value):
-            last = len(node.value) - 1
+        last = len(node.value) - 1
+        if not key.isdecimal() or len(key.lstrip("0")) > len(str(last)) or int(key) > last:
             message = f"'{key}' is not an index of the list {'.'.join(done)} (0 to {last})"
             raise input_error(location, message, code="out_of_range" if key.isdecimal() else "wrong_type")
         items = list(node.value)

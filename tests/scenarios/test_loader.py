@@ -133,6 +133,40 @@ def test_the_name_of_a_default_kind_or_preset_changes_nothing(
     )
 
 
+@pytest.mark.parametrize(
+    ("overrides", "section", "expected"),
+    [
+        (["sensors.lidar=planar", "sensors.lidar.rays=90"], "sensors.lidar", {"kind": "planar", "rays": 90}),
+        (["sensors.lidar={kind: planar, rays: 90}", "sensors.lidar=planar"], "sensors.lidar", {"rays": 90}),
+        (["sensors.lidar={channels: 8}", "sensors.lidar=planar"], "sensors.lidar", {"rays": 720}),
+        (["actions=incremental", "actions.rudder_step_deg=5"], "actions", {"rudder_step_deg": 5}),
+        (
+            ["conditions.helm=actuators", "conditions.helm.delay_steps=1"],
+            "conditions.helm",
+            {"delay_steps": 1},
+        ),
+        (
+            ["training.conditions.helm=actuators", "training.conditions={helm: {delay_steps: 1}}"],
+            "training.conditions.helm",
+            {"delay_steps": 1},
+        ),
+    ],
+)
+def test_a_kind_without_keys_is_merged_like_a_section(
+    overrides: list[str], section: str, expected: dict[str, Any]
+) -> None:
+    value: Any = loader.load("s1", overrides=overrides).scenario
+    for key in section.split("."):
+        value = value[key] if isinstance(value, dict) else getattr(value, key)
+    assert value.model_dump(include=set(expected)) == expected
+
+
+def test_an_index_with_many_digits_is_an_error() -> None:
+    """Python refuses to convert more than 4,300 digits."""
+    with pytest.raises(InputError, match="is not an index of the list observation"):
+        loader.load("s1", overrides=[f"observation.{'9' * 5000}=phase"])
+
+
 def test_another_kind_of_harbor_inherits_nothing(tmp_path: Path) -> None:
     harbor = load(tmp_path, "extends: s1\nharbor: {kind: meshes, meshes: [{path: a/b.obj}]}").harbor
     assert harbor.kind == "meshes"
