@@ -13,7 +13,7 @@ fields, and decorate it with `register`.
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Annotated, Any, ClassVar, Protocol, TypeVar, runtime_checkable
 
@@ -337,6 +337,13 @@ class Condition(Kind, ABC):
             FieldError: it is not possible for this vessel; the field is a key of the condition.
         """
         return self
+
+    def extreme_factors(self) -> Sequence[Mapping[str, float]]:
+        """Return the most extreme factors of the vessel's coefficients by name, in every combination.
+
+        With those of the other conditions they must leave a valid vessel; called on what `fitted` returned.
+        """
+        return ()
 
     def notes(self, vessel: Vessel) -> list[tuple[str, str]]:
         """Return a field and a message for each key that exceeds the vessel's control authority."""

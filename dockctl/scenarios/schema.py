@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator
+from itertools import product
 from typing import Annotated, Any, ClassVar, Self, TypeVar
 
 from pydantic import Field, ValidationError, model_validator
@@ -28,7 +29,7 @@ from dockctl.scenarios.extensions import ActionType, Condition, RangeSensorSpec,
 from dockctl.scenarios.harbor import Generated, HarborSpec
 from dockctl.scenarios.kinds import Kinds
 from dockctl.scenarios.training import Conditions, Evaluation, Training
-from dockctl.scenarios.vessel import Vessel
+from dockctl.scenarios.vessel import SCALABLE, Vessel
 
 Part = TypeVar("Part", ActionType, Condition)
 TRAINING_CONDITIONS = "training.conditions"
@@ -179,7 +180,28 @@ class Scenario(Model):
         """Check them. Values that depend on the vessel stay unset, so that another vessel has its own."""
         self._require_fitting(self.conditions, "conditions")
         self._require_fitting(self.training.conditions, TRAINING_CONDITIONS)
+        untrained = self._extreme_factors(self.conditions)
+        self._require_stable(untrained, "conditions")
+        if (trained := self._extreme_factors(self.with_training_conditions().conditions)) != untrained:
+            self._require_stable(trained, TRAINING_CONDITIONS)
         return self
+
+    def _extreme_factors(self, given: Conditions) -> list[list[dict[str, float]]]:
+        """Return the extreme factors of the vessel's coefficients for each condition that has some."""
+        every = []
+        for condition in given.values():
+            fitted = _fitted(condition, CONDITIONS, self.vessel)
+            with Guard(CONDITIONS, condition.kind):
+                if factors := fitted.extreme_factors():
+                    every.append([{**dict.fromkeys(SCALABLE, 1.0), **each} for each in factors])
+        return every
+
+    def _require_stable(self, every: list[list[dict[str, float]]], field: str) -> None:
+        """Check the vessel with the factors of several conditions, which multiply."""
+        if len(every) > 1:
+            for factors in product(*every):
+                combined = {name: math.prod(each[name] for each in factors) for name in SCALABLE}
+                self.vessel.require_scalable(combined, field)
 
     def _require_fitting(self, given: Conditions, field: str) -> None:
         for name, condition in given.items():

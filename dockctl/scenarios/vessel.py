@@ -13,6 +13,23 @@ from pydantic import Field, ValidationError, model_validator
 
 from dockctl.scenarios.base import Count, FieldError, Model, NonNegative, Number, Positive, Title
 
+SCALABLE = (
+    "mass_kg",
+    "yaw_inertia_kgm2",
+    "X_udot_kg",
+    "Y_vdot_kg",
+    "Y_rdot_kgm",
+    "N_rdot_kgm2",
+    "X_u_kgps",
+    "X_uu_kgpm",
+    "Y_v_kgps",
+    "Y_vv_kgpm",
+    "Y_r_kgmps",
+    "N_v_kgmps",
+    "N_r_kgm2ps",
+    "N_rr_kgm2",
+)
+"""The coefficients of the equations of motion, which conditions may scale."""
 RK4_STABILITY_LIMIT = 2.6
 """Classical Runge-Kutta is stable if the fastest rate times the step is below this limit: the stability
 region, which ends at 2.79 on the real axis, includes the half disk of this radius."""

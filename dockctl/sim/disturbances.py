@@ -15,7 +15,7 @@ from dockctl.runs.tables import EVALUATION, EVALUATIONS, MAP
 from dockctl.scenarios.base import FieldError
 from dockctl.scenarios.extensions import Disturbance, RangeNoise
 from dockctl.scenarios.schema import Scenario
-from dockctl.scenarios.vessel import Vessel
+from dockctl.scenarios.vessel import SCALABLE
 from dockctl.sim.starts import Start
 
 RESULTS = frozenset({*EVALUATION, *EVALUATIONS, *MAP})
@@ -119,7 +119,7 @@ class Disturbances:
             with guard:
                 value = np.asarray(getattr(disturbance, hook)(*arguments))
                 if value.ndim or value:  # the default is the scalar 0
-                    _require_valid(disturbance, hook, value, total.shape if value.ndim else ())
+                    _require_valid(disturbance, hook, value, total.shape)
                 total += value
         return total
 
@@ -136,7 +136,7 @@ class Disturbances:
                 _require_valid(disturbance, "actuate", actual, commands.shape)
         return actual
 
-    def coefficient_factors(self, vessel: Vessel) -> Mapping[str, Floats]:
+    def coefficient_factors(self) -> Mapping[str, Floats]:
         """Return the factors (n,) of the vessel's coefficients by name.
 
         Raises:
@@ -146,8 +146,9 @@ class Disturbances:
         for guard, disturbance in self._all.values():
             with guard:
                 for name, factor in disturbance.coefficient_factors().items():
-                    if not isinstance(getattr(vessel, name, None), float):
-                        raise ValueError(f"coefficient_factors: the vessel has no coefficient '{name}'")
+                    if name not in SCALABLE:
+                        reason = f"'{name}' is not one of the coefficients {', '.join(SCALABLE)}"
+                        raise ValueError(f"coefficient_factors: {reason}")
                     require_shape("coefficient_factors", np.shape(factor), (self._boats,))
                     if not ((np.asarray(factor) > 0) & np.isfinite(factor)).all():
                         reason = f"a factor of '{name}' is not a positive number"

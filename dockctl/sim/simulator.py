@@ -348,7 +348,7 @@ class Simulator:
         if not self.disturbances.define("coefficient_factors"):
             return
         own = self.vessel.vessel
-        factors = self.disturbances.coefficient_factors(own)
+        factors = self.disturbances.coefficient_factors()
         if self._coefficients is None:
             self._coefficients = np.repeat(self.vessel.coefficients, len(self.eta), axis=0)
         for row in rows:

@@ -194,10 +194,13 @@ def test_a_sensor_whose_scan_cannot_be_drawn(fault: dict[str, str], tmp_path: Pa
         ("actuate", "def actuate(self, commands, substep_s): return commands * np.nan"),
         ("coefficient_factors", "def coefficient_factors(self): return {'mass_kg': np.full(4, np.inf)}"),
         ("reported_ranges", "def reported_ranges(self, ranges, rows, range_m): return ranges * np.nan"),
+        ("water_velocity", "def water_velocity(self): return 0.3"),  # only 0 stands for an array
+        ("force", "def force(self, eta, nu): return 1"),
+        ("coefficient_factors", "def coefficient_factors(self): return {'max_propeller_n': np.ones(4)}"),
     ],
 )
 @pytest.mark.filterwarnings("error")
-def test_the_hook_whose_value_is_not_finite_is_named(hook: str, code: str, tmp_path: Path) -> None:
+def test_the_hook_whose_value_is_invalid_is_named(hook: str, code: str, tmp_path: Path) -> None:
     path = tmp_path / "mine.py"
     plugin(path, "condition")
     path.write_text(path.read_text().replace("@register(CONDITIONS", f"    {code}\n@register(CONDITIONS"))

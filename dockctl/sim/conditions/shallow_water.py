@@ -53,10 +53,13 @@ class ShallowWater(Condition):
             message = f"found {self.depth_m[0]:g} m, expected at least {LEAST_DEPTH:g} drafts, {least:g} m"
             raise FieldError("depth_m", message, "out_of_range", f"{least:g}")
         fitted = self.model_copy(update={**own, "block_coefficient": block})
-        for depth in self.depth_m:
-            factors = depth_factors(fitted, np.array([depth]))
-            vessel.require_scalable({name: float(factor[0]) for name, factor in factors.items()}, "depth_m")
+        for factors in fitted.extreme_factors():
+            vessel.require_scalable(factors, "depth_m")
         return fitted
+
+    def extreme_factors(self) -> list[dict[str, float]]:
+        factors = depth_factors(self, np.array(self.depth_m))
+        return [{name: float(each[i]) for name, each in factors.items()} for i in range(len(self.depth_m))]
 
     def build(self, num_boats: int) -> Disturbance:
         return Depth(self, num_boats)

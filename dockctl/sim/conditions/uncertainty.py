@@ -32,12 +32,16 @@ class Uncertainty(Condition):
     damping: Share = 0.0
 
     def fitted(self, vessel: Vessel) -> Condition:
-        for mass in (1 - self.masses, 1 + self.masses):
-            for damping in (1 - self.damping, 1 + self.damping):
-                factors = {**dict.fromkeys(MASSES, mass), **dict.fromkeys(DAMPING, damping)}
-                field = "damping" if self.damping >= self.masses else "masses"
-                vessel.require_scalable(factors, field)
+        for factors in self.extreme_factors():
+            vessel.require_scalable(factors, "damping" if self.damping >= self.masses else "masses")
         return self
+
+    def extreme_factors(self) -> list[dict[str, float]]:
+        return [
+            {**dict.fromkeys(MASSES, mass), **dict.fromkeys(DAMPING, damping)}
+            for mass in (1 - self.masses, 1 + self.masses)
+            for damping in (1 - self.damping, 1 + self.damping)
+        ]
 
     def build(self, num_boats: int) -> Disturbance:
         return Deviations(self, num_boats)

@@ -9,12 +9,12 @@ import pytest
 
 from dockctl.errors import InputError
 from dockctl.scenarios.loader import load, load_vessel
-from dockctl.scenarios.vessel import Vessel
+from dockctl.scenarios.vessel import SCALABLE, Vessel
 from dockctl.sim.checks import load_checked
 from dockctl.sim.conditions.shallow_water import ShallowWater, depth_factors
 from dockctl.sim.conditions.uncertainty import DAMPING, MASSES
 from dockctl.sim.simulator import Simulator
-from dockctl.sim.vessel import ReferenceVesselModel
+from dockctl.sim.vessel import NONZERO, Coefficients, ReferenceVesselModel
 from tests.sim.conditions.conditions import simulator
 
 VESSEL = load_vessel("eilbrecht")
@@ -89,12 +89,38 @@ def test_factors_are_continuous_in_the_beam() -> None:
         assert wide[name] == pytest.approx(factor, rel=1e-3)
 
 
+def test_the_conditions_that_scale_coefficients_are_valid_alone() -> None:
+    """Together they are not: their factors multiply, see below."""
+    for text in ("uncertainty={masses: 0.2, damping: 0.5}", "shallow_water={depth_m: 0.4}"):
+        load("s1", overrides=[f"conditions.{text}"])
+
+
+def test_factors_of_conditions_of_training_multiply_with_the_others(tmp_path: Path) -> None:
+    file = tmp_path / "mine.yaml"
+    file.write_text(
+        "extends: s1\nconditions: {uncertainty: {masses: 0.2, damping: 0.5}}\n"
+        "training:\n  conditions: {shallow_water: {depth_m: 0.4}}\n"
+    )
+    with pytest.raises(InputError) as caught:
+        load(file)
+    (problem,) = caught.value.problems
+    assert (problem.line, problem.field) == (4, "training.conditions")
+
+
+def test_all_coefficients_of_the_equations_of_motion_may_be_scaled() -> None:
+    """The others act through the inertia matrix."""
+    inertia = {"yaw_inertia_kgm2", "N_rdot_kgm2"}
+    assert {*SCALABLE} == {*Coefficients._fields[len(NONZERO) :], *inertia}
+
+
 @pytest.mark.parametrize(
     ("text", "field"),
     [
         ("shallow_water: {depth_m: 0.3}", "conditions.shallow_water.depth_m"),
         ("uncertainty: {damping: 0.95}", "conditions.uncertainty.damping"),
         ("uncertainty: {masses: 0.9, damping: 0.9}", "conditions.uncertainty.damping"),
+        ("a: {kind: uncertainty, masses: 0.5}, b: {kind: uncertainty, damping: 0.75}", "conditions"),
+        ("uncertainty: {masses: 0.2, damping: 0.5}, shallow_water: {depth_m: 0.4}", "conditions"),
         ("actuators: {delay_steps: 0.5}", "conditions.actuators.delay_steps.0"),
         ("wind: {speed_mps: 3}", "conditions.wind.direction_deg"),
         ("current: {speed_mps: 0, direction_deg: 0, variation_mps: 5}", "conditions.current.variation_mps"),
