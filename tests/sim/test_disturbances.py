@@ -15,6 +15,7 @@ from tests.sim.conditions.conditions import simulator
 
 WIND = "{kind: wind, speed_mps: 1, direction_deg: 0}"
 NOISE = "{kind: lidar_noise, sigma_m: 0.1}"
+ACTUATORS = "{kind: actuators, delay_steps: 1}"
 DEPTH = "{kind: shallow_water, depth_m: 1}"
 CURRENT = "{kind: current, speed_mps: 0.1, direction_deg: 0}"
 
@@ -25,7 +26,7 @@ def scenario(folder: Path, conditions: str) -> Path:
     return file
 
 
-@pytest.mark.parametrize("given", [WIND, NOISE, DEPTH])
+@pytest.mark.parametrize("given", [WIND, NOISE, DEPTH, ACTUATORS])
 def test_two_that_do_not_add_up_are_refused(given: str, tmp_path: Path) -> None:
     file = scenario(tmp_path, f"  one: {given}\n  other: {given}\n")
     with pytest.raises(InputError) as caught:

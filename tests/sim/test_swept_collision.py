@@ -284,7 +284,7 @@ def test_no_boat_leaves_a_ring_without_a_collision(
     drifting = [start(0, 0, h, (current * math.cos(h), -current * math.sin(h), 0)) for h in range(boats)]
     sim = simulator(checker(ring(thick), hull=vessel.hull), vessel, drifting)
     (flow,) = sim.disturbances
-    flow.mean[:] = [current, 0]  # type: ignore[attr-defined]
+    flow.speed[:], flow.direction[:] = current, [1, 0]  # type: ignore[attr-defined]
     inside = np.ones(boats, bool)
     hold, command = rng.integers(1, 30, boats), np.zeros((boats, 2))
     force, angle = sim.vessel.command_limit

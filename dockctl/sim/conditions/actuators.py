@@ -29,6 +29,7 @@ class Actuators(Condition):
     """
 
     examples = ({"delay_steps": [0, 2], "propeller_lag_s": 0.1, "rudder_rate_degps": [20, 40]},)
+    is_single = True  # the planner's forecast assumes it
     kind: Literal["actuators"] = "actuators"
     delay_steps: Drawn[Steps] = (0,)
     propeller_lag_s: Drawn[Annotated[NonNegative, Field(le=60)]] = OFF

@@ -63,15 +63,15 @@ class UniformFlow(Disturbance):
 
     def __init__(self, current: Current, num_boats: int) -> None:
         self.current = current
-        self.mean, self.variation = np.zeros((num_boats, 2)), np.zeros((num_boats, 2))
-        self.sigma = np.zeros(num_boats)
+        self.speed, self.sigma = np.zeros((2, num_boats))
+        self.direction, self.variation = np.zeros((2, num_boats, 2))
         self.seed, self.drawn = np.zeros(num_boats, np.uint64), np.zeros(num_boats, np.int64)
 
     def reset(self, rows: Ints, rngs: Sequence[np.random.Generator]) -> None:
         for row, rng in zip(rows, rngs, strict=True):
-            speed = draw(self.current.speed_mps, rng)
+            self.speed[row] = draw(self.current.speed_mps, rng)
             direction = np.radians(draw(self.current.direction_deg, rng))
-            self.mean[row] = speed * np.cos(direction), speed * np.sin(direction)
+            self.direction[row] = np.cos(direction), np.sin(direction)
             if self._varies:
                 self.sigma[row] = draw(self.current.variation_mps, rng)
                 self.seed[row] = draw_seed(rng)
@@ -86,11 +86,11 @@ class UniformFlow(Disturbance):
             self.drawn += 2
 
     def water_velocity(self) -> Floats:
-        return self.mean + self.variation
+        return self.speed[:, None] * self.direction + self.variation
 
     def episode(self) -> dict[str, Floats]:
-        x, y = self.mean.T
-        drawn = {"speed_mps": np.hypot(x, y), "direction_deg": np.degrees(np.arctan2(y, x))}
+        x, y = self.direction.T
+        drawn = {"speed_mps": self.speed, "direction_deg": np.degrees(np.arctan2(y, x))}
         return {**drawn, "variation_mps": self.sigma} if self._varies else drawn
 
     @property

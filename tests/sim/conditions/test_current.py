@@ -105,6 +105,13 @@ def flows(env: DockingVectorEnv) -> np.ndarray:
     return np.concatenate([disturbance.water_velocity() for disturbance in env.simulator.disturbances])
 
 
+def test_a_current_that_only_varies_has_the_direction_that_was_drawn() -> None:
+    current = "{speed_mps: 0, direction_deg: 120, variation_mps: 0.02}"
+    drawn = simulator(scenario(current)).disturbances.episode()
+    assert drawn["current_speed_mps"] == [0]
+    assert drawn["current_direction_deg"] == pytest.approx([120])
+
+
 def test_each_boat_draws_its_own_current_for_each_episode() -> None:
     loaded = scenario(RANGES)
     eight, three = (DockingVectorEnv(loaded, n, worlds=[walled()]) for n in (8, 3))
