@@ -51,24 +51,26 @@ class Grid:
             size = f"reach {self.reach_m:g} m and step {self.step_m:g} m"
             message = f"{size}: expected finite, nonnegative numbers, and a step above 0"
             raise DockctlError(message, code="out_of_range")
-        if len({angle % 360 for angle in angles}) < len(angles) or not all(
-            abs(angle) <= MAX_HEADING_DEG for angle in angles
-        ):
+        is_within = all(abs(angle) <= MAX_HEADING_DEG for angle in angles)
+        if not angles or not is_within or len({angle % 360 for angle in angles}) < len(angles):
+            message = f"must be one or more different directions, within ±{MAX_HEADING_DEG:g}°"
+            raise DockctlError(f"heading offsets {angles}: {message}", code="out_of_range")
+        side = 2 * self._steps + 1
+        if (count := len(angles) * side * side) > MAX_STARTS:
             raise DockctlError(
-                f"heading offsets {angles}: must be different directions, within ±{MAX_HEADING_DEG:g}°",
-                code="out_of_range",
-            )
-        if (count := len(angles) * len(self.positions_m) ** 2) > MAX_STARTS:
-            raise DockctlError(
-                f"the map would have {count:,} starts, more than {MAX_STARTS:,}: choose a larger step",
+                f"the map would have {count:,.0f} starts, more than {MAX_STARTS:,}: choose a larger step",
                 code="out_of_range",
             )
 
     @property
     def positions_m(self) -> Floats:
         """Offsets along one axis, (k,) [m], zero in the middle."""
-        count = math.floor(self.reach_m / self.step_m + 1e-9)
-        return self.step_m * np.arange(-count, count + 1, dtype=np.float64)
+        return self.step_m * np.arange(-self._steps, self._steps + 1)
+
+    @property
+    def _steps(self) -> float:
+        """Positions from the middle to the edge; infinite where the quotient is too large for a number."""
+        return float(np.floor(self.reach_m / self.step_m + 1e-9))
 
     def offsets(self, heading_deg: float) -> Floats:
         """Return dx [m], dy [m] and heading offset [°] of all starts with one heading offset, (k², 3)."""

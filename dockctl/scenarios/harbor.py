@@ -7,7 +7,7 @@ from collections.abc import Iterable
 from pathlib import Path
 from typing import Annotated, Any, Literal, NamedTuple, Self
 
-from pydantic import AfterValidator, BeforeValidator, Field, model_validator
+from pydantic import AfterValidator, BeforeValidator, Field, Strict, model_validator
 
 from dockctl.errors import nearest
 from dockctl.geometry import Floats, wrap
@@ -300,7 +300,8 @@ def _ordered(interval: tuple[float, float]) -> tuple[float, float]:
 
 Interval = Annotated[tuple[Length, Length], BeforeValidator(_pair), AfterValidator(_ordered)]
 """Lower and upper bound of a random length [m]."""
-Counts = Annotated[tuple[int, int], BeforeValidator(_pair), AfterValidator(_ordered)]
+Whole = Annotated[int, Strict()]
+Counts = Annotated[tuple[Whole, Whole], BeforeValidator(_pair), AfterValidator(_ordered)]
 
 
 class Generated(Model):

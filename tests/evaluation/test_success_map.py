@@ -39,12 +39,19 @@ def test_the_reference_pose_is_on_the_grid(reach: float, step: float, places: li
         (1.0, -1.0),
         (1.0, math.nan),
         (1.0, math.inf),
+        (1e9, 1e-4),
+        (1e300, 1e-300),
     ],
 )
-def test_a_grid_without_a_size_is_an_error(reach: float, step: float) -> None:
+def test_a_grid_of_no_or_too_large_a_size_is_an_error(reach: float, step: float) -> None:
     with pytest.raises(DockctlError) as caught:
         Grid(reach, step)
     assert caught.value.code == "out_of_range"
+
+
+def test_a_grid_without_headings_is_an_error() -> None:
+    with pytest.raises(DockctlError, match="one or more different directions"):
+        Grid(1.0, 1.0, ())
 
 
 def test_each_start_has_its_own_weather_for_every_policy() -> None:

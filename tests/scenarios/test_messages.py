@@ -275,6 +275,10 @@ WORDS = {
         GENERATED % "piers: [0.5, 1]",
         "harbor.piers.0: found 0.5, expected a whole number",
     ),
+    "a text for a whole number": (
+        GENERATED % "free_berths: ['3', 8]",
+        "harbor.free_berths.0: found the text '3', expected a whole number",
+    ),
     "a default that does not suit the vessel": (
         GENERATED % "seed: 3" + "vessel: {hull: {beam_m: 2.2}}\n",
         "harbor.berth_width_m: 2.6 is too narrow for the vessel, which needs 3.2 m",
