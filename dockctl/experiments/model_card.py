@@ -34,7 +34,7 @@ from dockctl.runs.reader import read_table
 from dockctl.runs.results import policy_hash, read_results
 from dockctl.runs.tables import ENVELOPE as ENVELOPE_COLUMNS
 from dockctl.runs.tables import START_KINDS
-from dockctl.scenarios.schema import ObservationPart, Scenario
+from dockctl.scenarios.schema import HELPERS, ObservationPart, Scenario
 
 TEMPLATE = Path(__file__).with_name("card.md.j2")
 LISTED_FAILURES = 12
@@ -73,6 +73,7 @@ def card_text(
         name=name,
         scenario=scenario,
         facts=list(_facts(scenario, card, run, candidates)),
+        helpers=[name for name in HELPERS if getattr(scenario.evaluation, name)],
         successes=list(_successes(groups)),
         map=_map(run, card),
         envelope=_envelope(run, card),
