@@ -53,7 +53,7 @@ def _only(scenario: Scenario, kind: str, values: str) -> list[str]:
 
 
 def _noise(scenario: Scenario, times: float) -> list[str]:
-    """Return overrides for multiples of the errors in the data sheets (docs/conditions.md)."""
+    """Return overrides for multiples of the errors of real sensors (Navigation in docs/conditions.md)."""
     navigation = f"position_m: {0.02 * times}, heading_deg: {0.5 * times}, velocity_mps: {0.03 * times}"
     noise = _only(scenario, "lidar_noise", f"sigma_m: {0.03 * times}")
     return noise + _only(scenario, "navigation", navigation)
