@@ -37,13 +37,16 @@ def mirror_images(scenario: Scenario) -> tuple[Ints, NDArray[np.float32], Ints]:
         raise FieldError(FIELD, "the range sensor is not the same to port and to starboard", "mismatch")
     encoder = ObservationEncoder(scenario.observation, scenario.sensors.lidar.sectors)
     view = _random_view(scenario, encoder.past_steps, np.random.default_rng(0))
-    columns, signs = _match(encoder(view), encoder(view.mirrored()), encoder.parts)
+    # Not clipped: values at their bounds would be equal without being images of each other.
+    given, mirrored = (
+        np.hstack([np.divide(columns.values, columns.scale) for columns in encoder.columns(each)])
+        for each in (view, view.mirrored())
+    )
+    columns, signs = _match(given, mirrored, encoder.parts)
     return columns, signs, _mirrored_actions(scenario)
 
 
-def _match(
-    given: NDArray[np.float32], mirrored: NDArray[np.float32], parts: tuple[str, ...]
-) -> tuple[Ints, NDArray[np.float32]]:
+def _match(given: Floats, mirrored: Floats, parts: tuple[str, ...]) -> tuple[Ints, NDArray[np.float32]]:
     """Return the column and the sign that give each mirrored column."""
     columns, signs = np.arange(len(parts)), np.ones(len(parts), np.float32)
     for i, part in enumerate(parts):

@@ -15,7 +15,7 @@ from gymnasium.spaces import Box
 from numpy.typing import ArrayLike, NDArray
 from pydantic import AfterValidator, Field
 
-from dockctl.errors import Code, DockctlError
+from dockctl.errors import Code, DockctlError, require_shape
 from dockctl.geometry import Floats, Ints, proximities, read_only, rotate
 from dockctl.plugins import OBSERVATION_PARTS, Guard
 from dockctl.scenarios.base import Count, Positive
@@ -312,18 +312,17 @@ class ObservationEncoder:
     """
 
     def __init__(self, parts: Sequence[ObservationPart], sectors: int) -> None:
-        self._parts = [
-            (Guard(OBSERVATION_PARTS, given.part), OBSERVATION_PARTS.get(given.part).bind(given.params))
-            for given in parts
-        ]
         default = OBSERVATION_PARTS.get(HISTORY).parameters["steps"]
         histories = [given.params for given in parts if given.part == HISTORY]
         self.past_steps: int = max((params.get("steps", default) for params in histories), default=0)
+        self._parts: list[tuple[str, Guard, Part, int]] = []
         blank, columns, bounds = blank_view(sectors), [], []
-        for given, (guard, part) in zip(parts, self._parts, strict=True):
-            with guard:
+        for given in parts:
+            part = OBSERVATION_PARTS.get(given.part).bind(given.params)
+            with (guard := Guard(OBSERVATION_PARTS, given.part)):
                 columns.append(_checked(given.part, part(blank)))
                 bounds.append(_bounds(given, columns[-1]))
+            self._parts.append((given.part, guard, part, len(columns[-1].names)))
         self.names = tuple(name for column in columns for name in column.names)
         self.parts = tuple(
             given.part for given, column in zip(parts, columns, strict=True) for _ in column.names
@@ -340,11 +339,12 @@ class ObservationEncoder:
         view = view.read_only()  # its arrays are those of the simulator
         values = np.empty((len(view.phase), len(self.names)), np.float32)
         end = 0
-        for guard, part in self._parts:
+        for name, guard, part, width in self._parts:
             with guard:
                 columns = part(view)
-                end += len(columns.names)
-                values[:, end - len(columns.names) : end] = np.divide(columns.values, columns.scale)
+                start, end = end, end + width
+                require_shape(f"observation part '{name}'", np.shape(columns.values), (len(values), width))
+                values[:, start:end] = np.divide(columns.values, columns.scale)
         return np.clip(values, self.space.low, self.space.high)
 
     def columns(self, view: View) -> list[Columns]:
@@ -354,7 +354,7 @@ class ObservationEncoder:
             DockctlError: a part failed.
         """
         columns = []
-        for guard, part in self._parts:
+        for _, guard, part, _ in self._parts:
             with guard:
                 columns.append(part(view))
         return columns

@@ -41,6 +41,13 @@ def test_a_planar_scanner_is_symmetric() -> None:
     assert images[0].tolist() == [*range(8), *range(15, 7, -1)]
 
 
+def test_a_part_at_its_bound_has_the_image_of_its_sectors() -> None:
+    """All ranges of the trials are below 10 m, where this proximity is 1."""
+    parts = ["observation=[{proximity: {full_m: 50}}, {lidar: {cap_m: 0.1}}]", "sensors.lidar={kind: planar}"]
+    images = mirror_images(load("s3", overrides=parts).scenario)
+    assert images[0].tolist() == [*range(7, -1, -1), *range(15, 7, -1)]
+
+
 @pytest.mark.parametrize("actions", ["grid", "incremental"])
 def test_images_of_actions(actions: str) -> None:
     scenario = load("s3", overrides=[f"actions.kind={actions}"]).scenario

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -13,7 +13,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from dockctl.envs.observation import Columns, ObservationEncoder, View, observation_part
+from dockctl.envs.observation import Columns, ObservationEncoder, View, blank_view, observation_part
 from dockctl.envs.vector import DockingVectorEnv
 from dockctl.errors import DockctlError, InputError
 from dockctl.scenarios.loader import load
@@ -151,6 +151,23 @@ def test_parts_of_a_wrong_shape_are_rejected() -> None:
         with pytest.raises(DockctlError, match=f"'{part}'") as caught:
             encoder(part, "phase")
         assert caught.value.code == "plugin"
+
+
+@pytest.mark.parametrize(
+    "later",
+    [lambda nu: nu[:, :1], lambda nu: nu[0, :2], lambda nu: nu[:1, :2]],
+    ids=["columns", "flat", "row"],
+)
+def test_a_part_whose_shape_changes_is_an_error(later: Callable[[Any], Any]) -> None:
+    @observation_part("changing")
+    def changing(view: View) -> Columns:
+        return Columns(["u", "v"], later(view.nu) if view.phase.any() else view.nu[:, :2], -1, 1)
+
+    observe = encoder("changing", "phase")
+    view = blank_view(8)
+    observe(view)
+    with pytest.raises(DockctlError, match="'changing' returned shape"):
+        observe(replace(view, phase=view.phase + 1))
 
 
 def test_apparent_wind_and_course() -> None:
