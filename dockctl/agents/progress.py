@@ -192,6 +192,7 @@ class UpdateRecorder:
         self._metrics.append({name: float(value) for name, value in metrics.items()})
         if len(self._metrics) < self._stride:
             return None
-        means = {name: float(np.mean([m[name] for m in self._metrics if name in m])) for name in metrics}
+        names = dict.fromkeys(name for each in self._metrics for name in each)  # some may be in a few only
+        means = {name: float(np.mean([m[name] for m in self._metrics if name in m])) for name in names}
         self._metrics.clear()
         return dict(means)

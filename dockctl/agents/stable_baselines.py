@@ -16,6 +16,7 @@ import torch
 from gymnasium.spaces import Box
 from numpy.typing import NDArray
 from pydantic import ConfigDict, TypeAdapter, ValidationError
+from stable_baselines3.common.buffers import NStepReplayBuffer
 from stable_baselines3.common.logger import Logger
 from stable_baselines3.common.noise import NormalActionNoise
 from stable_baselines3.common.off_policy_algorithm import OffPolicyAlgorithm
@@ -67,7 +68,7 @@ def make_model(
             _type_of(known[name]).validate_python(value, strict=True)
         except ValidationError as error:
             raise FieldError(field, error.errors()[0]["msg"], "wrong_type") from None
-    network = {"net_arch": list(hidden_sizes), **spec.hyperparameters.get("policy_kwargs", {})}
+    network = {"net_arch": list(hidden_sizes), **(spec.hyperparameters.get("policy_kwargs") or {})}
     if spec.policy not in model_class.policy_aliases:
         names = sorted(model_class.policy_aliases)
         message = f"{spec.model} has no policy '{spec.policy}' (known: {', '.join(names)})"
@@ -77,7 +78,7 @@ def make_model(
         model: OffPolicyAlgorithm = model_class(
             spec.policy, environment, **{**settings, **spec.hyperparameters, "policy_kwargs": network}
         )
-    except (AssertionError, TypeError, ValueError) as error:
+    except (AssertionError, NotImplementedError, TypeError, ValueError) as error:
         reason = " ".join(str(error).split())
         message = f"{spec.model} cannot be built: {reason}"
         raise FieldError("training.algorithm", message, "mismatch") from None
@@ -204,9 +205,14 @@ class StableBaselines:
 
     def store(self, step: Step) -> None:
         """Store a step with its scaled reward; see `Algorithm`."""
-        timeouts = step.truncated & ~step.terminated
-        assert self.model.replay_buffer is not None
-        self.model.replay_buffer.add(
+        timeouts, replay = step.truncated & ~step.terminated, self.model.replay_buffer
+        assert replay is not None
+        if isinstance(replay, NStepReplayBuffer) and replay.size():
+            # After a rollback, new episodes follow. N-step returns must not continue in them.
+            last = replay.pos - 1
+            follows = (replay.next_observations[last] == step.observation).all(axis=1)
+            replay.timeouts[last] = np.maximum(replay.timeouts[last], ~follows & (replay.dones[last] == 0))
+        replay.add(
             step.observation,
             step.next_observation,
             self._buffer_action,

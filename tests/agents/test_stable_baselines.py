@@ -11,10 +11,11 @@ import pytest
 from gymnasium.spaces import Box, Discrete
 
 from dockctl.agents.checkpoint import load_policy
-from dockctl.agents.interface import Spaces
+from dockctl.agents.interface import Spaces, Step
 from dockctl.agents.trainer import Trainer
 from dockctl.evaluation.rollout import run_episodes
 from dockctl.runs.directory import RunDirectory
+from dockctl.scenarios.base import FieldError
 from dockctl.scenarios.training import Training
 from tests.agents.stops import finish, new_run, stop_at
 from tests.agents.test_trainer import SETTINGS, TABLES, read_table, trainer_in
@@ -70,6 +71,40 @@ def test_a_resumed_training_gives_the_bytes_of_the_uninterrupted_one(tmp_path: P
         stop_at(steps, run, make)
     resumed = finish(run, make)
     assert [name for name in resumed if resumed[name] != whole[name]] == []
+
+
+@pytest.mark.parametrize(
+    "hyperparameters",
+    [{"optimize_memory_usage": True, "replay_buffer_kwargs": {"handle_timeout_termination": False}}],
+)
+def test_what_the_library_cannot_do_is_an_error(hyperparameters: dict[str, Any]) -> None:
+    algorithm = {"kind": "sb3", "hyperparameters": hyperparameters}
+    training = Training(**{**DQN, "algorithm": algorithm, "n_step": 3})
+    with pytest.raises(FieldError, match="optimize_memory_usage"):
+        training.algorithm.build(Spaces(Box(-1, 1, (2,), np.float32), Discrete(3)), training, "cpu")
+
+
+def test_policy_arguments_may_be_null() -> None:
+    training = Training(**{**DQN, "algorithm": {"kind": "sb3", "hyperparameters": {"policy_kwargs": None}}})
+    training.algorithm.build(Spaces(Box(-1, 1, (2,), np.float32), Discrete(3)), training, "cpu")
+
+
+def test_returns_end_where_new_episodes_begin() -> None:
+    """After a rollback the next step does not continue the last one, which has no end of an episode."""
+    training = Training(**{**DQN, "n_step": 3, "boats": 1, "gamma": 0.5, "reward_scale": 1.0})
+    algorithm = training.algorithm.build(Spaces(Box(-1, 1, (1,), np.float32), Discrete(3)), training, "cpu")
+    at = [0.1, 0.2, 0.3, -0.5, -0.4, -0.3]
+    for now, after in ((0, 1), (1, 2), (3, 4), (4, 5)):
+        observation, following = (np.array([[at[i]]], np.float32) for i in (now, after))
+        algorithm.act(observation, 0)
+        no = np.zeros(1, bool)
+        algorithm.store(Step(observation, np.zeros(1, int), np.ones(1), following, no, no))
+    replay = algorithm.model.replay_buffer
+    assert replay is not None
+    samples = replay._get_samples(np.array([0, 1, 2, 3]))
+    assert samples.rewards[:, 0].tolist() == [1.5, 1.0, 1.5, 1.0]
+    assert samples.next_observations[:, 0].tolist() == pytest.approx([0.3, 0.3, -0.3, -0.3])
+    assert not samples.dones.any()
 
 
 def test_the_noise_of_state_dependent_exploration_is_restored() -> None:

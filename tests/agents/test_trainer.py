@@ -16,7 +16,7 @@ from gymnasium.vector import AutoresetMode
 from dockctl.agents.background_learning import BackgroundLearning
 from dockctl.agents.checkpoint import CheckpointError, PolicyCard, load_policy
 from dockctl.agents.interface import Policy, Spaces
-from dockctl.agents.progress import Progress
+from dockctl.agents.progress import Progress, UpdateRecorder
 from dockctl.agents.trainer import Trainer
 from dockctl.compute import on_all_cores
 from dockctl.errors import DockctlError
@@ -253,6 +253,14 @@ def test_a_checkpoint_of_another_network_is_not_resumed(tmp_path: Path) -> None:
     other = trainer_in(learner.run_directory, Training(**{**SETTINGS, "hidden_sizes": (16,)}))
     with pytest.raises(CheckpointError):
         other.restore()
+
+
+def test_a_metric_of_some_updates_has_a_column() -> None:
+    """As the loss of an actor that is updated less often than its critic."""
+    recorder = UpdateRecorder(stride=3)
+    assert recorder.add({"loss": 1.0}) is None
+    assert recorder.add({"loss": 2.0, "actor_loss": 5.0}) is None
+    assert recorder.add({"loss": 6.0}) == {"loss": 3.0, "actor_loss": 5.0}
 
 
 def test_the_thesis_preset_makes_one_update_a_step(tmp_path: Path) -> None:
