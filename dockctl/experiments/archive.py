@@ -33,7 +33,7 @@ from dockctl.run_files import (
     archived_name,
 )
 from dockctl.runs.directory import RunDirectory
-from dockctl.runs.files import new_folder, write_json, writing
+from dockctl.runs.files import make_folder, new_folder, write_atomically, write_json
 from dockctl.runs.tables import to_csv
 
 COPIED = (
@@ -83,17 +83,17 @@ def _archive_recording(source: Path, folder: Path, results: Path) -> None:
         name = f"{read_json(source / SCENE)['name']}-{hashlib.sha256(content).hexdigest()[:8]}.json.gz"
     target = results / SCENES / name
     if not target.exists():
-        target.parent.mkdir(parents=True, exist_ok=True)
-        with writing(target):
-            target.write_bytes(gzip.compress(content, mtime=0))
+        make_folder(target.parent)
+        write_atomically(target, gzip.compress(content, mtime=0))
     up = "/".join([".."] * len(folder.relative_to(results).parts))
     write_json(folder / SCENE, {ARCHIVED_AS: f"{up}/{SCENES}/{name}"})
 
 
 def _facts(run: Path) -> dict[str, object]:
     facts = RunDirectory(run).read_json(PROVENANCE)
-    hardware = facts.get("hardware", {})
-    return {name: facts.get(name) for name in FACTS} | {name: hardware.get(name) for name in HARDWARE}
+    with reading(run / PROVENANCE):
+        hardware = facts.get("hardware", {})
+        return {name: facts.get(name) for name in FACTS} | {name: hardware.get(name) for name in HARDWARE}
 
 
 def _compress(source: Path, target: Path, change: Callable[[str], str] = str) -> None:

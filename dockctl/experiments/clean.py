@@ -14,7 +14,7 @@ from dockctl.errors import DockctlError
 from dockctl.run_files import BEST, LAST
 from dockctl.runs.directory import RunDirectory
 from dockctl.runs.files import exclusive_lock, is_locked, writing
-from dockctl.runs.listing import FINISHED, size_of, state_of
+from dockctl.runs.listing import DIVERGED, FINISHED, INTERRUPTED, size_of, state_of
 
 
 @dataclass(frozen=True)
@@ -41,10 +41,10 @@ def garbage_below(root: Path) -> Iterator[Garbage]:
     for run in RunDirectory.below(root):
         if is_locked(run.path):
             continue
-        best, last, finished = run.checkpoints(BEST), run.checkpoints(LAST), state_of(run) == FINISHED
-        if not best and not last and not finished:
+        best, last, state = run.checkpoints(BEST), run.checkpoints(LAST), state_of(run)
+        if not best and not last and state in (INTERRUPTED, DIVERGED):
             yield Garbage(run.path, (run.path,), "no checkpoint", size_of(run.path))
-        elif (best[1:] or last[1:]) and finished and _newest_are_intact(run):
+        elif (best[1:] or last[1:]) and state == FINISHED and _newest_are_intact(run):
             paths = (*best[1:], *last[1:], *unused_blocks(run, last[:1]))
             yield Garbage(run.path, paths, "older checkpoints", sum(map(size_of, paths)))
 

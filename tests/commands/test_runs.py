@@ -129,6 +129,14 @@ def test_a_finished_run_without_checkpoints_is_left(root: Path, trained: tuple[P
     assert (files(archived), files(root / "reproduce")) == before
 
 
+def test_a_run_whose_state_is_unknown_is_left(root: Path, trained: tuple[Path, Outcome]) -> None:
+    archived = archive(trained[0], root / "results/study", "s1", 0)
+    (archived / "provenance.json").write_text("{")
+    before = files(archived)
+    assert dockctl("runs", "clean", "--root", root, "--yes").code == 0
+    assert files(archived) == before
+
+
 def test_a_run_in_use_is_left(root: Path) -> None:
     before = files(root)
     with exclusive_lock(root / "s1/finished"), exclusive_lock(root / "s1/empty"):
