@@ -227,13 +227,7 @@ def _bands(tracks: Sequence[Track], task: Task, column: str) -> list[Chart]:
 
     if column not in ("distance_m", "heading_error_deg"):
         return []
-    changes = [float(t.table["time_s"].iloc[row]) for t in tracks if (row := t.switch) is not None]
-    if not changes:
-        return [band(None, None, task.final_tolerance)]
-    return [
-        band(None, max(changes), task.intermediate_tolerance),
-        band(min(changes), None, task.final_tolerance),
-    ]
+    return [band(*span) for span in plan_view.tolerance_spans(tracks, task)]
 
 
 def path_chart(title: str, scene: Scene, tracks: Sequence[Track], task: Task) -> tuple[Chart, Chart]:

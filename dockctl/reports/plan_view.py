@@ -20,7 +20,7 @@ from dockctl.drawing.scene import Scene, strokes, water
 from dockctl.geometry import Floats, pose_array, pose_label, to_world
 from dockctl.reports.style import HALO, label, legend_above
 from dockctl.scenarios.base import Pose
-from dockctl.scenarios.schema import Task
+from dockctl.scenarios.schema import Task, Tolerance
 
 Bounds = tuple[float, float, float, float]
 
@@ -50,6 +50,20 @@ class Track:
         """First row after the intermediate pose; None if the phase never changes."""
         changes = np.flatnonzero(np.diff(self.table["phase"].to_numpy()))
         return int(changes[0]) + 1 if len(changes) else None
+
+
+def tolerance_spans(
+    tracks: Sequence[Track], task: Task
+) -> list[tuple[float | None, float | None, Tolerance]]:
+    """Return the tolerances of the goals with start and end [s] of their phases; None is an end of the axis.
+
+    With several tracks, the two phases may overlap.
+    """
+    changes = [float(t.table["time_s"].iloc[row]) for t in tracks if (row := t.switch) is not None]
+    if not changes:
+        in_first = tracks[0].table["phase"].iloc[-1] == 0
+        return [(None, None, task.intermediate_tolerance if in_first else task.final_tolerance)]
+    return [(None, max(changes), task.intermediate_tolerance), (min(changes), None, task.final_tolerance)]
 
 
 def split_tracks(trajectories: pd.DataFrame) -> list[Track]:

@@ -9,9 +9,9 @@ import numpy as np
 from matplotlib.axes import Axes
 
 from dockctl.drawing import palette
-from dockctl.reports.plan_view import Track
+from dockctl.reports.plan_view import Track, tolerance_spans
 from dockctl.reports.style import label, legend_above
-from dockctl.scenarios.schema import Task, Tolerance
+from dockctl.scenarios.schema import Task
 
 LEAST_STEP_PT = 1.5
 """Below this width of a control period, commands would merge into a block: drawn thin, with their mean."""
@@ -22,7 +22,7 @@ def draw_distance(ax: Axes, tracks: Sequence[Track], task: Task) -> None:
     """Draw the distance to the goal of the current phase (Fig. 4.5)."""
     _draw_lines(ax, tracks, "distance_m", gap_at_switch=True)
     ax.set(ylabel="Distance δd [m]", ylim=(0, None))
-    for start, end, tolerance in _tolerance_spans(ax, tracks, task):
+    for start, end, tolerance in tolerance_spans(tracks, task):
         width = tolerance.distance_m
         _draw_tolerance(ax, (start, end), (0.0, width), f"tolerance {width:g} m")
 
@@ -31,7 +31,7 @@ def draw_heading_error(ax: Axes, tracks: Sequence[Track], task: Task) -> None:
     """Draw the heading error to the goal of the current phase, within ±180° (Fig. 4.6)."""
     _draw_lines(ax, tracks, "heading_error_deg", gap_at_switch=True)
     ax.set_ylabel("Heading error δψ [°]")
-    for start, end, tolerance in _tolerance_spans(ax, tracks, task):
+    for start, end, tolerance in tolerance_spans(tracks, task):
         width = math.degrees(tolerance.heading)
         _draw_tolerance(ax, (start, end), (-width, width), f"tolerance ±{width:.2g}°")
 
@@ -164,17 +164,11 @@ def _finish_axes(ax: Axes, tracks: Sequence[Track]) -> None:
     legend_above(ax, [(track.label, track.color) for track in tracks])
 
 
-def _tolerance_spans(ax: Axes, tracks: Sequence[Track], task: Task) -> list[tuple[float, float, Tolerance]]:
-    """Return tolerances with their start and end; with several tracks, the two phases may overlap."""
-    end = ax.get_xlim()[1]
-    changes = [float(t.table["time_s"].iloc[row]) for t in tracks if (row := t.switch) is not None]
-    if not changes:
-        in_first = tracks[0].table["phase"].iloc[-1] == 0
-        return [(0.0, end, task.intermediate_tolerance if in_first else task.final_tolerance)]
-    return [(0.0, max(changes), task.intermediate_tolerance), (min(changes), end, task.final_tolerance)]
-
-
-def _draw_tolerance(ax: Axes, times: tuple[float, float], band: tuple[float, float], text: str) -> None:
+def _draw_tolerance(
+    ax: Axes, span: tuple[float | None, float | None], band: tuple[float, float], text: str
+) -> None:
+    begin, end = span
+    times = (0.0 if begin is None else begin, ax.get_xlim()[1] if end is None else end)
     ax.fill_between(times, *band, color=palette.DOCKED, alpha=0.18, lw=0, zorder=0.5)
     # The label of the last band is at its end, where the boats are inside the band.
     is_last = times[1] >= ax.get_xlim()[1]

@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from dataclasses import replace
 from itertools import pairwise
+from typing import Any
 
 import numpy as np
 import pandas as pd
@@ -111,6 +112,21 @@ def test_tolerances_are_circles_around_the_goals() -> None:
     circles = {(circle.center, circle.radius) for circle in ax.patches if isinstance(circle, Circle)}
     assert circles == {((36.0, 0.0), 1.0), ((18.0, 3.0), 1.5)}
     assert {text.get_text() for text in ax.texts} == {"berth", "intermediate pose", "start"}
+
+
+@pytest.mark.parametrize(
+    ("phases", "expected"),
+    [
+        ([[0, 0, 1], [0, 1, 1]], [(None, 2.0, 1.5), (1.0, None, 1.0)]),
+        ([[0, 0, 0]], [(None, None, 1.5)]),
+        ([[1, 1, 1]], [(None, None, 1.0)]),
+    ],
+)
+def test_the_tolerances_are_those_of_the_phases(phases: list[list[int]], expected: list[Any]) -> None:
+    """Also before the first episode has reached the intermediate pose."""
+    tracks = [Track("", "", pd.DataFrame({"time_s": [0.0, 1.0, 2.0], "phase": phase})) for phase in phases]
+    spans = plan_view.tolerance_spans(tracks, TASK)
+    assert [(start, end, tolerance.distance_m) for start, end, tolerance in spans] == expected
 
 
 def test_the_harbor_is_drawn_to_scale() -> None:
