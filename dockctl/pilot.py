@@ -30,7 +30,8 @@ from numpy.typing import ArrayLike, NDArray
 
 from dockctl.errors import DockctlError
 from dockctl.geometry import MAX_SECTORS, Floats, nearest_in_sectors, proximities
-from dockctl.policy_files import INCOMPLETE, Networks, not_a_policy, read_policy_file
+from dockctl.policy_files import Networks, not_a_policy, read_policy_file
+from dockctl.reading import FOREIGN
 from dockctl.sim.goal import TO_FINAL, TO_INTERMEDIATE, bearing, course, measure, offset, reached
 
 PARTS = frozenset(
@@ -188,7 +189,7 @@ class Pilot:
         try:
             goals = np.stack([_pose(facts["goals"][name]) for name in ("intermediate", "final")])
             pilot = cls(facts, networks, goals, checks or Checks())
-        except INCOMPLETE as error:
+        except FOREIGN as error:
             raise not_a_policy(file, error) from None
         if intermediate is not None and final is None:
             raise DockctlError("an intermediate pose also needs the final pose", code="missing_key")

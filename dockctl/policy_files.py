@@ -23,7 +23,6 @@ from dockctl.reading import FOREIGN, parse_json, read_bytes
 
 FORMAT = 1
 MAX_FILE_BYTES = 2**31
-INCOMPLETE = (*FOREIGN, ArithmeticError, AttributeError, IndexError)
 """Exceptions caused by a description that is incomplete or inconsistent."""
 
 
@@ -53,7 +52,7 @@ def read_policy_file(file: Path) -> tuple[dict[str, Any], Networks]:
     except ImportError:
         message = f"{file}: needs ONNX Runtime; install it with: pip install onnxruntime"
         raise DockctlError(message, code="unavailable") from None
-    except (*FOREIGN, AttributeError, MemoryError, RuntimeError, zipfile.BadZipFile) as error:
+    except (*FOREIGN, MemoryError, RuntimeError, zipfile.BadZipFile) as error:
         message = f"{file}: not a file of 'dockctl export {option}', or damaged: {error}"
         raise DockctlError(message, code="not_readable") from None
     try:
@@ -64,13 +63,13 @@ def read_policy_file(file: Path) -> tuple[dict[str, Any], Networks]:
         described = len(facts["observation"]), len(facts["commands"])
         if networks.sizes != described:
             raise ValueError(f"the network has sizes {networks.sizes}, its description {described}")
-    except INCOMPLETE as error:
+    except FOREIGN as error:
         raise not_a_policy(file, error) from None
     return facts, networks
 
 
 def not_a_policy(file: str | Path, error: Exception) -> DockctlError:
-    """Return the error for a description that raised one of `INCOMPLETE`."""
+    """Return the error for a description that raised one of `FOREIGN`."""
     message = f"{file}: does not describe a policy: {type(error).__name__}: {error}"
     return DockctlError(message, code="not_readable")
 

@@ -21,7 +21,19 @@ MAX_BYTES = 64_000_000
 MAX_VALUES = 10_000_000
 """Maximum number of values in a table or a JSON file; each takes up to about 100 bytes of memory."""
 MAX_DEPTH = 50
-FOREIGN = (OSError, EOFError, zlib.error, csv.Error, KeyError, TypeError, ValueError, RecursionError)
+FOREIGN = (
+    ArithmeticError,
+    AttributeError,
+    EOFError,
+    LookupError,
+    OSError,
+    RecursionError,
+    StopIteration,
+    TypeError,
+    ValueError,
+    csv.Error,
+    zlib.error,
+)
 """Exceptions that parsers raise for files with unexpected content."""
 
 

@@ -3,17 +3,28 @@
 from __future__ import annotations
 
 import os
+from collections.abc import Callable
 from pathlib import Path
+from typing import Any
 
 import pytest
 
 from dockctl.errors import DockctlError
-from dockctl.reading import read_limited
+from dockctl.reading import read_limited, reading
 
 
 def test_a_file_up_to_the_limit_is_read(tmp_path: Path) -> None:
     (tmp_path / "x").write_bytes(b"12345")
     assert read_limited(tmp_path / "x", 5) == b"12345"
+
+
+@pytest.mark.parametrize(
+    "use",
+    [lambda data: data["policy"].get("name"), lambda data: float(data["m"]), lambda data: next(iter([]))],
+)
+def test_unexpected_content_is_an_error_of_the_file(use: Callable[[Any], Any]) -> None:
+    with pytest.raises(DockctlError, match=r"x\.json: cannot be read"), reading(Path("x.json")):
+        use({"policy": "s1", "m": 10**400})
 
 
 @pytest.mark.parametrize(

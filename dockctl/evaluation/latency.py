@@ -17,6 +17,7 @@ from numpy.typing import NDArray
 from dockctl.agents.interface import Info, Policy, QPolicy
 from dockctl.analysis.latency import OPTIONAL, PARTS, summarize
 from dockctl.envs.vector import DockingVectorEnv
+from dockctl.errors import DockctlError
 from dockctl.evaluation.loading import load_policy
 from dockctl.evaluation.policies import LoadedPolicy
 from dockctl.evaluation.rollout import Rollout, controlled
@@ -100,7 +101,12 @@ def time_decisions(env: DockingVectorEnv, policy: Policy, decisions: int) -> pd.
 
     Returns:
         one row per decision, columns `dockctl.analysis.latency.PARTS` [ms].
+
+    Raises:
+        DockctlError: `decisions` is less than 1.
     """
+    if decisions < 1:
+        raise DockctlError(f"{decisions} decisions: expected at least 1", code="out_of_range")
     timed = _Timed(policy)
     whole = controlled(timed, env)
     starts = itertools.cycle(evaluation_starts(env.scenario, env.worlds))

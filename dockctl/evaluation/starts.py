@@ -115,11 +115,8 @@ def testing_starts(scenario: Scenario, worlds: Sequence[World], episodes: int, s
     """Return random starts around the initial poses, at the held-out berths if the task has any.
 
     Raises:
-        DockctlError: `episodes` or `seed` is negative, no drawn pose is reachable, or no berth is free.
+        DockctlError: see `random_starts`, or no berth is free.
     """
-    if episodes < 0 or seed < 0:
-        message = f"{episodes} episodes with seed {seed}: must not be negative"
-        raise DockctlError(message, code="out_of_range")
     if not episodes:
         return []
     held_out = not all(map(is_trained, sites(scenario)))
@@ -203,8 +200,11 @@ def random_starts(
         spread: also draw the intermediate pose, as in training.
 
     Raises:
-        DockctlError: no pose around an initial pose is reachable.
+        DockctlError: `episodes` or `seed` is negative, or no pose around an initial pose is reachable.
     """
+    if episodes < 0 or min(np.atleast_1d(seed)) < 0:
+        message = f"{episodes} episodes with seed {seed}: must not be negative"
+        raise DockctlError(message, code="out_of_range")
     around, task = scenario.evaluation.random_starts, scenario.evaluated_task
     offsets = offset_limits(around.position_m, around.heading_deg)
     starts = []

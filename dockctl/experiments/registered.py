@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Any
 from dockctl import plugins
 from dockctl.console import count
 from dockctl.errors import DockctlError
+from dockctl.reading import reading
 
 if TYPE_CHECKING:
     from dockctl.registry import Entry
@@ -48,10 +49,15 @@ def _checkpoints() -> Iterator[Row]:
     from dockctl.scenarios import loader
 
     for name, folder in named_checkpoints().items():
-        facts = RunDirectory(folder).read_json(POLICY_JSON)
-        training = f"seed {facts.get('seed')}, {facts.get('env_steps'):,} steps"
-        size = f"{facts.get('observation_size')} numbers to {facts.get('actions')} actions"
         origin = "dockctl" if name in shipped() else f"folder {folder}"
+        try:
+            facts = RunDirectory(folder).read_json(POLICY_JSON)
+            with reading(folder / POLICY_JSON):
+                training = f"seed {facts['seed']}, {facts['env_steps']:,} steps"
+                size = f"{facts['observation_size']} numbers to {facts['actions']} actions"
+        except DockctlError as error:
+            yield name, "broken", str(error), "", "", origin
+            continue
         try:
             title = loader.load(folder / SCENARIO).scenario.title
         except DockctlError as error:  # for example because it has plugins that may not run

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import re
 import time
 from collections.abc import Callable
 from pathlib import Path
@@ -21,6 +22,7 @@ from dockctl.run_files import BEST, POLICY_JSON, PROVENANCE, RECORDING, SCENARIO
 from dockctl.runs.directory import RunDirectory
 from dockctl.runs.files import exclusive_lock, write_atomically
 from dockctl.runs.reader import SOURCES, read_run
+from dockctl.scenarios.base import NAME
 
 Note = Callable[[str], None]
 ARCHIVED = f"{archived_name('*')}/{SCENARIO}"
@@ -175,6 +177,9 @@ def _study(folder: Path) -> Study:
         return load_study(folder.resolve().name)
     except DockctlError:
         names = sorted({path.parent.parent.name for path in folder.glob(f"*/{ARCHIVED}")})
+        if unknown := [name for name in names if not re.fullmatch(NAME, name)]:
+            message = f"{folder / unknown[0]}: not the name of an experiment; rename or move the folder"
+            raise DockctlError(message, code="invalid") from None
         experiments = tuple(Experiment(name=name, group=name, scenario=name) for name in names)
         return Study(title=f"Study {folder.resolve().name}", experiments=experiments)
 

@@ -12,11 +12,11 @@ from itertools import chain
 from pathlib import Path
 from typing import Annotated, Literal, Self
 
-from pydantic import Field, PrivateAttr, model_validator
+from pydantic import Field, PrivateAttr, ValidationError, model_validator
 
 from dockctl.analysis.success_map import SMALL_OFFSET_DEG
 from dockctl.errors import DockctlError, nearest
-from dockctl.reading import read_json, reading
+from dockctl.reading import read_json
 from dockctl.run_files import (
     DRAWN,
     EVALUATION,
@@ -40,7 +40,7 @@ from dockctl.scenarios.base import NAME, Count, FieldError, Model, Name
 from dockctl.scenarios.catalog import SUFFIXES, display_path, packaged_folder
 from dockctl.scenarios.content import first_difference
 from dockctl.scenarios.loader import load
-from dockctl.scenarios.problems import validate
+from dockctl.scenarios.problems import description, validate
 from dockctl.scenarios.schema import PolicyInterface, Scenario
 from dockctl.scenarios.yaml_tree import Location, input_error, read_file
 from dockctl.sim.checks import load_checked
@@ -167,8 +167,13 @@ def archived_study(results: Path) -> Study | None:
     file = results / STUDY
     if not file.is_file():
         return None
-    with reading(file):
-        return Study.model_validate(read_json(file))
+    content = read_json(file)
+    try:
+        return Study.model_validate(content)
+    except ValidationError as error:
+        (first, *_) = error.errors(include_url=False)
+        where, (what, code, _) = ".".join(map(str, first["loc"])), description(first)
+        raise DockctlError(f"{file}: {where}: {what}", code=code) from None
 
 
 def require_own_results(study: Study, results: Path) -> None:

@@ -87,7 +87,7 @@ def _name(settings: Sequence[str]) -> str:
     """Return ``boats-8_gamma-0.9`` for training.boats=8 and training.gamma=0.9: the name of a folder."""
     split = (setting.partition("=") for setting in settings)
     parts = [f"{key.rpartition('.')[2]}-{value}" for key, _, value in split]
-    return re.sub(r"[^\w.-]+", "-", "_".join(parts))[:50].strip("-._") or "all"
+    return re.sub(r"[^\w.-]+", "-", "_".join(parts), flags=re.ASCII)[:50].strip("-._") or "all"
 
 
 def sweep(

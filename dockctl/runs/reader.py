@@ -8,6 +8,7 @@ import math
 from collections.abc import Collection
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 import pandas as pd
 
@@ -25,7 +26,8 @@ from dockctl.run_files import (
     UPDATES_CSV,
 )
 from dockctl.runs.directory import RunDirectory
-from dockctl.scenarios.base import Pose
+from dockctl.scenarios.base import Model, Pose
+from dockctl.scenarios.problems import validate
 from dockctl.scenarios.schema import Task
 from dockctl.scenarios.training import Evaluation
 from dockctl.scenarios.yaml_tree import read_file
@@ -95,6 +97,15 @@ class Run:
         return "the recorded policy" if self.recorded else "the best policy"
 
 
+class _Drawn(Model):
+    """The sections of a resolved scenario that its figures need."""
+
+    name: str
+    task: Task
+    training: dict[str, Any]
+    evaluation: Evaluation = Evaluation()
+
+
 def read_run(folder: Path) -> Run:
     """Read a run folder or a recording.
 
@@ -103,24 +114,23 @@ def read_run(folder: Path) -> Run:
     """
     path = RunDirectory.open(folder).path / SCENARIO
     try:
-        resolved = read_file(path, str(path)).to_python()
-        task = Task.model_validate(resolved["task"])
-        tests = Evaluation.model_validate(resolved.get("evaluation", {})).poses or task.initial
-        scenario, seed = str(resolved["name"]), int(resolved["training"]["seed"])
+        tree = read_file(path, str(path))
+        assert isinstance(tree.value, dict)
+        given = validate(tree.without(*tree.value.keys() - _Drawn.model_fields.keys()), _Drawn)
+        seed = int(given.training["seed"])
     except (KeyError, TypeError, ValueError) as error:
-        raise DockctlError(
-            f"{path}: not the resolved scenario of a run: {error}", code="not_readable"
-        ) from error
+        message = f"{path}: not the resolved scenario of a run: training.seed: {error}"
+        raise DockctlError(message, code="not_readable") from None
     evaluations = read_table(folder / EVALUATIONS_CSV, EVALUATIONS)
     if evaluations is not None and "start_kind" not in evaluations:  # written by an early version
         evaluations = evaluations.assign(start_kind="pose")
     run = Run(
         folder=folder,
-        scenario=scenario,
+        scenario=given.name,
         seed=seed,
         recorded=_recorded_policy(folder),
-        task=task,
-        tests=tests,
+        task=given.task,
+        tests=given.evaluation.poses or given.task.initial,
         scene=read_scene(folder / SCENE),
         episodes=read_table(folder / EPISODES_CSV, EPISODES),
         updates=read_table(folder / UPDATES_CSV, UPDATES),

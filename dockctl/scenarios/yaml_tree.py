@@ -141,6 +141,9 @@ def read_text(text: str, display: str) -> Node:
         mark = error.problem_mark or error.context_mark
         location = _location(display, mark) if mark else Location(display)
         raise input_error(location, _syntax_message(error), code="yaml_syntax") from None
+    except (OverflowError, ValueError):
+        message = "the number of a character or of a YAML version is out of range"
+        raise input_error(_location(display, loader.get_mark()), message, code="yaml_syntax") from None
     if root is None:
         return Node(None, Location(display, 1, 1))
     return _Builder(display).build(root)

@@ -90,6 +90,16 @@ def test_everything_is_listed_by_default_with_a_description(
     assert any(line["name"] == "mine" and line["origin"].endswith("mine") for line in found)
 
 
+@pytest.mark.parametrize("content", ["{", "{}", '{"seed": 1, "env_steps": null}'])
+def test_a_damaged_checkpoint_is_listed_as_broken(
+    content: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "checkpoints" / "mine").mkdir(parents=True)
+    (tmp_path / "checkpoints" / "mine" / "policy.json").write_text(content)
+    assert rows("checkpoints")["mine"][0] == "broken"
+
+
 def test_vessels_and_harbors() -> None:
     assert lines("vessels")[0]["description"] == "3 x 1 m, 150 kg"
     described = {line["name"]: line["description"] for line in lines("harbors")}

@@ -45,6 +45,12 @@ def test_negative_numbers_are_an_error(episodes: int, seed: int) -> None:
     assert caught.value.code == "out_of_range"
 
 
+def test_a_negative_seed_of_the_starts_at_trained_berths_is_an_error() -> None:
+    with pytest.raises(DockctlError) as caught:
+        drawn.evaluation_starts(MARINA, OPEN, -1)
+    assert caught.value.code == "out_of_range"
+
+
 def test_the_seed_draws_the_starts_at_trained_berths() -> None:
     own, seeds = MARINA.evaluation.random_starts.seed, (None, MARINA.evaluation.random_starts.seed, 7)
     starts = [[start.eta.tolist() for start in drawn.evaluation_starts(MARINA, OPEN, seed)] for seed in seeds]

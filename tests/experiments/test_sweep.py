@@ -41,6 +41,12 @@ def test_names_that_would_be_the_same_are_numbered() -> None:
     assert len({*names}) == 3
 
 
+def test_names_are_those_of_folders() -> None:
+    """A name has letters, digits, dots, dashes and underscores of ASCII."""
+    names = [experiment.name for experiment in experiments("s1", ["harbor=bahía.yaml,küste.yaml"], 1)]
+    assert names == ["harbor-bah-a.yaml", "harbor-k-ste.yaml"]
+
+
 @pytest.mark.parametrize("setting", ["a=1,", "a=1,1", f"a={','.join(map(str, range(1001)))}"])
 def test_lists_that_are_refused(setting: str) -> None:
     with pytest.raises(DockctlError) as caught:

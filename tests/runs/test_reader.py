@@ -81,9 +81,14 @@ def test_a_run_without_any_table(tmp_path: Path) -> None:
             None,
             "polygon",
         ),
-        ("scenario.yaml", "name: x\n", "not_readable", ""),
+        ("scenario.yaml", "name: x\n", "missing_key", "task"),
         ("scenario.yaml", "a: [", "yaml_syntax", "scenario.yaml:1:5"),
-        ("scenario.yaml", "name: x\ntask: {final: 3}\ntraining: {seed: 1}\n", "not_readable", ""),
+        (
+            "scenario.yaml",
+            "name: x\ntask: {final: 3}\ntraining: {seed: 1}\n",
+            None,
+            "scenario.yaml:2:15: task.final",
+        ),
     ],
 )
 def test_damaged_files(tmp_path: Path, name: str, content: str, code: Code | None, location: str) -> None:
