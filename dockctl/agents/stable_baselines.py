@@ -78,7 +78,7 @@ def make_model(
         model: OffPolicyAlgorithm = model_class(
             spec.policy, environment, **{**settings, **spec.hyperparameters, "policy_kwargs": network}
         )
-    except (AssertionError, NotImplementedError, TypeError, ValueError) as error:
+    except (AssertionError, NotImplementedError, TypeError, ValueError) as error:  # the library's checks
         reason = " ".join(str(error).split())
         message = f"{spec.model} cannot be built: {reason}"
         raise FieldError("training.algorithm", message, "mismatch") from None

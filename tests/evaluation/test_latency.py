@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 from dockctl.agents.interface import Policy
 from dockctl.analysis.latency import OPTIONAL, PARTS
 from dockctl.envs.vector import DockingVectorEnv
+from dockctl.errors import DockctlError
 from dockctl.evaluation import Rollout, load_policy
 from dockctl.evaluation.latency import time_decisions
 from dockctl.evaluation.starts import evaluation_starts
@@ -48,6 +49,16 @@ def test_the_timed_observation_equals_that_of_the_environment(
     count = min(len(timed), len(seen)) - 1  # the last step may start another episode
     assert count >= 20
     assert np.array_equal(timed[:count], seen[:count])
+
+
+def test_no_decisions_are_an_error() -> None:
+    class Still(Policy):
+        def act(self, observation: NDArray[np.float32], info: Any) -> NDArray[np.int64]:
+            return np.array([38])
+
+    with pytest.raises(DockctlError) as caught:
+        time_decisions(DockingVectorEnv(load("s1").scenario, 1), Still(), 0)
+    assert caught.value.code == "out_of_range"
 
 
 @pytest.mark.slow

@@ -51,6 +51,24 @@ def test_the_study_has_its_own_title_and_experiments(tmp_path: Path) -> None:
     assert headings == ["large: a large batch", "small: training.batch_size=64"]
 
 
+def test_a_damaged_study_is_one_error_with_its_field(tmp_path: Path) -> None:
+    results = tmp_path / "mine"
+    write_run(results / "small" / "seed0", count=20)
+    (results / "study.json").write_text('{"name": "mine", "title": 3, "experiments": []}')
+    with pytest.raises(DockctlError) as error:
+        report.write_report(results, tmp_path / "page.html", note=quiet)
+    assert str(error.value).startswith(f"{results / 'study.json'}: title: found 3, expected")
+    assert "\n" not in str(error.value)
+
+
+def test_a_folder_that_has_no_name_of_an_experiment_is_an_error(tmp_path: Path) -> None:
+    results = tmp_path / "mine"
+    write_run(results / "s3 (old)" / "seed0", count=20)
+    with pytest.raises(DockctlError, match="not the name of an experiment") as error:
+        report.write_report(results, tmp_path / "page.html", note=quiet)
+    assert str(results / "s3 (old)") in str(error.value)
+
+
 def test_other_paths_are_errors(tmp_path: Path) -> None:
     (tmp_path / "list.json").write_text("[1]")
     (tmp_path / "evaluation.json").write_text('{"scenario": "s1", "held-out berths": {}}')
